@@ -109,7 +109,7 @@ def kernels() -> None:
     stacked = np.ascontiguousarray(np.swapaxes(short, 1, 2))
     least = partial(blocked_products, short.reshape(-1, 3))
     rows: list[tuple[str, Callable[[], object], float | None]] = [
-        ("all stacked: `stacked.Sums.of`", partial(BatchMoments.of, stacked), LIMIT),
+        ("all stacked: `stacked.BatchMoments.of`", partial(BatchMoments.of, stacked), LIMIT),
         ("`Moments.of` one by one", partial(_one_by_one, Moments.of, short), None),
         ("`Summary.of` one by one", partial(_one_by_one, Summary.of, short), None),
     ]

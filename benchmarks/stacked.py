@@ -25,7 +25,7 @@ from flinders.simulate.fleet import unit as specimen
 from flinders.stacked import Stack, fit_stack, lane
 from flinders.stacked.algebra import in_stretches, symmetric, with_ones
 from flinders.stacked.consistent import consistent
-from flinders.stacked.hung import BatchResiduals, hung_together
+from flinders.stacked.hung import BatchResiduals, autocorrelated
 from flinders.stacked.judge import BatchQuality, errors_facing
 from flinders.stacked.lane import UPPER
 from flinders.stacked.likelihood import likelihood
@@ -82,7 +82,7 @@ def stages(stack: Stack) -> dict[str, float]:
             lambda: in_stretches(products_at, x, None, start.ellipsoids.centre, start.ellipsoids.inverse)
         ),
         "residuals": least(lambda: BatchResiduals.of(some, None, counts[found.at], surfaces)),
-        "correlation": least(lambda: hung_together(some, None, counts[found.at], surfaces, left)),
+        "correlation": least(lambda: autocorrelated(some, None, counts[found.at], surfaces, left)),
         "coverage, strays": least(lambda: _placed(some, counts[found.at], surfaces, left)),
         "heading error": least(lambda: errors_facing(surfaces, found.covariance, counted, 60.0)),
         "all of the lane": least(lambda: lane.through(stack, target_deg=1.0, dip_deg=60.0)),

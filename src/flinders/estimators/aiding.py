@@ -31,8 +31,8 @@ import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.base import Estimate
-from flinders.estimators.noise_information import pretence_of, without
-from flinders.estimators.sandwich_covariance import scatter_of, span_of, walk_of
+from flinders.estimators.noise_information import spurious_information_of, without
+from flinders.estimators.sandwich_covariance import random_walk_of, scatter_of, span_of
 from flinders.estimators.solver import (
     ACCELERATION_SIGMA,
     ROTATION_SIGMA,
@@ -47,7 +47,7 @@ from flinders.estimators.solver import (
     starts,
     surprise,
     taken,
-    without_strays,
+    without_outliers,
 )
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
@@ -283,7 +283,7 @@ def parameters_of(
         delay=True, acceleration_bias=acceleration_bias,
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
-    found = without_strays(solved_for.problem, solved_for.found)
+    found = without_outliers(solved_for.problem, solved_for.found)
     problem = solved_for.problem.freed()
     return _eased(problem, found, np.zeros(problem.layout.size))[0].at
 
@@ -318,7 +318,7 @@ class _Solved(NamedTuple):
 
     def finished(self) -> Aided:
         """What is found and claimed, without readings that do not belong."""
-        aided = _finished(self.problem.freed(), without_strays(self.problem, self.found))
+        aided = _finished(self.problem.freed(), without_outliers(self.problem, self.found))
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 
@@ -419,7 +419,7 @@ def _finished(problem: JointProblem, found: Iterate) -> Aided:
     found, equations = _eased(problem, found, np.zeros(problem.layout.size))
     found, equations = _spanned(problem, found, equations)
     inverse = _inverse(equations)
-    walk = walk_of(problem, found, inverse)
+    walk = random_walk_of(problem, found, inverse)
     for _ in range(WALKED):
         found = replace(found, weights=found.weights._replace(own=walk.own))
         left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
@@ -427,12 +427,12 @@ def _finished(problem: JointProblem, found: Iterate) -> Aided:
             break
         found, equations = _eased(problem, found, walk.bent)
         inverse = _inverse(equations)
-        walk = walk_of(problem, found, inverse)
+        walk = random_walk_of(problem, found, inverse)
     scatter = scatter_of(problem, found, walk)
     whole = equations.prior.matrix + scatter.creep * scatter.covariance
     believed = equations.prior.matrix
-    told = without(equations.matrix, pretence_of(problem, found), believed)
-    textbook = replace(equations.prior, matrix=told).inverse()
+    information = without(equations.matrix, spurious_information_of(problem, found), believed)
+    textbook = replace(equations.prior, matrix=information).inverse()
     covariance = textbook @ whole @ textbook
     of_shape = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
     held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))

@@ -206,10 +206,10 @@ def driving_of(
         return Driving((), *nothing, without.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, held)
     problem = DisturbanceProblem(logged, moving, held, kept(lags))
-    return _told(problem, settle(problem, near), lags, without, constant)
+    return _identified(problem, settle(problem, near), lags, without, constant)
 
 
-def _told(
+def _identified(
     problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
 ) -> Driving:
     """Put together what was found, with the covariance that the residuals allow."""

@@ -633,7 +633,7 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
     support = None
     for _ in range(CORRECTED):
         equations = _Equations.of(state)
-        support = Support.of(equations.matrix, lambda at=state: _pretended(at))  # type: ignore[misc]
+        support = Support.of(equations.matrix, lambda at=state: _spurious_information(at))  # type: ignore[misc]
         plain = NormalEquations(equations.matrix, equations.gradient - equations.bent, 0.0, 0)
         step = (support.keep(plain) + equations.prior).step()
         moved = _moved(state, equations, _cut(state, step))
@@ -643,7 +643,7 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
         if float(step @ (equations.matrix + equations.prior.matrix) @ step) < SETTLED**2:
             break
     equations = _Equations.of(state)
-    support = Support.of(equations.matrix, lambda: _pretended(state))
+    support = Support.of(equations.matrix, lambda: _spurious_information(state))
     textbook = replace(equations.prior, matrix=support.information + equations.prior.matrix).inverse()
     scatter, creep = _scatter(state, textbook, alone)
     covariance = textbook @ (equations.prior.matrix + creep * support.projected(scatter)) @ textbook
@@ -659,7 +659,7 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
     )  # fmt: skip
 
 
-def _pretended(state: _State) -> Floats:
+def _spurious_information(state: _State) -> Floats:
     """(P, P) information that noise in the directions makes on average: Σ C_ab J(t_a)ᵀ Q J(t_b).
 
     J is linear in the direction; its noise along the tangents t_a has the covariance C.
@@ -731,5 +731,5 @@ def _wider(estimate: Estimate | None) -> float:
     if estimate is None or estimate.textbook is None or estimate.plane:
         return 1.0
     plain = np.diag(estimate.textbook)
-    told = plain > 0.0
-    return max(1.0, float(np.mean(np.diag(estimate.covariance)[told] / plain[told])))
+    observed = plain > 0.0
+    return max(1.0, float(np.mean(np.diag(estimate.covariance)[observed] / plain[observed])))

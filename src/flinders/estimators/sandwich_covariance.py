@@ -127,10 +127,10 @@ def span_of(problem: JointProblem, found: Iterate) -> CorrelationLength:
             continue
         _, beside = residuals_of(group, found.at, directions)
         if beside is not None:
-            told = group.trust > 0.0
-            rows.append(group.rows[told])
-            residuals.append(beside[..., 0][told] * np.sqrt(group.trust[told]))
-            left = _left_of(rows_of(group, found.at, directions, problem.layout, found.weights))[told]
+            observed = group.trust > 0.0
+            rows.append(group.rows[observed])
+            residuals.append(beside[..., 0][observed] * np.sqrt(group.trust[observed]))
+            left = _left_of(rows_of(group, found.at, directions, problem.layout, found.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
         return CorrelationLength(1.0, found.weights.vertical)
@@ -148,7 +148,7 @@ def _left_of(rows: ObservationRows) -> Floats:
     return left
 
 
-def walk_of(problem: JointProblem, found: Iterate, textbook: Floats) -> DirectionRandomWalk:
+def random_walk_of(problem: JointProblem, found: Iterate, textbook: Floats) -> DirectionRandomWalk:
     """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
     size = problem.layout.size
     walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
@@ -197,7 +197,7 @@ def scatter_of(problem: JointProblem, found: Iterate, walk: DirectionRandomWalk)
         if group.turned is not None:
             evidence.scatter += squares
         elif index in chosen:
-            evidence.scatter += looked * _hung_together(rows, _free(rows.own[:, :, 0], found.at.direction))
+            evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], found.at.direction))
     evidence.scatter += walk.variance * walk.steps
     return Scatter(evidence.scatter, _creep(evidence))
 
@@ -282,7 +282,7 @@ def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, 
     return total
 
 
-def _hung_together(rows: ObservationRows, basis: Floats) -> Floats:
+def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
     """(P, P) scatter of Σ J r of single readings with residuals that hang together in time, each kind on its own."""
     jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
     residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])

@@ -332,9 +332,9 @@ def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
         left[:, :, 2] *= np.linalg.det(left @ right)[:, np.newaxis]
         ways[1:] = (left @ right)[1:]
     lengths = np.linalg.norm(np.einsum("ijk,wjk->wi", pairs, ways), axis=1)
-    strayed = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
-    best = int(np.argmin(strayed))
-    found: Floats = ways[best] if STILLER**2 * strayed[best] < strayed[0] else rotation
+    scattered = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
+    best = int(np.argmin(scattered))
+    found: Floats = ways[best] if STILLER**2 * scattered[best] < scattered[0] else rotation
     return found
 
 
@@ -610,12 +610,12 @@ def surprise(problem: JointProblem, found: Iterate) -> float:
     """−2 log of how probable a fit is, but for what all fits to these readings share."""
     counts = np.zeros(2)
     for group in found.groups:
-        told = 0 if group.trust is None else int(np.count_nonzero(group.trust))
-        counts += [3.0 * group.count, told * (1.0 / found.weights.span if group.attitudes is None else 2.0)]
+        observed = 0 if group.trust is None else int(np.count_nonzero(group.trust))
+        counts += [3.0 * group.count, observed * (1.0 / found.weights.span if group.attitudes is None else 2.0)]
     return float(2.0 * counts @ np.log(found.weights[:2])) + problem.believed(found.at).cost
 
 
-def without_strays(problem: JointProblem, found: Iterate) -> Iterate:
+def without_outliers(problem: JointProblem, found: Iterate) -> Iterate:
     """Leave out readings that do not belong to the rest, and go on without them."""
     for _ in range(3):
         groups = tuple(

@@ -388,14 +388,21 @@ def rows_of(
         moved = np.swapaxes(turned[..., axis] @ shape.T, 1, 2) * scale
         own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
     rows = ObservationRows(
-        residual, jacobian_of(group, at, q, layout, weights), own, model, lean, *_told(group, layout, weights)
+        residual,
+        jacobian_of(group, at, q, layout, weights),
+        own,
+        model,
+        lean,
+        *_still_and_counts(group, layout, weights),
     )
     if group.trust is not None:
         _add_beside(rows, group, at, q, turned, weights)
     return rows
 
 
-def _told(group: ObservationGroup, layout: ParameterLayout, weights: Weights) -> tuple[Floats, tuple[float, float]]:
+def _still_and_counts(
+    group: ObservationGroup, layout: ParameterLayout, weights: Weights
+) -> tuple[Floats, tuple[float, float]]:
     """`ObservationRows.still` and `ObservationRows.counts`."""
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
     trusted *= 1.0 / weights.span if group.attitudes is None else 2.0

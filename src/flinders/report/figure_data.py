@@ -21,7 +21,7 @@ import numpy as np
 from flinders.core.compensation import settled
 from flinders.core.samples import Samples, singles
 from flinders.core.units import label
-from flinders.diagnostics.random_walk import FEWEST, walk_of
+from flinders.diagnostics.random_walk import FEWEST, random_walk_of
 from flinders.report.view import lengths_off, view
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ class FigureData:
         if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:
             return None
         dip = fit.heading_error_deg.dip_deg
-        return walk_of(self.whole.field, time - time[0], fit.ellipsoid, plane=self.plane, dip_deg=dip)
+        return random_walk_of(self.whole.field, time - time[0], fit.ellipsoid, plane=self.plane, dip_deg=dip)
 
     @property
     def shape(self) -> Floats | None:

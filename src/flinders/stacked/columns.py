@@ -278,7 +278,7 @@ def _alone(one: Samples, *, polish: bool, target_deg: float, dip_deg: float) -> 
         return error
 
 
-def _told(error: Exception) -> tuple[str, str, str]:
+def _described(error: Exception) -> tuple[str, str, str]:
     """Verdict, code and message of a unit that gives no fit."""
     if isinstance(error, FlindersError):
         return "refused" if isinstance(error, FitError) else "failed", error.code, str(error)
@@ -290,7 +290,7 @@ def _fill_one(columns: BatchColumns, place: int, found: Fit | Exception, one: Sa
     columns.readings[place], columns.unit_of_field[place] = len(one), one.unit.inside
     if not isinstance(found, Fit):
         columns.findings[place] = ()
-        columns.verdict[place], columns.code[place], columns.message[place] = _told(found)
+        columns.verdict[place], columns.code[place], columns.message[place] = _described(found)
         return
     error, findings = found.heading_error_deg, found.findings
     columns.verdict[place], columns.method[place], columns.used[place] = found.verdict, found.method, found.samples

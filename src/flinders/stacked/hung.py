@@ -296,7 +296,7 @@ class Hung:
         return count / (self.time * self.creep)
 
 
-def hung_together(
+def autocorrelated(
     readings: Array, inside: Array | None, count: Array, ellipsoids: EllipsoidBatch, left: BatchResiduals
 ) -> Hung:
     """Look at the residuals of (U, 3, N) readings."""
@@ -456,11 +456,11 @@ def may_have_changed(
     sigma = xp.sqrt(xp.linalg.diagonal(spread))
     chi = xp.sum((moved / sigma) * xp.linalg.solve(spread / outer(sigma), (moved / sigma)[:, :, None])[:, :, 0], axis=1)
     independent = counts / hangs.time - rows.shape[1]
-    told = (counts >= FEWEST) & (independent >= FEWEST_INDEPENDENT)
-    independent = xp.where(told, independent, 1.0)
+    observed = (counts >= FEWEST) & (independent >= FEWEST_INDEPENDENT)
+    independent = xp.where(observed, independent, 1.0)
     found_by = standard_deviations(chi, xp.full(chi.shape, 4.0), independent)
     flat = xp.linalg.eigvalsh(products / counts[:, None, None])[:, 0] < (1.0 + DOUBTFUL) * WELL_CONDITIONED
-    return told & (xp.isnan(found_by) | (found_by > CHANGES) | (flat & (found_by > HINTS)))
+    return observed & (xp.isnan(found_by) | (found_by > CHANGES) | (flat & (found_by > HINTS)))
 
 
 def may_have_slipped(readings: Array, count: Array) -> Array:

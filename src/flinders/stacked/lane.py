@@ -46,13 +46,13 @@ from flinders.stacked.algebra import (
     with_ones,
 )
 from flinders.stacked.consistent import consistent
-from flinders.stacked.hung import BatchResiduals, hung_together, may_have_changed, may_have_slipped
+from flinders.stacked.hung import BatchResiduals, autocorrelated, may_have_changed, may_have_slipped
 from flinders.stacked.judge import BatchQuality, Evidence, errors_facing, found_in
 from flinders.stacked.likelihood import likelihood
 from flinders.stacked.outliers import looked_for, may_be_bent
 from flinders.stacked.places import Means, Sorted, covered, natural_sides
 from flinders.stacked.sums import BatchMoments
-from flinders.stacked.support import Supports, pretended
+from flinders.stacked.support import Supports, spurious_information
 from flinders.stacked.surfaces import DOUBTFUL, EllipsoidBatch, of_units
 
 if TYPE_CHECKING:
@@ -249,7 +249,7 @@ def _of_readings(units: _Units) -> _Claimed | None:
     units = units.only(found.at)
     surfaces = found.ellipsoids
     left = BatchResiduals.of(units.readings, units.inside, units.count, surfaces)
-    hangs = hung_together(units.readings, units.inside, units.count, surfaces, left)
+    hangs = autocorrelated(units.readings, units.inside, units.count, surfaces, left)
     counts, has_hole, clear, open_, sigma = in_stretches(
         placed, units.readings, units.count, surfaces.centre, surfaces.inverse, surfaces.radius, left.distances
     )
@@ -318,11 +318,11 @@ def _claimed_of_sums(
     variance = (xp.maximum(noise, FINEST * surfaces.radius) ** 2)[:, None, None]
     information, closed, middle = _weighed_thrice(directions, many, inverse, surfaces.radius)
 
-    def pretence(weak: Array) -> Array:
+    def spurious(weak: Array) -> Array:
         chosen = (xp.take(part, weak, axis=0) for part in (centre, shape, directions, many, inverse))
-        return _pretended(*chosen)
+        return _spurious_information(*chosen)
 
-    supports = Supports.of(information / variance, pretence)
+    supports = Supports.of(information / variance, spurious)
     closed = xp.where(supports.are_plain[:, None, None], closed, like(np.eye(9), readings))
     back = scaled_inverse(closed)
     return variance * (back @ middle @ back), counts, has_hole, places.are_plain & supports.are_plain
@@ -347,9 +347,9 @@ def _weighed_thrice(directions: Array, many: Array, inverse: Array, radius: Arra
     return first, second, third
 
 
-def _pretended(centre: Array, shape: Array, directions: Array, many: Array, inverse: Array) -> Array:
-    """What noise pretends at (u, 3, W) directions with so many readings each, as `pretended`."""
-    return pretended(with_ones(centre[:, :, None] + shape @ directions), many, centre, inverse)
+def _spurious_information(centre: Array, shape: Array, directions: Array, many: Array, inverse: Array) -> Array:
+    """What noise pretends at (u, 3, W) directions with so many readings each, as `spurious_information`."""
+    return spurious_information(with_ones(centre[:, :, None] + shape @ directions), many, centre, inverse)
 
 
 def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, dip_deg: float) -> Lane:

@@ -40,7 +40,7 @@ from flinders.stacked.algebra import (
     scaled_solve,
     upper,
 )
-from flinders.stacked.support import Supports, pretended
+from flinders.stacked.support import Supports, spurious_information
 from flinders.stacked.surfaces import DOUBTFUL, EllipsoidBatch, bent, of_units, products_at
 
 if TYPE_CHECKING:
@@ -319,9 +319,9 @@ def _joined(parts: list[Posteriors]) -> Posteriors:
 def _supports(now: Posteriors, readings: Array, inside: Array | None) -> Supports:
     """What the readings of a stack support where they were linearised."""
 
-    def pretence(weak: Array) -> Array:
+    def spurious(weak: Array) -> Array:
         part = now.only(weak)
         chosen = of_units(readings, inside, part.at)
-        return in_stretches(pretended, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
+        return in_stretches(spurious_information, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
 
-    return Supports.of(now.weighed, pretence)
+    return Supports.of(now.weighed, spurious)
