@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.fleet.dataset import Pair
     from flinders.readers import Instrument, Log
-    from flinders.stacked import Columns
+    from flinders.stacked import BatchColumns
 
 Value = TypeVar("Value")
 
@@ -274,7 +274,7 @@ def _fit_batch(
     return _rows(columns, pairs, readings, spans)
 
 
-def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> UnitResults:
+def _rows(columns: BatchColumns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> UnitResults:
     """Rows of fits with unit and recording, (R,) numbers of readings, and (R, 2) first and last times in s."""
     own: dict[str, Any] = {
         "unit": objects([unit for unit, _ in pairs]),
