@@ -30,11 +30,11 @@ from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import asks_for_it
 from flinders.heading.error_propagation import level_error
 from flinders.simulate import tumble
-from flinders.stacked.sums import Sums
+from flinders.stacked.sums import BatchMoments
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
 from flinders.summary.moments import Moments
-from flinders.summary.quality import Health
+from flinders.summary.quality import DataQuality
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def kernels() -> None:
     stacked = np.ascontiguousarray(np.swapaxes(short, 1, 2))
     least = partial(blocked_products, short.reshape(-1, 3))
     rows: list[tuple[str, Callable[[], object], float | None]] = [
-        ("all stacked: `stacked.Sums.of`", partial(Sums.of, stacked), LIMIT),
+        ("all stacked: `stacked.BatchMoments.of`", partial(BatchMoments.of, stacked), LIMIT),
         ("`Moments.of` one by one", partial(_one_by_one, Moments.of, short), None),
         ("`Summary.of` one by one", partial(_one_by_one, Summary.of, short), None),
     ]
@@ -159,7 +159,7 @@ def _stages_of(count: int) -> Mapping[str, float]:
         "`fit`, all of it": partial(flinders.fit, samples),
         "moments": partial(Moments.of, samples.field),
         "cloud": partial(Cloud.of, samples.field, time=samples.time),
-        "health": partial(Health.of, samples),
+        "health": partial(DataQuality.of, samples),
         "summary, the three together": partial(Summary.of, samples),
         "consistent start": partial(Consistent().estimate, held),
         "likelihood with its start and correlation": partial(Likelihood().estimate, held),

@@ -25,12 +25,12 @@ from flinders.simulate.fleet import unit as specimen
 from flinders.stacked import Stack, fit_stack, lane
 from flinders.stacked.algebra import in_stretches, symmetric, with_ones
 from flinders.stacked.consistent import consistent
-from flinders.stacked.hung import Residuals, hung_together
-from flinders.stacked.judge import Health, errors_facing
+from flinders.stacked.hung import BatchResiduals, autocorrelated
+from flinders.stacked.judge import BatchQuality, errors_facing
 from flinders.stacked.lane import UPPER
 from flinders.stacked.likelihood import likelihood
-from flinders.stacked.sums import Sums
-from flinders.stacked.surfaces import Ellipsoids, of_units, products_at
+from flinders.stacked.sums import BatchMoments
+from flinders.stacked.surfaces import EllipsoidBatch, of_units, products_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,22 +67,22 @@ def least(function: Callable[[], object]) -> float:
 def stages(stack: Stack) -> dict[str, float]:
     """Seconds of each stage, over all units."""
     x, counts = with_ones(stack.readings), stack.counts
-    sums = Sums.of(x)
+    sums = BatchMoments.of(x)
     start = consistent(sums)
     found = likelihood(x, None, sums, start)
     surfaces, some = found.ellipsoids, of_units(x, None, found.at)[0]
-    left = Residuals.of(some, None, counts[found.at], surfaces)
+    left = BatchResiduals.of(some, None, counts[found.at], surfaces)
     counted = _placed(some, counts[found.at], surfaces, left)[0]
     return {
-        "sums": least(lambda: Sums.of(x)),
-        "health": least(lambda: Health.of(x, None, counts)),
-        "consistent": least(lambda: consistent(Sums(sums.values, sums.unit))),
+        "sums": least(lambda: BatchMoments.of(x)),
+        "health": least(lambda: BatchQuality.of(x, None, counts)),
+        "consistent": least(lambda: consistent(BatchMoments(sums.values, sums.unit))),
         "likelihood": least(lambda: likelihood(x, None, sums, start)),
         "one pass of it": least(
             lambda: in_stretches(products_at, x, None, start.ellipsoids.centre, start.ellipsoids.inverse)
         ),
-        "residuals": least(lambda: Residuals.of(some, None, counts[found.at], surfaces)),
-        "correlation": least(lambda: hung_together(some, None, counts[found.at], surfaces, left)),
+        "residuals": least(lambda: BatchResiduals.of(some, None, counts[found.at], surfaces)),
+        "correlation": least(lambda: autocorrelated(some, None, counts[found.at], surfaces, left)),
         "coverage, strays": least(lambda: _placed(some, counts[found.at], surfaces, left)),
         "heading error": least(lambda: errors_facing(surfaces, found.covariance, counted, 60.0)),
         "all of the lane": least(lambda: lane.through(stack, target_deg=1.0, dip_deg=60.0)),
@@ -90,7 +90,7 @@ def stages(stack: Stack) -> dict[str, float]:
     }
 
 
-def _placed(readings: Floats, counts: Array, surfaces: Ellipsoids, left: Residuals) -> tuple[Floats, ...]:
+def _placed(readings: Floats, counts: Array, surfaces: EllipsoidBatch, left: BatchResiduals) -> tuple[Floats, ...]:
     """Coverage and strays."""
     found: tuple[Floats, ...] = in_stretches(
         lane.placed, readings, counts, surfaces.centre, surfaces.inverse, surfaces.radius, left.distances

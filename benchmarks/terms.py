@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.aiding import Aided
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.likelihood.parameters import Layout
+    from flinders.likelihood.parameters import ParameterLayout
     from flinders.simulate import Simulated, Trajectory
 
 SIGMA: Final = 0.5
@@ -296,7 +296,7 @@ class Scored:
 
     errors: Floats
     covariance: Floats
-    layout: Layout
+    layout: ParameterLayout
     heading: float
     claimed: float
 
@@ -361,7 +361,7 @@ def nees_table(
         yield f"| {motion} | {title}{refused} | {' | '.join(parts)} | {nine:.2f} | {whole:.2f} | {heading:.2f} |"
 
 
-def _least_and_most(means: Floats, layout: Layout, names: Sequence[str]) -> str:
+def _least_and_most(means: Floats, layout: ParameterLayout, names: Sequence[str]) -> str:
     """Of the parameters of some blocks."""
     some = [value for name in names if name in layout for value in means[layout.columns[name]].tolist()]
     if not some:

@@ -21,7 +21,7 @@ from flinders.likelihood import identifiability
 from flinders.stacked import Stack, columns, fit_stack
 from flinders.stacked.algebra import symmetric, with_ones
 from flinders.stacked.lane import UPPER, through
-from flinders.stacked.support import pretended
+from flinders.stacked.support import spurious_information
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
-    from flinders.stacked import Columns
+    from flinders.stacked import BatchColumns
 
 AGREED = 1e-9
 
@@ -147,7 +147,7 @@ def alone(one: Samples, target_deg: float, *, polish: bool = True) -> Fit:
         return error.fit
 
 
-def assert_alike(found: Columns, place: int, fit: Fit) -> None:
+def assert_alike(found: BatchColumns, place: int, fit: Fit) -> None:
     calibration = fit.calibration
     told = (found.verdict[place], found.method[place], found.used[place], found.findings[place])
     assert told == (fit.verdict, fit.method, fit.samples, tuple(finding.code for finding in fit.findings)), place
@@ -339,8 +339,8 @@ def test_what_noise_pretends_is_the_same_from_sums_as_row_by_row() -> None:
     shapes = 50.0 * symmetric(np.array([1.0, 1, 1, 0, 0, 0]) + rng.normal(scale=0.15, size=(6, 6)))
     centres, times = rng.normal(size=(6, 3)), rng.integers(0, 4, size=(6, 90)).astype(float)
     readings = with_ones(np.swapaxes(directions @ shapes, 1, 2) + centres[:, :, None])
-    together = pretended(readings, times, centres, np.linalg.inv(shapes))
+    together = spurious_information(readings, times, centres, np.linalg.inv(shapes))
     for found, u, shape, centre, many in zip(together, directions, shapes, centres, times, strict=True):
-        alone = identifiability.pretended(u, Ellipsoid(centre, shape), many)
+        alone = identifiability.spurious_information(u, Ellipsoid(centre, shape), many)
         scale = np.sqrt(np.diag(alone))
         np.testing.assert_allclose(found / np.outer(scale, scale), alone / np.outer(scale, scale), atol=1e-12)

@@ -15,8 +15,8 @@ from flinders.estimators import Readings
 from flinders.estimators.reference.alonso_shuster import AlonsoShuster
 from flinders.estimators.reference.attitude_independent import (
     Collapsed,
+    ProductSums,
     Reference,
-    Sums,
     beta,
     ellipsoid_of,
     parameters,
@@ -76,7 +76,7 @@ def test_the_last_row_of_the_table_is_the_300th_of_whole_steps_that_go_round_in_
     """
     readings = Readings.of(spiral(2.0, half=True))
     reference = Reference.of(readings, "", 50.0)
-    sums = Sums.of(reference, 2.0 / 50.0)
+    sums = ProductSums.of(reference, 2.0 / 50.0)
     theta, costs, centres = reference.start(), [], []
     for _ in range(301):
         theta = theta - np.linalg.solve(sums.information(theta), sums.gradient(theta))
@@ -104,13 +104,13 @@ def full(entries: Floats) -> Floats:
 def test_constant_strength_makes_the_centred_step_minus_one_exactly() -> None:
     """θ' = (0; −1, −1, −1, 0, 0, 0) for any readings: §2, first pitfall."""
     reference = Reference.of(Readings.of(spiral(0.5)), "", 50.0)
-    theta = Sums.of(reference, 0.01).solved()
+    theta = ProductSums.of(reference, 0.01).solved()
     npt.assert_allclose(theta, [0, 0, 0, -1, -1, -1, 0, 0, 0], atol=1e-10)
 
 
 def test_the_gradient_is_that_of_the_cost() -> None:
     reference = Reference.of(Readings.of(spiral(0.5)), "", 50.0)
-    sums, theta = Sums.of(reference, 0.01), reference.start() + 0.01
+    sums, theta = ProductSums.of(reference, 0.01), reference.start() + 0.01
     moves = 1e-6 * np.eye(9)
     slopes = [(sums.cost(theta + move) - sums.cost(theta - move)) / 4e-6 for move in moves]
     npt.assert_allclose(sums.gradient(theta), slopes, rtol=1e-5, atol=1e-4 * np.abs(slopes).max())

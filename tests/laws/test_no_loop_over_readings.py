@@ -12,10 +12,10 @@ import pytest
 import flinders
 from flinders.core.calibration import Calibration
 from flinders.simulate import tumble
-from flinders.stacked.sums import Sums
+from flinders.stacked.sums import BatchMoments
 from flinders.summary.cloud import Cloud
 from flinders.summary.moments import Moments
-from flinders.summary.quality import Health
+from flinders.summary.quality import DataQuality
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -58,9 +58,11 @@ def steps_of(call: Callable[[], object]) -> int:
 CALLS: dict[str, Callable[[flinders.Samples], object]] = {
     "moments": lambda samples: Moments.of(samples.field),
     "cloud": lambda samples: Cloud.of(samples.field, time=samples.time),
-    "health": Health.of,
+    "health": DataQuality.of,
     "summary": Summary.of,
-    "stacked sums": lambda samples: Sums.of(np.ascontiguousarray(samples.field.T.reshape(3, -1, 512).swapaxes(0, 1))),
+    "stacked sums": lambda samples: BatchMoments.of(
+        np.ascontiguousarray(samples.field.T.reshape(3, -1, 512).swapaxes(0, 1))
+    ),
     "correction": lambda samples: Calibration.from_ellipsoid(np.ones(3), 50.0 * np.eye(3)).apply(samples.field),
     "correction of a fit": lambda samples: flinders.fit(samples, method="consistent"),
 }

@@ -11,7 +11,7 @@ from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UnitError, UsageError
 from flinders.stacked import Lined, Stack, consistent, fit_stack
 from flinders.stacked.algebra import READINGS_AT_A_TIME, counted_in, put, stretches
-from flinders.stacked.sums import Sums, powers_of_two_above
+from flinders.stacked.sums import BatchMoments, powers_of_two_above
 from flinders.summary.moments import Moments, power_of_two_above
 
 
@@ -79,7 +79,7 @@ def test_units_are_the_power_of_two_above_next_to_one_too(exponent: int, ulps: i
 def test_sums_are_to_the_last_bit_in_the_unit_of_a_summary(ulps: int, seed: int) -> None:
     field = np.random.default_rng(seed).uniform(-60.0, 60.0, size=(40, 3))
     field[7, 1] = 64.0 + ulps * np.spacing(64.0)
-    assert Sums.of(field.T[np.newaxis]).unit.tolist() == [Moments.of(field).unit]
+    assert BatchMoments.of(field.T[np.newaxis]).unit.tolist() == [Moments.of(field).unit]
 
 
 def test_a_table_cut_is_the_same_as_units_stacked() -> None:
@@ -140,7 +140,7 @@ def test_recordings_of_one_table_are_views_in_order() -> None:
 @given(seed=st.integers(0, 99))
 @settings(max_examples=10, deadline=None)
 def test_inverse_iteration_finds_the_smallest_of_all_eigenvalues(seed: int) -> None:
-    sums = Sums.of(np.stack([one.field[:60].T for one in units(seed, 12)]))
+    sums = BatchMoments.of(np.stack([one.field[:60].T for one in units(seed, 12)]))
     scatter = sums.about(sums.mean, sums.spread)
     corrections = consistent._corrections(scatter)
     quadric, variance, settled = consistent._by_inverse_iteration(scatter, *corrections)

@@ -1,4 +1,4 @@
-"""Laws of `Health` and `Summary`: parts in the order of recording add up to the whole."""
+"""Laws of `DataQuality` and `Summary`: parts in the order of recording add up to the whole."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from flinders.core.samples import Samples, Skipped
-from flinders.summary.quality import Clock, Health, Lows
+from flinders.summary.quality import DataQuality, Lows, TimeStamps
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def same_lows(a: Lows, b: Lows) -> None:
     assert np.array_equal(a.most, b.most)
 
 
-def same_clock(a: Clock, b: Clock) -> None:
+def same_clock(a: TimeStamps, b: TimeStamps) -> None:
     npt.assert_allclose(
         [a.start, a.end, a.seconds, a.steps, a.longest_step, a.backward_steps],
         [b.start, b.end, b.seconds, b.steps, b.longest_step, b.backward_steps],
@@ -48,7 +48,7 @@ def same_clock(a: Clock, b: Clock) -> None:
     )
 
 
-def same(a: Health, b: Health) -> None:
+def same(a: DataQuality, b: DataQuality) -> None:
     assert (a.rows, a.repeats) == (b.rows, b.repeats)
     assert np.array_equal(a.first, b.first, equal_nan=True)
     assert np.array_equal(a.last, b.last, equal_nan=True)
@@ -62,35 +62,35 @@ def same(a: Health, b: Health) -> None:
 def test_the_health_of_parts_in_order_is_that_of_the_whole(recording: Samples, data: st.DataObject) -> None:
     cuts = sorted(data.draw(st.lists(st.integers(0, len(recording)), min_size=2, max_size=2)))
     first, second, third = recording[: cuts[0]], recording[cuts[0] : cuts[1]], recording[cuts[1] :]
-    a, b, c = map(Health.of, (first, second, third))
-    same((a + b) + c, Health.of(recording))
-    same(a + (b + c), Health.of(recording))
+    a, b, c = map(DataQuality.of, (first, second, third))
+    same((a + b) + c, DataQuality.of(recording))
+    same(a + (b + c), DataQuality.of(recording))
 
 
 @given(recordings())
 def test_no_readings_leave_health_as_it_is(recording: Samples) -> None:
-    health = Health.of(recording)
-    same(health + Health(), health)
-    same(Health() + health, health)
+    health = DataQuality.of(recording)
+    same(health + DataQuality(), health)
+    same(DataQuality() + health, health)
 
 
 @given(few.filter(lambda field: len(field) > 0))
 def test_a_reading_repeated_across_the_seam_counts(field: Floats) -> None:
     again = Samples.of(field[-1:])
-    together = Health.of(Samples.of(field)) + Health.of(again)
-    assert together.repeats == Health.of(Samples.of(field)).repeats + 1
+    together = DataQuality.of(Samples.of(field)) + DataQuality.of(again)
+    assert together.repeats == DataQuality.of(Samples.of(field)).repeats + 1
     assert together.rows == len(field) + 1
 
 
 @given(few)
 def test_repeats_are_readings_equal_to_the_one_before(field: Floats) -> None:
     wanted = sum(bool((a == b).all()) for a, b in zip(field[1:], field[:-1], strict=True))
-    assert Health.of(Samples.of(field)).repeats == wanted
+    assert DataQuality.of(Samples.of(field)).repeats == wanted
 
 
 @given(few.filter(lambda field: len(field) > 0))
 def test_extent_and_ends_are_those_of_the_readings(field: Floats) -> None:
-    health = Health.of(Samples.of(field))
+    health = DataQuality.of(Samples.of(field))
     npt.assert_array_equal(health.extent, np.ptp(field, axis=0))
     npt.assert_array_equal(health.lows.values, field.min(axis=0))
     npt.assert_array_equal(-health.highs.values, field.max(axis=0))
@@ -101,30 +101,30 @@ def test_extent_and_ends_are_those_of_the_readings(field: Floats) -> None:
 
 
 def test_the_seam_between_recordings_can_be_a_jump_or_a_step_back() -> None:
-    early, late = Clock.of(np.array([0.0, 1.0, 2.0])), Clock.of(np.array([50.0, 51.0]))
+    early, late = TimeStamps.of(np.array([0.0, 1.0, 2.0])), TimeStamps.of(np.array([50.0, 51.0]))
     assert (early + late).longest_step == 48.0
     assert (early + late).seconds == 51.0
     assert (late + early).backward_steps == 1
-    assert (Clock() + late) == late == (late + Clock())
+    assert (TimeStamps() + late) == late == (late + TimeStamps())
 
 
 def test_the_seam_between_recordings_of_their_own_is_nothing() -> None:
-    early, late = Clock.of(np.array([0.0, 1.0, 2.0])), Clock.of(np.array([50.0, 51.0]))
+    early, late = TimeStamps.of(np.array([0.0, 1.0, 2.0])), TimeStamps.of(np.array([50.0, 51.0]))
     for both in (early.beside(late), late.beside(early)):
         assert (both.seconds, both.steps, both.longest_step, both.backward_steps) == (3.0, 3, 1.0, 0)
         assert both.usual_step == 1.0
-    assert Clock().beside(late) == late == late.beside(Clock())
-    assert Clock().usual_step == 0.0
+    assert TimeStamps().beside(late) == late == late.beside(TimeStamps())
+    assert TimeStamps().usual_step == 0.0
 
 
 @given(recordings(), recordings(), recordings())
 def test_recordings_side_by_side_add_up_in_any_grouping(first: Samples, second: Samples, third: Samples) -> None:
-    a, b, c = map(Health.of, (first, second, third))
+    a, b, c = map(DataQuality.of, (first, second, third))
     same(a.beside(b).beside(c), a.beside(b.beside(c)))
     if not np.isnan(b.clock.end):
         same(a.beside(b + c), a.beside(b) + c)
-    same(a.beside(Health()), a)
-    same(Health().beside(a), a)
+    same(a.beside(DataQuality()), a)
+    same(DataQuality().beside(a), a)
 
 
 @given(recordings(), recordings())
@@ -141,8 +141,8 @@ def test_side_by_side_nothing_is_counted_that_is_in_neither(first: Samples, seco
 
 
 def test_rows_skipped_for_the_same_reason_are_counted_together() -> None:
-    a = Health(skipped=(Skipped("unreadable", 2, (3, 9), "?"),))
-    b = Health(skipped=(Skipped("not finite", 1, (4,)), Skipped("unreadable", 1, (30,))))
+    a = DataQuality(skipped=(Skipped("unreadable", 2, (3, 9), "?"),))
+    b = DataQuality(skipped=(Skipped("not finite", 1, (4,)), Skipped("unreadable", 1, (30,))))
     assert (a + b).skipped == (Skipped("unreadable", 3, (3, 9, 30), "?"), Skipped("not finite", 1, (4,)))
 
 

@@ -12,13 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flinders.likelihood import gyro
-from flinders.likelihood.observations import Group, Weights, cost_of, eliminated, linearised, residuals_of, rows_of
-from flinders.likelihood.parameters import Layout, Parameters, on_the_sphere
+from flinders.likelihood.observations import (
+    ObservationGroup,
+    Weights,
+    cost_of,
+    eliminated,
+    linearised,
+    residuals_of,
+    rows_of,
+)
+from flinders.likelihood.parameters import ParameterLayout, Parameters, on_the_sphere
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-LAYOUT = Layout.of(
+LAYOUT = ParameterLayout.of(
     disturbances=2,
     rotation=True,
     slope=True,
@@ -29,7 +37,7 @@ LAYOUT = Layout.of(
     acceleration_bias=True,
     sine=True,
 )
-POINTED = Layout.of(
+POINTED = ParameterLayout.of(
     disturbances=2,
     rotation=True,
     slope=True,
@@ -43,10 +51,10 @@ WEIGHTS = Weights(0.5, 0.004)
 STEP = 1e-6
 
 
-def group(seed: int, windows: int = 3, n: int = 5) -> Group:
+def group(seed: int, windows: int = 3, n: int = 5) -> ObservationGroup:
     """Readings with everything beside them."""
     rng = np.random.default_rng(seed)
-    plain = Group.of(rng.normal(scale=40.0, size=(windows, n, 3)))
+    plain = ObservationGroup.of(rng.normal(scale=40.0, size=(windows, n, 3)))
     down = rng.normal(size=(windows, n, 3))
     return replace(
         plain,
@@ -58,7 +66,7 @@ def group(seed: int, windows: int = 3, n: int = 5) -> Group:
     )
 
 
-def with_attitudes(seed: int) -> Group:
+def with_attitudes(seed: int) -> ObservationGroup:
     """The same with attitudes in place of verticals."""
     plain = group(seed)
     vectors = np.random.default_rng(seed).normal(size=(plain.weight.size, 3))
@@ -79,7 +87,9 @@ def somewhere(seed: int) -> Parameters:
 
 @given(st.integers(0, 10_000), st.sampled_from([(group, LAYOUT), (with_attitudes, POINTED)]))
 @settings(max_examples=20)
-def test_jacobians_are_how_residuals_change(seed: int, kind: tuple[Callable[[int], Group], Layout]) -> None:
+def test_jacobians_are_how_residuals_change(
+    seed: int, kind: tuple[Callable[[int], ObservationGroup], ParameterLayout]
+) -> None:
     draw, layout = kind
     at = somewhere(seed)
     readings = draw(seed).at(at)

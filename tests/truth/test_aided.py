@@ -167,7 +167,7 @@ def test_a_driver_is_found_beside_the_rest() -> None:
     pull = np.array([0.4, -0.2, 0.3])
     flown = replace(true.samples, field=true.samples.field + np.outer(current, pull))
     found = solve(flown, ("rate",), disturbances=Disturbances.of({"current": current}))
-    covariance = found.of("drivers")
+    covariance = found.of("disturbances")
     assert covariance is not None
     assert np.all(np.abs(found.parameters.disturbances[0] - pull) < 4.0 * np.sqrt(np.diag(covariance)))
 

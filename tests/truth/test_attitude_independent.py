@@ -27,8 +27,8 @@ from flinders.estimators.reference.alonso_shuster import AlonsoShuster
 from flinders.estimators.reference.attitude_independent import (
     Collapsed,
     ConstantStrength,
+    ProductSums,
     Reference,
-    Sums,
     WrongStrength,
     jacobian,
     parameters,
@@ -36,7 +36,7 @@ from flinders.estimators.reference.attitude_independent import (
     theta_of,
 )
 from flinders.estimators.reference.ekf import Ekf
-from flinders.estimators.reference.sequential import Sequential, State
+from flinders.estimators.reference.sequential import Sequential, SequentialState
 from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper
@@ -70,7 +70,7 @@ def orbit(noise: float, seed: int = 2, *, n: int = 2880, varies: float = 100.0) 
 def centred(samples: Samples, noise: float) -> tuple[Floats, Floats]:
     """(3,) b and (3, 3) D of step 1 alone."""
     reference = Reference.of(Readings.of(samples), "", None)
-    b, d = parameters(Sums.of(reference, noise / reference.mean).solved())
+    b, d = parameters(ProductSums.of(reference, noise / reference.mean).solved())
     gain = (np.eye(3) + d) * reference.mean / reference.size
     return reference.mean * b + gain @ reference.origin, gain - np.eye(3)
 
@@ -139,7 +139,7 @@ def test_a_strength_that_varies_by_little_more_than_the_noise_makes_step_one_too
     npt.assert_allclose(b, [46.3, 27.6, 55.3], atol=0.3)
     npt.assert_allclose(np.diag(d), [-0.031, 0.015, -0.032], atol=5e-3)
     reference = Reference.of(Readings.of(samples), "", None)
-    explained = Sums.of(reference, 3.0 / 350.0).explained
+    explained = ProductSums.of(reference, 3.0 / 350.0).explained
     assert explained == pytest.approx(10.0**2 / 2 / (10.0**2 / 2 + 3.0**2), abs=0.02)
     npt.assert_allclose(np.diag(np.eye(3) + d), np.sqrt(explained) * np.diag(GAIN), rtol=5e-3)
     # The means put it right: step 2 does, and reading out the recursion.
@@ -259,8 +259,8 @@ def test_the_exact_recursion_is_the_batch_to_rounding(unknowns: int) -> None:
     rows = regressors(field)
     z = np.sum(field**2, axis=1) - strength**2
     variance = reference.variances(field, strength, 0.5 / 350.0, "estimate")
-    begun = State.of(rows[:200], z[:200], variance[:200], unknowns)
-    whole = State.of(rows, z, variance, unknowns)
+    begun = SequentialState.of(rows[:200], z[:200], variance[:200], unknowns)
+    whole = SequentialState.of(rows, z, variance, unknowns)
     exact = begun.after(rows[200:], z[200:], variance[200:])
     npt.assert_allclose(exact.theta, whole.theta, rtol=0, atol=1e-13)
     npt.assert_allclose(exact.covariance, whole.covariance, rtol=1e-8)
@@ -269,7 +269,7 @@ def test_the_exact_recursion_is_the_batch_to_rounding(unknowns: int) -> None:
     apart = 350.0 * np.abs(published.theta - whole.theta)[:3].max()
     assert 1e-6 < apart < 1e-3
     if unknowns == 9:
-        npt.assert_allclose(Sums.of(reference, 0.5 / 350.0).solved(), whole.theta, rtol=0, atol=1e-10)
+        npt.assert_allclose(ProductSums.of(reference, 0.5 / 350.0).solved(), whole.theta, rtol=0, atol=1e-10)
 
 
 def test_a_constant_strength_leaves_the_offset_to_be_found_and_refuses_the_rest() -> None:
@@ -330,7 +330,7 @@ def test_the_filter_converges_from_a_start_of_28_tenths_of_the_truth() -> None:
         assert samples.strength is not None
         reached = {}
         for variance in (500.0, 0.1):
-            begun = filters.State(
+            begun = filters.FilterState(
                 2.8 * np.concatenate([B / 350.0, upper(D)]),
                 np.diag([*np.full(3, variance / 350.0**2), *np.full(6, 1e-3)]),
             )

@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from flinders.cli import main
 from flinders.errors import UnitError, UsageError
-from flinders.heading.budget import EXAMPLES, UNITS, Heading, Magnet, Pair, Quantity, Wire, magnet_moment, parse
+from flinders.heading.budget import EXAMPLES, UNITS, Heading, Magnet, Pair, UnitValue, Wire, magnet_moment, parse
 
 MU0 = 4e-7 * math.pi
 
@@ -143,7 +143,7 @@ def test_quantities_as_they_are_typed(kind: Any, text: str, value: float | None)
 
 def test_each_kind_has_an_example_that_can_be_read() -> None:
     for kind in UNITS:
-        assert Quantity.of(kind, EXAMPLES[kind]).unit in UNITS[kind]
+        assert UnitValue.of(kind, EXAMPLES[kind]).unit in UNITS[kind]
 
 
 def test_an_unknown_unit_names_those_there_are() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from flinders.live.transcript import escaped
 from flinders.readers._columns import _cut_digits
-from flinders.readers._lengths import Group, advice, likeness
+from flinders.readers._lengths import ColumnGroup, advice, likeness
 from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
 from flinders.readers._sniff import _with_sensors, ranges
 from flinders.readers._tokenizer import STAMP, cut, decimal, like, names_of, pattern_of, seconds_of
@@ -103,7 +103,10 @@ def test_gravity_is_known_by_its_length_and_a_magnetometer_is_not() -> None:
 
 
 def test_advice_names_the_option_for_the_columns_that_may_be_a_magnetometer() -> None:
-    judged = [Group(("1", "2", "3"), "a direction"), Group(("4", "5", "6"), "strength 48.0", is_candidate=True)]
+    judged = [
+        ColumnGroup(("1", "2", "3"), "a direction"),
+        ColumnGroup(("4", "5", "6"), "strength 48.0", is_candidate=True),
+    ]
     may_be = "by their values 4, 5, 6 (strength 48.0) may be it: if so, add --columns 4,5,6"
     assert advice(judged) == f"{may_be}; others are 1, 2, 3 (a direction)"
 

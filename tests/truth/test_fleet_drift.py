@@ -18,7 +18,7 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.comparison.comparison import compare
-from flinders.comparison.pairs import Ellipsoids, differences
+from flinders.comparison.pairs import EllipsoidPairs, differences
 from flinders.errors import DocumentError, UsageError
 from flinders.fitting.judged import Judged
 from flinders.fleet.aggregate import overview_of
@@ -63,7 +63,7 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
         sensor = simulate.Sensor(noise=0.5, offset=np.array([20.0, -10.0, 5.0 + seed]))
         fits.append(flinders.fit(simulate.tumble(seed=seed, n=300, motion="uniform", sensor=sensor).samples))
     rows = UnitResults.of([UnitResult(unit="A").with_fit(fit) for fit in fits])
-    all_of_them = Ellipsoids.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
+    all_of_them = EllipsoidPairs.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
     found = differences(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
     for place, (one, two) in enumerate(pairwise(fits)):
         alone = compare(Judged.from_fit(one), Judged.from_fit(two), dip_deg=-40.0)

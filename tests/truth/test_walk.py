@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 import flinders
 from flinders import simulate
 from flinders.core.compensation import Compensator
-from flinders.diagnostics.random_walk import Walk, _filtered, _smoothed, _Spans, walk_of, walk_through
+from flinders.diagnostics.random_walk import RandomWalk, _filtered, _smoothed, _Spans, random_walk_of, walk_through
 from flinders.errors import NeedsSamples, TooFewSamples
 from flinders.estimators.disturbance import driving_of
 from flinders.fitting.result import Refused
@@ -40,7 +40,7 @@ def test_a_walk_is_found_with_a_path_that_is_as_good_as_claimed() -> None:
         moved -= moved.mean(axis=0)
         time = simulated.samples.time
         assert time is not None
-        walk = walk_of(simulated.samples.field + moved, time, settled(simulated.samples))
+        walk = random_walk_of(simulated.samples.field + moved, time, settled(simulated.samples))
         assert walk.is_proven
         true = np.stack([np.interp(walk.time, time, axis) for axis in moved.T], axis=1)
         nees.append(np.mean(((walk.path - true) / walk.sigma) ** 2))
@@ -100,7 +100,9 @@ def test_a_level_turn_tells_of_the_plane_that_it_was_turned_in() -> None:
         assert samples.time is not None
         late = samples.time > samples.time[-1] / 2.0
         readings = samples.field + np.outer(late, [step, 0.0, 0.0]) + [0.0, 0.0, 40.0]
-        walk = walk_of(readings, samples.time, fit.ellipsoid, plane=fit.plane, dip_deg=fit.heading_error_deg.dip_deg)
+        walk = random_walk_of(
+            readings, samples.time, fit.ellipsoid, plane=fit.plane, dip_deg=fit.heading_error_deg.dip_deg
+        )
         assert walk.is_proven == (step > 0.0)
         assert np.ptp(walk.path[:, 0]) == pytest.approx(step, abs=0.5)
         assert np.abs(walk.path[:, 1:]).max() < 0.3
@@ -115,7 +117,7 @@ def test_where_nothing_is_proven_the_band_is_as_wide_as_what_was_not_seen() -> N
         moved -= moved.mean(axis=0)
         time = simulated.samples.time
         assert time is not None
-        walk = walk_of(simulated.samples.field + moved, time, settled(simulated.samples))
+        walk = random_walk_of(simulated.samples.field + moved, time, settled(simulated.samples))
         assert not walk.is_proven
         assert walk.moved == 0.0
         true = np.stack([np.interp(walk.time, time, axis) for axis in moved.T], axis=1)
@@ -148,18 +150,18 @@ def test_without_times_or_with_few_readings_nothing_is_said() -> None:
     samples = simulate.tumble(seed=1, n=300).samples
     ellipsoid = settled(samples)
     with pytest.raises(NeedsSamples):
-        walk_of(samples.field, None, ellipsoid)
+        random_walk_of(samples.field, None, ellipsoid)
     assert samples.time is not None
     with pytest.raises(TooFewSamples):
-        walk_of(samples.field[:50], samples.time[:50], ellipsoid)
+        random_walk_of(samples.field[:50], samples.time[:50], ellipsoid)
 
 
 def test_where_a_large_walk_would_not_show_it_is_not_said_that_the_offset_stayed() -> None:
     """What a walk could have been at the most, over 100 s, against 1° of a level field of 25 µT: 0.44 µT."""
     time, path = np.linspace(0.0, 100.0, 11), np.zeros((11, 3))
-    within, beyond = (Walk(0.0, q, 0.0, time, path, path, 50.0) for q in (0.03, 0.06))
+    within, beyond = (RandomWalk(0.0, q, 0.0, time, path, path, 50.0) for q in (0.03, 0.06))
     assert (within.is_told(1.0), beyond.is_told(1.0), beyond.is_told(2.0)) == (True, False, True)
     assert "stayed where it was" in within.words("µT")
     assert beyond.words("µT").startswith("cannot tell whether the offset stayed where it was: 0.60 µT over")
     assert beyond.as_dict()["told"] is False
-    assert Walk(0.1, 0.2, 9.0, time, path, path, 50.0).is_told(1.0)
+    assert RandomWalk(0.1, 0.2, 9.0, time, path, path, 50.0).is_told(1.0)

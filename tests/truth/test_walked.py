@@ -10,8 +10,8 @@ import numpy.testing as npt
 
 from flinders.likelihood import gyro
 from flinders.likelihood import gyro_noise as walked
-from flinders.likelihood.observations import Group, Weights, linearised, rows_of
-from flinders.likelihood.parameters import Layout, Parameters
+from flinders.likelihood.observations import ObservationGroup, Weights, linearised, rows_of
+from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -27,7 +27,7 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
     shape = np.array([[55.0, 4.0, 2.0], [4.0, 45.0, 1.0], [2.0, 1.0, 60.0]])
     mounted = gyro.rotations(np.array([[0.2, -0.1, 0.3]]))[0]
     at = replace(Parameters.at(np.array([3.0, -2.0, 5.0]), shape), rotation=mounted)
-    layout, weights = Layout.of(rotation=True, gyro_bias=True), Weights(1.0)
+    layout, weights = ParameterLayout.of(rotation=True, gyro_bias=True), Weights(1.0)
     directions: Floats = rng.normal(size=(2, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     still = gyro.integrated(rate, interval, at.gyro_bias, at.gyro_scale)
@@ -36,7 +36,7 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
 
     def gradient(noise: Floats) -> Floats:
         turned = gyro.integrated(rate + noise / EACH_S, interval, at.gyro_bias, at.gyro_scale)
-        group, towards = replace(Group.of(field), turned=turned), directions
+        group, towards = replace(ObservationGroup.of(field), turned=turned), directions
         for _ in range(3):
             part = linearised(group, at, towards, layout, weights)
             towards = part.follow(towards, np.zeros(layout.size))
@@ -44,7 +44,7 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
 
     noise = STEP * rng.normal(size=(DRAWS, 2, 12, 3))
     pairs = np.array([0.5 * (gradient(one) + gradient(-one)) for one in noise])
-    group = replace(Group.of(field), turned=still)
+    group = replace(ObservationGroup.of(field), turned=still)
     rows = rows_of(group, at, directions, layout, weights)
     whole = walked.Walked.of(rows, walked.pushes(group, at, directions, weights))
     expected = STEP**2 * walked.mean_gradient(whole, group, at, directions, layout, weights)

@@ -29,7 +29,7 @@ ENOUGH_TO_WEIGH: Final = 100
 
 
 @dataclass(slots=True, eq=False)
-class Log:
+class HeadingLog:
     """A recording that is turned into headings.
 
     Attributes
@@ -88,14 +88,14 @@ class Watch:
 
     Attributes
     ----------
-    log : Log
+    log : HeadingLog
     corrector : Corrector
         Watches the length of the corrected readings.
     voyage : Voyage
         What was read so far.
     """
 
-    def __init__(self, log: Log, dip_deg: float | None = None) -> None:
+    def __init__(self, log: HeadingLog, dip_deg: float | None = None) -> None:
         from flinders.cli.apply import Corrector
         from flinders.heading.compass import Voyage
 
@@ -154,7 +154,7 @@ def open_log(
     declination_deg: float | None = None,
     fixed: tuple[str, ...] = (),
     **options: Any,
-) -> Log:
+) -> HeadingLog:
     """Open a recording with a calibration, and find out where it was made.
 
     Raises
@@ -188,10 +188,10 @@ def open_log(
     if bias is not None:
         say(f"{bias_words(bias)}, by {calibration}: taken off")
     compass = Compass(judged.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
-    return Log(judged, opened, compass, site, settler=settler)
+    return HeadingLog(judged, opened, compass, site, settler=settler)
 
 
-def site_dip(log: Log, voyage: Voyage, given: float | None = None) -> tuple[float, str]:
+def site_dip(log: HeadingLog, voyage: Voyage, given: float | None = None) -> tuple[float, str]:
     """The dip for which errors are told, in degrees, and where it comes from."""
     import numpy as np
 
@@ -210,7 +210,7 @@ def site_dip(log: Log, voyage: Voyage, given: float | None = None) -> tuple[floa
     return float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG)), source
 
 
-def _own_dip(log: Log) -> float | None:
+def _own_dip(log: HeadingLog) -> float | None:
     """The dip that the calibration of a level turn rests on: level headings are as good as that says, and no better."""
     from flinders.heading.compass import LEVEL
 
@@ -220,7 +220,7 @@ def _own_dip(log: Log) -> float | None:
     return record.heading_error_deg.dip_deg
 
 
-def down(log: Log, voyage: Voyage) -> Floats:
+def down(log: HeadingLog, voyage: Voyage) -> Floats:
     """(3,) which way is down when the vehicle is level, in the axes of the calibration's ellipsoid."""
     import numpy as np
 

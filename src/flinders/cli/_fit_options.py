@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli._inputs import site_of
-from flinders.cli._options import AIDING, METHOD, OUTPUT, RECORDING, SITE, Group, member, positive, within
+from flinders.cli._options import AIDING, METHOD, OUTPUT, RECORDING, SITE, OptionGroup, member, positive, within
 from flinders.cli._output import Outputs
 from flinders.errors import UsageError
 
@@ -26,7 +26,7 @@ def _prior(value: str) -> float | str:
 
 
 @dataclass(frozen=True)
-class Files(Group):
+class OutputOptions(OptionGroup):
     """What is written where."""
 
     output: str | None = member(
@@ -91,7 +91,7 @@ class Files(Group):
 
 
 @dataclass(frozen=True)
-class Estimation(Group):
+class Estimation(OptionGroup):
     """The method of estimation and its options."""
 
     method: str = member(
@@ -170,7 +170,7 @@ class Estimation(Group):
 
 
 @dataclass(frozen=True)
-class Sensors(Group):
+class Sensors(OptionGroup):
     """Which of several magnetometers, and whether they are fitted jointly."""
 
     sensor: str | None = member(
@@ -205,7 +205,7 @@ class Sensors(Group):
 
 
 @dataclass(frozen=True)
-class Site(Group):
+class SiteOptions(OptionGroup):
     """Where and when a recording was made."""
 
     place: str | None = member(
@@ -239,9 +239,9 @@ class Site(Group):
                 "the field changes with the years: give the day of the recording with --at, such as --date "
                 "2026-11-21, or leave --at out"
             )
-        from flinders.likelihood.site_field import Site as SiteOfFit
+        from flinders.likelihood.site_field import Site
 
-        site = replace(SiteOfFit.of(site_of(self.place, self.date)), z_down=_is_typed("axes"))
+        site = replace(Site.of(site_of(self.place, self.date)), z_down=_is_typed("axes"))
         dip = {} if _is_typed("dip_deg") else {"dip_deg": site.inclination_deg}
         return {"site": site if self.gain_sigma is None else replace(site, gain_sigma=self.gain_sigma), **dip}
 
@@ -253,7 +253,7 @@ def _is_typed(name: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Aiding(Group):
+class AidingOptions(OptionGroup):
     """What else was recorded and counts: aiding sensors, and disturbances that the offset follows."""
 
     names: tuple[str, ...] = member(

@@ -10,15 +10,15 @@ from flinders.cli._program import LIMITED
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from flinders.cli._fit_options import Estimation, Files
-    from flinders.cli._options import Reading
+    from flinders.cli._fit_options import Estimation, OutputOptions
+    from flinders.cli._options import ReadingOptions
     from flinders.heading.smoothing import Filter
 
 
 def calibrate(
     estimation: Estimation,
-    files: Files,
-    reading: Reading,
+    files: OutputOptions,
+    reading: ReadingOptions,
     by: Filter | None,
     options: dict[str, Any],
     recordings: tuple[str, ...],
@@ -59,7 +59,11 @@ def calibrate(
 
 
 def _refuse(
-    estimation: Estimation, files: Files, reading: Reading, by: Filter | None, recordings: tuple[str, ...]
+    estimation: Estimation,
+    files: OutputOptions,
+    reading: ReadingOptions,
+    by: Filter | None,
+    recordings: tuple[str, ...],
 ) -> None:
     """Refuse what means nothing without readings.
 

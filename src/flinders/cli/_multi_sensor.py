@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
-    from flinders.cli._fit_options import Files, Sensors
+    from flinders.cli._fit_options import OutputOptions, Sensors
     from flinders.comparison.multi_sensor import Together
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
@@ -36,7 +36,7 @@ def calibrate(
     path: str,
     sensors: Sensors,
     by: Filter | None,
-    files: Files,
+    files: OutputOptions,
     reading: dict[str, Any],
     options: dict[str, Any],
     fit: Fitting,
@@ -78,7 +78,7 @@ def calibrate(
     return max(_exit_code(outcome) for _, outcome in outcomes)
 
 
-def _refuse(files: Files, by: Filter | None, options: Mapping[str, Any], *, is_joint: bool) -> None:
+def _refuse(files: OutputOptions, by: Filter | None, options: Mapping[str, Any], *, is_joint: bool) -> None:
     """Refuse options that go with one magnetometer.
 
     Raises

@@ -1,6 +1,6 @@
 """Options in groups: a dataclass for each, whose fields are options, and help that has them under headings.
 
->>> @groups(reading=Reading)
+>>> @groups(reading=ReadingOptions)
 ... def show(reading):
 ...     print(reading.unit, reading.axes)
 >>> click.command(cls=Command)(show).main(["--unit", "mG"], standalone_mode=False)
@@ -104,7 +104,7 @@ command = partial(click.command, cls=Command)
 option = partial(click.option, cls=Option)
 
 
-class Group:
+class OptionGroup:
     """Options that belong together, as one object: a field for each, made by `member`."""
 
     def as_dict(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ def member(*names: str, **attributes: Any) -> Any:  # noqa: ANN401 - a field of 
     return field(metadata={"option": option(*names, **attributes)})
 
 
-def some(kind: type[Group], *names: str) -> Callable[[Function], Function]:
+def some(kind: type[OptionGroup], *names: str) -> Callable[[Function], Function]:
     """Add just some options of a group to a command, which gets each by its name."""
 
     def decorate(function: Function) -> Function:
@@ -129,7 +129,7 @@ def some(kind: type[Group], *names: str) -> Callable[[Function], Function]:
     return decorate
 
 
-def groups(**kinds: type[Group]) -> Callable[[Function], Function]:
+def groups(**kinds: type[OptionGroup]) -> Callable[[Function], Function]:
     """Add the options of groups to a command, which gets each group as one object of that name."""
 
     def decorate(function: Function) -> Function:
@@ -173,7 +173,7 @@ inclination = within(-89, 89, "degrees from -89 to 89")
 
 
 @dataclass(frozen=True)
-class Columns(Group):
+class ColumnsOptions(OptionGroup):
     """Which numbers of a line are the magnetometer's."""
 
     columns: str | None = member(
@@ -187,7 +187,7 @@ class Columns(Group):
 
 
 @dataclass(frozen=True)
-class Units(Group):
+class UnitsOptions(OptionGroup):
     """In which unit the readings are."""
 
     unit: str | None = member(
@@ -199,7 +199,7 @@ class Units(Group):
 
 
 @dataclass(frozen=True)
-class AxesUsed(Group):
+class AxesUsed(OptionGroup):
     """In which axes the readings are used."""
 
     axes: str = member(
@@ -209,7 +209,7 @@ class AxesUsed(Group):
 
 
 @dataclass(frozen=True)
-class Part(Group):
+class PartOptions(OptionGroup):
     """Which part of a recording is read, and of a log with several instruments."""
 
     topic: str | None = member(
@@ -229,17 +229,17 @@ class Part(Group):
 
 
 @dataclass(frozen=True)
-class PartOfColumns(Part, Columns):
+class PartOfColumns(PartOptions, ColumnsOptions):
     """How a recording is read whose unit and axes a calibration knows."""
 
 
 @dataclass(frozen=True)
-class Reading(Part, AxesUsed, Units, Columns):
+class ReadingOptions(PartOptions, AxesUsed, UnitsOptions, ColumnsOptions):
     """How a recording is read: the arguments of `flinders.open_recording`."""
 
 
 @dataclass(frozen=True)
-class Place(Group):
+class Place(OptionGroup):
     """Where and when, for the declination."""
 
     place: str | None = member(
@@ -253,7 +253,7 @@ class Place(Group):
 
 
 @dataclass(frozen=True)
-class Accelerometer(Group):
+class Accelerometer(OptionGroup):
     """Whether tilt is taken off, and by which columns."""
 
     is_level: bool = member(

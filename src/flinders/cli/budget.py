@@ -15,7 +15,7 @@ from flinders.errors import UsageError, figures
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from flinders.heading.budget import Heading, Kind, Position, Quantity
+    from flinders.heading.budget import Heading, Kind, Position, UnitValue
 
 KINDS: Final[Mapping[str, Kind]] = {
     "field": "field", "stray": "field", "error": "angle", "current": "current", "distance": "length",
@@ -201,7 +201,7 @@ def magnet(side: bool, as_json: bool, **typed: str | None) -> None:
     budget.show(as_json=as_json)
 
 
-def _read(typed: Mapping[str, str | None]) -> dict[str, Quantity]:
+def _read(typed: Mapping[str, str | None]) -> dict[str, UnitValue]:
     """Read what was typed, in the order of the options.
 
     Raises
@@ -209,13 +209,13 @@ def _read(typed: Mapping[str, str | None]) -> dict[str, Quantity]:
     UsageError
         For what is no number with a unit.
     """
-    from flinders.heading.budget import Quantity
+    from flinders.heading.budget import UnitValue
 
     given = {}
     for name, text in typed.items():
         if text is not None:
             try:
-                given[name] = Quantity.of(KINDS[name], text)
+                given[name] = UnitValue.of(KINDS[name], text)
             except UsageError as error:
                 raise type(error)(f"--{name} {str(error).removeprefix(KINDS[name]).strip()}") from None
     return given
@@ -229,7 +229,7 @@ class Budget:
     ----------
     kind : str
         ``heading``, ``wire``, ``pair`` or ``magnet``.
-    given : name to Quantity
+    given : name to UnitValue
     position : str, optional
         Of the sensor beside a magnet.
     found : name to number, in the units of `flinders.heading.budget`
@@ -237,7 +237,7 @@ class Budget:
     """
 
     kind: str
-    given: dict[str, Quantity]
+    given: dict[str, UnitValue]
     position: Position | None = None
     found: dict[str, float | None] = field(default_factory=dict)
     why: dict[str, str] = field(default_factory=dict)

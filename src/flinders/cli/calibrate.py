@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from flinders.cli._fit_options import Aiding, Estimation, Files, Sensors, Site
+from flinders.cli._fit_options import AidingOptions, Estimation, OutputOptions, Sensors, SiteOptions
 from flinders.cli._inputs import Counted, joined, opened, provenance, saying_what_was_skipped
 from flinders.cli._options import (
-    Reading,
+    ReadingOptions,
     field_strength,
     groups,
     judgement,
@@ -53,19 +53,26 @@ Example:
 """,
 )
 @click.argument("recordings", nargs=-1, metavar="RECORDING...")
-@groups(reading=Reading, sensors=Sensors, site=Site, aiding=Aiding, estimation=Estimation, files=Files)
+@groups(
+    reading=ReadingOptions,
+    sensors=Sensors,
+    site=SiteOptions,
+    aiding=AidingOptions,
+    estimation=Estimation,
+    files=OutputOptions,
+)
 @field_strength()
 @smoothing
 @judgement
 def command(
     recordings: tuple[str, ...],
     by: Filter | None,
-    reading: Reading,
+    reading: ReadingOptions,
     sensors: Sensors,
-    site: Site,
-    aiding: Aiding,
+    site: SiteOptions,
+    aiding: AidingOptions,
     estimation: Estimation,
-    files: Files,
+    files: OutputOptions,
     **options: Any,
 ) -> int:
     """Fit recordings of one sensor and write its calibration.
@@ -112,7 +119,7 @@ def command(
     return GOOD if fit.verdict == "good" else LIMITED
 
 
-def _check(recordings: tuple[str, ...], reading: Reading) -> None:
+def _check(recordings: tuple[str, ...], reading: ReadingOptions) -> None:
     """Find what cannot work before anything is read: the recording may be long, or still be on its way.
 
     Raises
@@ -137,7 +144,7 @@ class _Run:
         What the readings go through.
     options : dict
         Of `flinders.fit`.
-    files : Files
+    files : OutputOptions
     asked : dict
         All that was asked for, for the report.
     parts : list of Counted
@@ -146,7 +153,7 @@ class _Run:
 
     by: Filter | None
     options: dict[str, Any]
-    files: Files
+    files: OutputOptions
     asked: dict[str, Any]
     parts: Sequence[Counted] = ()
 

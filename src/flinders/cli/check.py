@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from flinders.comparison.comparison import Comparison, Strength
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Joined
-    from flinders.diagnostics.random_walk import Walk
+    from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit, Refused
 
@@ -145,14 +145,14 @@ def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
     return -dip if down * dip < 0.0 else dip
 
 
-def _walked(recording: Joined, fresh: Fit) -> Walk:
+def _walked(recording: Joined, fresh: Fit) -> RandomWalk:
     """How the offset moved through a recording, by the fit to it."""
     from flinders.diagnostics.random_walk import walk_through
 
     return walk_through(recording, fresh.ellipsoid, plane=fresh.plane, dip_deg=fresh.heading_error_deg.dip_deg)
 
 
-def _walked_anyhow(recording: Joined, known: Judged, dip_deg: float) -> Walk | None:
+def _walked_anyhow(recording: Joined, known: Judged, dip_deg: float) -> RandomWalk | None:
     """How it moved where no fit is fit for use: by the calibration itself; None where nothing can be followed."""
     from flinders.diagnostics.random_walk import walk_through
 
@@ -161,7 +161,7 @@ def _walked_anyhow(recording: Joined, known: Judged, dip_deg: float) -> Walk | N
     return None
 
 
-def _refused(refused: Refused, walk: Walk, *, target_deg: float, dip_deg: float, as_json: bool) -> int:
+def _refused(refused: Refused, walk: RandomWalk, *, target_deg: float, dip_deg: float, as_json: bool) -> int:
     """Say why the recording cannot be fitted, and how far the offset moved under the calibration; `drift` is that."""
     fields = {"fresh": refused.fit.as_dict(), "drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}
     code = print_error(refused, as_json=as_json, more=fields)
@@ -171,7 +171,7 @@ def _refused(refused: Refused, walk: Walk, *, target_deg: float, dip_deg: float,
     return code
 
 
-def _told(walk: Walk, unit: str, *, target_deg: float, dip_deg: float, under: str = "") -> str:
+def _told(walk: RandomWalk, unit: str, *, target_deg: float, dip_deg: float, under: str = "") -> str:
     """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
     from flinders.cli.report import can_show
     from flinders.core.units import label

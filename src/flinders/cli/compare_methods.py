@@ -13,7 +13,7 @@ from flinders.cli._output import print_json, progress, refuse_twice, show, worki
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 
 if TYPE_CHECKING:
-    from flinders.cli._options import Reading
+    from flinders.cli._options import ReadingOptions
     from flinders.findings import Verdict
 
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
@@ -48,7 +48,7 @@ Exit codes:
     "--blocks", type=click.IntRange(2, 1000), default=10, show_default=True, metavar="N",
     help="Blocks of time for cross-validation.",
 )  # fmt: skip
-@_options.groups(reading=_options.Reading)
+@_options.groups(reading=_options.ReadingOptions)
 @_options.sensor
 @_options.field_strength()
 @_options.judgement
@@ -62,7 +62,7 @@ def command(
     dip_deg: float,
     as_json: bool,
     sensor: str | None,
-    reading: Reading,
+    reading: ReadingOptions,
 ) -> int:
     """Fit RECORDING by every method and print what each finds, claims and is worth.
 

@@ -76,7 +76,7 @@ Exit codes:
     metavar="FILE",
     help="Add a line of JSON for each thing that happens to this file.",
 )
-@_options.some(_options.Reading, "columns", "unit", "scale", "axes", "as_logged")
+@_options.some(_options.ReadingOptions, "columns", "unit", "scale", "axes", "as_logged")
 @_options.sensor
 @_options.judgement
 @_options.force

@@ -118,7 +118,7 @@ def _lines(watch: _compass.Watch) -> Iterator[str]:
         header = "written"
 
 
-def _numbered(log: _compass.Log, numbers: Floats, samples: Samples) -> dict[str, Floats]:
+def _numbered(log: _compass.HeadingLog, numbers: Floats, samples: Samples) -> dict[str, Floats]:
     """The columns that say which reading it is."""
     named = {"line" if hasattr(log.recording, "numbered_blocks") else "reading": numbers}
     if samples.time is not None:
@@ -144,7 +144,7 @@ def _rows(columns: dict[str, Floats]) -> str:
     return "".join(form % tuple(row) + "\n" for row in np.column_stack(rounded).tolist())
 
 
-def claims(log: _compass.Log, voyage: Voyage, *, dip_deg: float | None) -> dict[str, Any]:
+def claims(log: _compass.HeadingLog, voyage: Voyage, *, dip_deg: float | None) -> dict[str, Any]:
     """What heading error to expect, 1 σ, at the dip of the site, of a level vehicle and as far as it was tilted."""
     from flinders.heading.error_propagation import level_error, tilted_error
 
@@ -161,7 +161,7 @@ def claims(log: _compass.Log, voyage: Voyage, *, dip_deg: float | None) -> dict[
 
 
 def summary(
-    log: _compass.Log, voyage: Voyage, told: dict[str, Any], strength: dict[str, Any], skipped: list[str]
+    log: _compass.HeadingLog, voyage: Voyage, told: dict[str, Any], strength: dict[str, Any], skipped: list[str]
 ) -> dict[str, Any]:
     """JSON-ready."""
 
@@ -183,7 +183,7 @@ def summary(
     }
 
 
-def _tell(log: _compass.Log, voyage: Voyage, told: dict[str, Any], *, plausible: bool) -> None:
+def _tell(log: _compass.HeadingLog, voyage: Voyage, told: dict[str, Any], *, plausible: bool) -> None:
     """Say on standard error how good the headings are, and what to know about them."""
     from flinders.report.heading_page import of_headings
 

@@ -14,7 +14,7 @@ from flinders.errors import FitError, InputError, Unmoved, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from flinders.cli._options import Place, Reading
+    from flinders.cli._options import Place, ReadingOptions
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
@@ -39,9 +39,9 @@ Example:
 """,
 )
 @click.argument("log", metavar="LOG")
-@_options.groups(reading=_options.Reading, place=_options.Place)
+@_options.groups(reading=_options.ReadingOptions, place=_options.Place)
 @_options.as_json
-def command(log: str, as_json: bool, reading: Reading, place: Place) -> None:
+def command(log: str, as_json: bool, reading: ReadingOptions, place: Place) -> None:
     """Say what LOG holds: its magnetometers, their rate, range and gaps, and what stands beside them.
 
     Also the calibration that was in force on board, place and time, and the field that is expected there; how many
@@ -62,7 +62,7 @@ def command(log: str, as_json: bool, reading: Reading, place: Place) -> None:
         show(of_contents(contents))
 
 
-def _contents(log: Log, path: str, place: Place, reading: Reading) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
+def _contents(log: Log, path: str, place: Place, reading: ReadingOptions) -> Any:  # noqa: ANN401 - Contents, which needs NumPy
     """Go through each magnetometer once, and put together what was found.
 
     Raises

@@ -75,7 +75,7 @@ Example:
 @option("--replay", metavar="LOG", help="Play a recording back, any that flinders reads.")
 @option("--speed", type=_options.positive, metavar="X", help="So many times as fast [default: 1].")
 @option("--simulate", is_flag=True, help="A simulated sensor; also where nothing is plugged in.")
-@_options.some(_options.Reading, "columns", "pattern", "unit", "scale", "axes")
+@_options.some(_options.ReadingOptions, "columns", "pattern", "unit", "scale", "axes")
 @_options.target("Worst heading error that is good enough [default: 1].", None)
 @_options.dip("Inclination of the field at the site [default: 60].")
 @option("--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with.")

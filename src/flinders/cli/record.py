@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Wire(_options.Group):
+class SerialWire(_options.OptionGroup):
     """What sends lines: one of a serial port, datagrams and a program."""
 
     port: str | None = _options.member("--serial", "port", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
@@ -79,11 +79,11 @@ Exit codes:
   6  the file cannot be written or continued; what came before is saved
 """,
 )
-@_options.groups(wire=Wire)
+@_options.groups(wire=SerialWire)
 @option("-o", "--output", heading=_options.OUTPUT, metavar="FILE", help="Where to write; - for standard output.")
 @option("--seconds", type=_options.positive, metavar="S", help="Stop after so long [default: at Ctrl-C].")
 @option("--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings.")
-@_options.some(_options.Columns, "pattern")
+@_options.some(_options.ColumnsOptions, "pattern")
 @_options.force
 @option(
     "--resume", heading=_options.OUTPUT, is_flag=True,
@@ -91,7 +91,7 @@ Exit codes:
 )  # fmt: skip
 @_options.as_json
 def command(
-    wire: Wire,
+    wire: SerialWire,
     output: str | None,
     seconds: float | None,
     readings: int | None,

@@ -64,9 +64,9 @@ def of_a_pair(function: _options.Function) -> _options.Function:
         _options.force,
         _options.target("Worst heading error that is good enough [default: the calibration's].", None),
         _options.dip("Inclination of the field at the site [default: the calibration's]."),
-        _options.some(_options.Part, "topic", "start", "end", "as_logged"),
+        _options.some(_options.PartOptions, "topic", "start", "end", "as_logged"),
         _options.sensor_of_calibration,
-        _options.some(_options.Columns, "columns"),
+        _options.some(_options.ColumnsOptions, "columns"),
     ):
         function = each(function)
     return function

@@ -51,7 +51,7 @@ class Swing:
 
 
 @dataclass(frozen=True)
-class Card(_options.Group):
+class Card(_options.OptionGroup):
     """What is written of a curve."""
 
     output: str | None = _options.member(
@@ -77,7 +77,7 @@ class Card(_options.Group):
 
 
 @dataclass(frozen=True)
-class KnownHeadings(_options.Group):
+class KnownHeadings(_options.OptionGroup):
     """Known headings, how well they are known, and how they are found in a recording."""
 
     headings: str | None = _options.member(
@@ -114,7 +114,7 @@ Exit codes:
 )
 @click.argument("inputs", nargs=-1, required=True, metavar="TABLE | CALIBRATION LOG")
 @_options.groups(card=Card, known=KnownHeadings, place=_options.Place, accelerometer=_options.Accelerometer)
-@_options.some(_options.Columns, "columns", "pattern")
+@_options.some(_options.ColumnsOptions, "columns", "pattern")
 @_options.target("What a turn by 180° may miss, and 1 σ of the curve may be.")
 @_options.as_json
 @click.pass_context
@@ -246,7 +246,7 @@ def _of_log(calibration: str, recording: str, asked: KnownHeadings, place: Place
 
 def _rests(
     calibration: str, recording: str, stationary_s: float, **options: Any
-) -> tuple[_compass.Log, tuple[Rest, ...], Expected | None]:
+) -> tuple[_compass.HeadingLog, tuple[Rest, ...], Expected | None]:
     """Go through a recording and find its rests, and what its calibration claims for there."""
     import numpy as np
 
@@ -268,7 +268,7 @@ def _rests(
     return log, rests(heading, least_readings=least), _expected(log, watched.voyage)
 
 
-def _expected(log: _compass.Log, voyage: Voyage) -> Expected | None:
+def _expected(log: _compass.HeadingLog, voyage: Voyage) -> Expected | None:
     """Deviation that the calibration's own uncertainty makes, where it states one."""
     from flinders.heading.deviation import Expected
     from flinders.heading.error_propagation import deviation_covariance

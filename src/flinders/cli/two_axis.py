@@ -25,7 +25,7 @@ from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.cli._options import Reading
+    from flinders.cli._options import ReadingOptions
     from flinders.comparison.composition import Composed
     from flinders.core.samples import Recording
     from flinders.fitting.judged import Judged
@@ -43,7 +43,7 @@ FLAT: Final = 0.05
 
 
 @dataclass(frozen=True)
-class Files(_options.Group):
+class PlaneFiles(_options.OptionGroup):
     """What is written where."""
 
     output: str | None = _options.member(
@@ -98,7 +98,7 @@ Three axes, one plane at a time, each loaded before the next is recorded:
     "--after", metavar="CALIBRATION",
     help="RECORDING was made with this loaded: the result is the two of them, composed.",
 )  # fmt: skip
-@_options.groups(reading=_options.Reading, files=Files)
+@_options.groups(reading=_options.ReadingOptions, files=PlaneFiles)
 @option(
     "--sensor", heading=_options.RECORDING, metavar="NAME",
     help="Name or serial number to store; of a log, which magnetometer, by number or name.",
@@ -106,7 +106,9 @@ Three axes, one plane at a time, each loaded before the next is recorded:
 @_options.field_strength()
 @_options.judgement
 @click.pass_context
-def command(context: click.Context, /, recording: str, reading: Reading, files: Files, **options: Any) -> int:
+def command(
+    context: click.Context, /, recording: str, reading: ReadingOptions, files: PlaneFiles, **options: Any
+) -> int:
     """Find hard and soft iron of two axes from a turn about the third one, which points up or down.
 
     The mean of points equally spaced in heading is the offset; the eigenvalues and eigenvectors of their scatter are
@@ -142,7 +144,7 @@ def command(context: click.Context, /, recording: str, reading: Reading, files: 
     return LIMITED
 
 
-def _check(recording: str, after: str | None, files: Files) -> None:
+def _check(recording: str, after: str | None, files: PlaneFiles) -> None:
     """Find what could not be read or written before anything is.
 
     Raises
@@ -162,7 +164,7 @@ def _check(recording: str, after: str | None, files: Files) -> None:
         raise UsageError(f"{recording} is a calibration: give the recording of a turn, and the calibration to --after")
 
 
-def _loaded(context: click.Context, after: str, reading: Reading, options: dict[str, Any]) -> Judged:
+def _loaded(context: click.Context, after: str, reading: ReadingOptions, options: dict[str, Any]) -> Judged:
     """Load the calibration that the turn was recorded with, and let it say what it knows: scale, axes and dip.
 
     Raises
@@ -198,7 +200,7 @@ def _opened(
     recording: str,
     first: Judged | None,
     watch: Any,  # noqa: ANN401 - progress
-    reading: Reading,
+    reading: ReadingOptions,
     options: dict[str, Any],
 ) -> Recording:
     """Open the recording, in the unit of what was loaded.
@@ -294,7 +296,7 @@ def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str,
     return replace(found, calibration=replace(found.calibration, field_strength_known=known))
 
 
-def _draw(turn: Turn, fit: Fit, files: Files) -> None:
+def _draw(turn: Turn, fit: Fit, files: PlaneFiles) -> None:
     """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
     from flinders.report.polar_chart import drawing
 
@@ -304,7 +306,7 @@ def _draw(turn: Turn, fit: Fit, files: Files) -> None:
             say(f"written to {files.polar}")
 
 
-def _show(fit: Fit, turn: Turn, composed: Composed | None, after: str | None, files: Files) -> None:
+def _show(fit: Fit, turn: Turn, composed: Composed | None, after: str | None, files: PlaneFiles) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.report.fit_pages import of_turn
 

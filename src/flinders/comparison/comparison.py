@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import numpy as np
 
-from flinders.comparison.pairs import Ellipsoids, Pairs
+from flinders.comparison.pairs import EllipsoidPairs, Pairs
 from flinders.core.units import label
 from flinders.errors import UsageError
 from flinders.fitting.judged import refuse_unlike
@@ -445,8 +445,8 @@ def _pair(a: Judged, b: Judged) -> tuple[Pairs, bool]:
     return Pairs.of(_one(a), _one(b), strengths if known else None), known
 
 
-def _one(calibration: Judged) -> Ellipsoids:
+def _one(calibration: Judged) -> EllipsoidPairs:
     """A calibration as a batch of one; without a covariance it is exact."""
     ellipsoid = calibration.ellipsoid
     covariance = np.zeros((9, 9)) if calibration.covariance is None else calibration.covariance
-    return Ellipsoids(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], covariance[np.newaxis])
+    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], covariance[np.newaxis])

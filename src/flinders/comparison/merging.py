@@ -34,7 +34,7 @@ import numpy as np
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
-from flinders.diagnostics.repeatability import Part, compared
+from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import FitError, UsageError, counted, figures
 from flinders.findings import CATALOGUE, Finding, Record, by_severity, current
 from flinders.fitting.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
@@ -283,7 +283,7 @@ class _Field:
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
         return cls(strength, known, np.mean(shapes, axis=0), log_variance)
 
-    def bring(self, part: Judged) -> Part:
+    def bring(self, part: Judged) -> RecordingFit:
         """Bring a calibration to the field: its shape by a factor, its covariance without the scale unless known."""
         shape = (part.calibration.shape + part.calibration.shape.T) / 2.0
         if self.is_known:
@@ -292,7 +292,7 @@ class _Field:
         else:
             factor = 3.0 / float(trace_with(self.reference) @ upper(shape))
             covariance = without_scale(rescaled(_claim(part), factor), factor * shape, self.reference)
-        return Part(part.name, part.samples, Ellipsoid(part.calibration.offset, factor * shape), covariance)
+        return RecordingFit(part.name, part.samples, Ellipsoid(part.calibration.offset, factor * shape), covariance)
 
     def settle(self, ellipsoid: Ellipsoid, covariance: Floats) -> tuple[Ellipsoid, Floats]:
         """Give the mean the size that was agreed on, and its covariance what is known of that size."""
@@ -400,7 +400,7 @@ def _refuse_pair(a: Judged, b: Judged) -> None:
         )
 
 
-def _refuse_held(parts: Sequence[Part]) -> None:
+def _refuse_held(parts: Sequence[RecordingFit]) -> None:
     """Refuse a calibration whose method holds what the others find: exact as it says to be, it would outweigh all."""
     zero = np.zeros(9)
     total = np.sum([part.covariance for part in parts], axis=0)

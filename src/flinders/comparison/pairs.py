@@ -3,7 +3,7 @@
 Readings of one sensor are longer in a stronger field, which says nothing of the sensor. The two ellipsoids of a pair
 are therefore brought to one size; if that is their radius, their common scale is taken out of both covariances.
 
->>> spheres = Ellipsoids(np.zeros((2, 3)), np.tile(50.0 * np.eye(3), (2, 1, 1)), np.tile(0.01 * np.eye(9), (2, 1, 1)))
+>>> spheres = EllipsoidPairs(*(np.stack([one, one]) for one in (np.zeros(3), 50.0 * np.eye(3), 0.01 * np.eye(9))))
 >>> moved = replace(spheres, centre=np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]))
 >>> found = differences(spheres, moved, dip_deg=60.0)
 >>> found.worst_deg.round(2).tolist(), found.sigma_deg.round(2).tolist(), found.p_value.round(3).tolist()
@@ -39,7 +39,7 @@ _erfc: Final = np.frompyfunc(math.erfc, 1, 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ellipsoids:
+class EllipsoidPairs:
     """Many ellipsoids in the magnetometer's own axes, and their covariances.
 
     Attributes
@@ -104,7 +104,7 @@ class Pairs:
     scale: Floats
 
     @classmethod
-    def of(cls, first: Ellipsoids, second: Ellipsoids, strengths: tuple[Floats, Floats] | None = None) -> Self:
+    def of(cls, first: EllipsoidPairs, second: EllipsoidPairs, strengths: tuple[Floats, Floats] | None = None) -> Self:
         """Bring pairs to the geometric mean of the (n,) field strengths if they are known, else of their radii."""
         sizes = (first.radius, second.radius) if strengths is None else strengths
         common = np.sqrt(sizes[0]) * np.sqrt(sizes[1])
@@ -252,12 +252,12 @@ class Differences:
 SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma_deg")
 
 
-def differences(first: Ellipsoids, second: Ellipsoids, *, dip_deg: float | Floats = 60.0) -> Differences:
+def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float | Floats = 60.0) -> Differences:
     """Compare pairs of ellipsoids, as `flinders.compare` does if no field strength is known.
 
     Parameters
     ----------
-    first, second : Ellipsoids
+    first, second : EllipsoidPairs
         n of each, in the same unit and axes.
     dip_deg : float or (n,) float
         Inclination of the field at the site, of all or of each; its sign says which way up the sensor sits.

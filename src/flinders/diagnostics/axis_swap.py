@@ -104,7 +104,7 @@ def slip_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
 
     Returns
     -------
-    Slip or None
+    AxisSwap or None
         None where nothing slipped, or nothing that can be told.
     """
     if len(readings) < FEWEST:

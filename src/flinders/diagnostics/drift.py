@@ -79,14 +79,14 @@ def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -
     rows = _with_change(magnitude.information(directions, ellipsoid), time, ellipsoid)
     variance = max(float(np.mean(distances**2)), (FINEST * ellipsoid.radius) ** 2)
 
-    def pretence() -> Floats:
+    def spurious() -> Floats:
         each = (_with_change(turned, time, ellipsoid) for turned in turning(directions, ellipsoid))
         total: Floats = np.sum([noise.T @ noise for noise in each], axis=0)
         return total
 
-    support = Support.of(rows.T @ rows / variance, pretence)
-    told = _told(support.vectors[9:, ~support.seen])
-    if not told.any():
+    support = Support.of(rows.T @ rows / variance, spurious)
+    observed = _observed(support.vectors[9:, ~support.seen])
+    if not observed.any():
         return None
     axes = support.vectors[:, support.seen]
     inverse = axes / (variance * support.values[support.seen]) @ axes.T
@@ -97,9 +97,9 @@ def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -
     independent = len(readings) / time_of(autocovariance) - rows.shape[1]
     if independent < FEWEST_INDEPENDENT:
         return None
-    told /= support.scale[9:, np.newaxis]
+    observed /= support.scale[9:, np.newaxis]
     covariance = inverse @ left.scatter(autocovariance) @ inverse
-    change, spread = told @ found[9:], told @ covariance[9:, 9:] @ told.T
+    change, spread = observed @ found[9:], observed @ covariance[9:, 9:] @ observed.T
     moved = np.concatenate([change[:3], np.zeros(6)])
     return Drift(
         offset=(float(change[0]), float(change[1]), float(change[2])),
@@ -115,9 +115,9 @@ def _with_change(jacobian: Floats, time: Floats, ellipsoid: Ellipsoid) -> Floats
     return np.column_stack([jacobian, time[:, np.newaxis] * jacobian[:, :3], time * growth])
 
 
-def _told(unseen: Floats) -> Floats:
+def _observed(unseen: Floats) -> Floats:
     """(4, 4) projection of changes on those that no direction (4, K) takes part in of which readings say nothing."""
     axes, shares, _ = np.linalg.svd(unseen)
     taken = axes[:, : len(shares)][:, shares > LEAST_SHARE]
-    told: Floats = np.eye(4) - taken @ taken.T
-    return told if taken.shape[1] < 4 else np.zeros((4, 4))
+    observed: Floats = np.eye(4) - taken @ taken.T
+    return observed if taken.shape[1] < 4 else np.zeros((4, 4))

@@ -37,7 +37,7 @@ from flinders.estimators.solver import SCALE_SIGMA
 from flinders.findings import CATALOGUE, Finding, Record
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import attitude, dip, gyro
-from flinders.summary.quality import Health
+from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -320,7 +320,7 @@ def _clipped(samples: Samples, aid: str) -> Mistake | None:
     if aid != "rate" or samples.rate is None:
         return None
     known = samples.rate[np.isfinite(samples.rate).all(axis=1)]
-    for rail in Health.of(Samples.of(known)).rails if len(known) else ():
+    for rail in DataQuality.of(Samples.of(known)).rails if len(known) else ():
         inside = np.abs(known[:, rail.axis] - rail.value)
         at_the_end = int(np.count_nonzero(inside == 0.0))
         width = JUST_BEFORE * float(np.ptp(known[:, rail.axis]))

@@ -26,9 +26,9 @@ Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989
 >>> still = 50.0 * directions + rng.normal(scale=0.5, size=directions.shape)
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 >>> seconds = np.arange(6000) / 50.0
->>> walk_of(still, seconds, sphere).is_proven, walk_of(still + moved, seconds, sphere).is_proven
+>>> random_walk_of(still, seconds, sphere).is_proven, random_walk_of(still + moved, seconds, sphere).is_proven
 (False, True)
->>> bool(0.1 < walk_of(still + moved, seconds, sphere).per_root_second < 0.2)       # 0.02 · √50 = 0.14
+>>> bool(0.1 < random_walk_of(still + moved, seconds, sphere).per_root_second < 0.2)       # 0.02 · √50 = 0.14
 True
 """
 
@@ -73,7 +73,7 @@ BARS: Final = "▁▂▃▄▅▆▇█"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Walk:
+class RandomWalk:
     """How the offset moved over a recording.
 
     Attributes
@@ -123,7 +123,7 @@ class Walk:
 
         A walk turns the heading by q √t / (F cos dip); where none is proven, the largest that it could be counts.
 
-        >>> walk = Walk(0.0, 0.01, 0.0, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 50.0)
+        >>> walk = RandomWalk(0.0, 0.01, 0.0, np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)), 50.0)
         >>> round(walk.valid_for_s(1.0) / 60.0)
         32
         """
@@ -167,7 +167,7 @@ class Walk:
         """Draw how far the offset was from where it began, in a line of bars.
 
         >>> path = np.outer(np.linspace(0.0, 7.0, 8), [1.0, 0.0, 0.0])
-        >>> Walk(1.0, 1.0, 9.0, np.arange(8.0), path, np.ones((8, 3)), 50.0).drawn(8)
+        >>> RandomWalk(1.0, 1.0, 9.0, np.arange(8.0), path, np.ones((8, 3)), 50.0).drawn(8)
         '▁▂▃▄▅▆▇█'
         """
         far = np.linalg.norm(self.path - self.path[0], axis=1)
@@ -212,7 +212,7 @@ class _Spans(NamedTuple):
     gradient: Floats
 
 
-def walk_of(
+def random_walk_of(
     readings: Floats,
     time: Floats | None,
     ellipsoid: Ellipsoid,
@@ -220,7 +220,7 @@ def walk_of(
     plane: Plane | None = None,
     dip_deg: float = 60.0,
     is_own: bool = True,
-) -> Walk:
+) -> RandomWalk:
     """Follow the offset through a recording.
 
     What was turned in one plane tells of the offset in that plane alone, and across it nothing is said to move.
@@ -259,7 +259,7 @@ def walk_of(
     q = _refined(sizes, likelihoods, int(np.argmax(likelihoods)))
     at_most = float(sizes[likelihoods > likelihoods.max() - PROVEN / 2.0].max())
     path, sigma = _followed(spans, q, ellipsoid.radius) if gain > PROVEN else _kept(spans, at_most, ellipsoid.radius)
-    return Walk(q, at_most, gain, spans.time, path, sigma, ellipsoid.radius)
+    return RandomWalk(q, at_most, gain, spans.time, path, sigma, ellipsoid.radius)
 
 
 def _followed(spans: _Spans, q: float, radius: float) -> tuple[Floats, Floats]:
@@ -288,15 +288,15 @@ def walk_through(
     plane: Plane | None = None,
     dip_deg: float = 60.0,
     is_own: bool = True,
-) -> Walk:
+) -> RandomWalk:
     """Follow the offset through a recording, or through the first of several: nobody knows what was between two.
 
-    As `walk_of` otherwise.
+    As `random_walk_of` otherwise.
 
     Raises
     ------
     NeedsSamples, TooFewSamples
-        As `walk_of`.
+        As `random_walk_of`.
     """
     single = next(iter(singles(recording)))
     blocks = [block for block in single.blocks() if len(block)]
@@ -305,7 +305,7 @@ def walk_through(
     times = [block.time for block in blocks if block.time is not None]
     time = np.concatenate(times) if len(times) == len(blocks) else None
     field = np.concatenate([block.field for block in blocks])
-    return walk_of(field, time, ellipsoid, plane=plane, dip_deg=dip_deg, is_own=is_own)
+    return random_walk_of(field, time, ellipsoid, plane=plane, dip_deg=dip_deg, is_own=is_own)
 
 
 def _laid_flat(readings: Floats, ellipsoid: Ellipsoid, plane: Plane, dip_deg: float) -> tuple[Floats, Ellipsoid]:
@@ -397,12 +397,12 @@ def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
         covariance = covariance + steps[place] * wandered
         before[place], covariance_before[place] = state, covariance
         information, gradient = spans.information[place], spans.gradient[place]
-        told = state @ information  # N is symmetric
-        innovation = gradient - told
+        predicted = state @ information  # N is symmetric
+        innovation = gradient - predicted
         wider = unity + covariance @ information
         gained = np.linalg.solve(wider, covariance)  # (P⁻¹ + N)⁻¹
         moved = np.einsum("tij,tj->ti", gained, innovation)
-        likelihood += state @ gradient - 0.5 * np.einsum("ti,ti->t", told, state)  # of what was predicted
+        likelihood += state @ gradient - 0.5 * np.einsum("ti,ti->t", predicted, state)  # of what was predicted
         likelihood += 0.5 * (np.einsum("ti,ti->t", innovation, moved) - np.linalg.slogdet(wider)[1])
         state = state + moved
         covariance = (gained + gained.swapaxes(1, 2)) / 2.0

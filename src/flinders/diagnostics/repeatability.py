@@ -6,7 +6,8 @@ residuals hardly show it.
 
 >>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
 >>> claimed = np.diag([0.01] * 9)
->>> found = compared([Part("monday", 500, sphere, claimed), Part("tuesday", 500, moved, claimed)], dip_deg=60.0)
+>>> days = RecordingFit("monday", 500, sphere, claimed), RecordingFit("tuesday", 500, moved, claimed)
+>>> found = compared(days, dip_deg=60.0)
 >>> found.farthest.source, round(found.farthest.off_deg), found.p_value < 1e-6
 ('monday', 7, True)
 """
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class RecordingFit:
     """One recording of several, fitted on its own.
 
     Attributes
@@ -118,7 +119,7 @@ class Repeats:
         }
 
 
-def compared(parts: Sequence[Part], *, dip_deg: float) -> Repeats:
+def compared(parts: Sequence[RecordingFit], *, dip_deg: float) -> Repeats:
     """Hold two or more recordings against each other, for a level vehicle at a dip."""
     parameters, covariances = [part.parameters for part in parts], [part.covariance for part in parts]
     together = pool(parameters, covariances)

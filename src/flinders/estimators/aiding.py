@@ -31,15 +31,15 @@ import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.base import Estimate
-from flinders.estimators.noise_information import pretence_of, without
-from flinders.estimators.sandwich_covariance import scatter_of, span_of, walk_of
+from flinders.estimators.noise_information import spurious_information_of, without
+from flinders.estimators.sandwich_covariance import random_walk_of, scatter_of, span_of
 from flinders.estimators.solver import (
     ACCELERATION_SIGMA,
     ROTATION_SIGMA,
     SCALE_SIGMA,
     Equations,
-    Found,
-    Problem,
+    Iterate,
+    JointProblem,
     begun,
     iterated,
     reweighed,
@@ -47,7 +47,7 @@ from flinders.estimators.solver import (
     starts,
     surprise,
     taken,
-    without_strays,
+    without_outliers,
 )
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.likelihood.disturbances import Disturbances
-    from flinders.likelihood.parameters import Layout, Parameters
+    from flinders.likelihood.parameters import ParameterLayout, Parameters
     from flinders.likelihood.site_field import Site
 
 AIDS: Final = {
@@ -107,7 +107,7 @@ class Aided:
         Of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad.
     textbook : (P, P) float
         The same if all residuals were independent.
-    layout : Layout
+    layout : ParameterLayout
     noise : float
         Standard deviation of a component of a reading, in its unit.
     vertical_noise : float, optional
@@ -138,7 +138,7 @@ class Aided:
     parameters: Parameters
     covariance: Floats
     textbook: Floats
-    layout: Layout
+    layout: ParameterLayout
     noise: float
     vertical_noise: float | None
     aiding: tuple[str, ...]
@@ -283,7 +283,7 @@ def parameters_of(
         delay=True, acceleration_bias=acceleration_bias,
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
-    found = without_strays(solved_for.problem, solved_for.found)
+    found = without_outliers(solved_for.problem, solved_for.found)
     problem = solved_for.problem.freed()
     return _eased(problem, found, np.zeros(problem.layout.size))[0].at
 
@@ -301,9 +301,9 @@ class _Put(NamedTuple):
     delay: bool
     acceleration_bias: float
 
-    def problem(self, gyro_scale: float) -> Problem:
+    def problem(self, gyro_scale: float) -> JointProblem:
         """Put the readings in groups."""
-        return Problem.of(
+        return JointProblem.of(
             self.samples, self.terms, self.site, self.disturbances, self.rotation, self.spread, self.window_s,
             delay=self.delay, gyro_scale=gyro_scale, acceleration_bias=self.acceleration_bias,
         )  # fmt: skip
@@ -312,13 +312,13 @@ class _Put(NamedTuple):
 class _Solved(NamedTuple):
     """Where the best start leads, and by how many seconds, in whole intervals, the rate was moved for it."""
 
-    problem: Problem
-    found: Found
+    problem: JointProblem
+    found: Iterate
     late_s: float
 
     def finished(self) -> Aided:
         """What is found and claimed, without readings that do not belong."""
-        aided = _finished(self.problem.freed(), without_strays(self.problem, self.found))
+        aided = _finished(self.problem.freed(), without_outliers(self.problem, self.found))
         whole = replace(aided.parameters, delay=aided.parameters.delay + self.late_s)
         return replace(aided, parameters=whole)
 
@@ -335,7 +335,7 @@ def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided |
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    best: Found | None = None
+    best: Iterate | None = None
     for begin in _begins(problem, put, start, near):
         found = iterated(problem, begun(problem, begin))
         if best is None or surprise(problem, found) < surprise(problem, best):
@@ -353,7 +353,7 @@ def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided |
     return _Solved(behind, iterated(behind, begun(behind, behind.begin_near(at, problem.layout))), late_s)
 
 
-def _begins(problem: Problem, put: _Put, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
+def _begins(problem: JointProblem, put: _Put, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
     """Where to start: near another fit, and where readings by themselves say."""
     if near is not None:
         yield problem.begin_near(near.parameters, near.layout)
@@ -361,7 +361,7 @@ def _begins(problem: Problem, put: _Put, start: Ellipsoid | None, near: Aided | 
         yield problem.begin(ellipsoid)
 
 
-def _refuse_nothing(problem: Problem, samples: Samples) -> None:
+def _refuse_nothing(problem: JointProblem, samples: Samples) -> None:
     """Refuse a column that is there and tells nothing.
 
     Raises
@@ -414,12 +414,12 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
                 )
 
 
-def _finished(problem: Problem, found: Found) -> Aided:
+def _finished(problem: JointProblem, found: Iterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
     found, equations = _eased(problem, found, np.zeros(problem.layout.size))
     found, equations = _spanned(problem, found, equations)
     inverse = _inverse(equations)
-    walk = walk_of(problem, found, inverse)
+    walk = random_walk_of(problem, found, inverse)
     for _ in range(WALKED):
         found = replace(found, weights=found.weights._replace(own=walk.own))
         left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
@@ -427,12 +427,12 @@ def _finished(problem: Problem, found: Found) -> Aided:
             break
         found, equations = _eased(problem, found, walk.bent)
         inverse = _inverse(equations)
-        walk = walk_of(problem, found, inverse)
+        walk = random_walk_of(problem, found, inverse)
     scatter = scatter_of(problem, found, walk)
     whole = equations.prior.matrix + scatter.creep * scatter.covariance
     believed = equations.prior.matrix
-    told = without(equations.matrix, pretence_of(problem, found), believed)
-    textbook = replace(equations.prior, matrix=told).inverse()
+    information = without(equations.matrix, spurious_information_of(problem, found), believed)
+    textbook = replace(equations.prior, matrix=information).inverse()
     covariance = textbook @ whole @ textbook
     of_shape = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
     held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))
@@ -460,7 +460,7 @@ def _finished(problem: Problem, found: Found) -> Aided:
     )
 
 
-def _spanned(problem: Problem, found: Found, equations: Equations) -> tuple[Found, Equations]:
+def _spanned(problem: JointProblem, found: Iterate, equations: Equations) -> tuple[Iterate, Equations]:
     """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
     span = span_of(problem, found)
     for _ in range(SPANNED):
@@ -473,7 +473,7 @@ def _spanned(problem: Problem, found: Found, equations: Equations) -> tuple[Foun
     return found, equations
 
 
-def _eased(problem: Problem, found: Found, bent: Floats) -> tuple[Found, Equations]:
+def _eased(problem: JointProblem, found: Iterate, bent: Floats) -> tuple[Iterate, Equations]:
     """Take off the mean gradient that noise makes: what the equations know of, and (P,) what a walk adds."""
     for _ in range(CORRECTED):
         equations = Equations.of(problem, found)
@@ -493,7 +493,7 @@ def _inverse(equations: Equations) -> Floats:
     return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
 
 
-def _site_off(problem: Problem, found: Found, covariance: Floats) -> float | None:
+def _site_off(problem: JointProblem, found: Iterate, covariance: Floats) -> float | None:
     """How far the dip found is from that of the site, in standard deviations of what the site is known to."""
     if problem.site is None or problem.site.sine is None:
         return None

@@ -262,9 +262,9 @@ def _not_below(scatter: Floats, white: Floats) -> Floats:
 def _principal(matrix: Floats) -> tuple[Floats, Floats]:
     """(k,) and (9, k): VᵀMV is diag(values) for a symmetric M, over the directions that rounding leaves of it."""
     diagonal = np.diag(matrix)
-    told = diagonal > ROUNDING * float(diagonal.max())
-    scale = np.sqrt(np.where(told, diagonal, 1.0))
-    values, vectors = np.linalg.eigh(np.where(np.outer(told, told), matrix, 0.0) / np.outer(scale, scale))
+    observed = diagonal > ROUNDING * float(diagonal.max())
+    scale = np.sqrt(np.where(observed, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(np.where(np.outer(observed, observed), matrix, 0.0) / np.outer(scale, scale))
     kept = values > DEPENDENT * values[-1]
     return values[kept], vectors[:, kept] / scale[:, np.newaxis]
 

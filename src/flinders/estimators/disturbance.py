@@ -10,8 +10,8 @@ the lag of motors, s being the Sampson distance. `flinders.estimators.regressors
 those that readings prove, and `flinders.estimators.regressor_noise` says whether a column is fit to be followed.
 
 Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
-turned. Not where the disturbance only changed in step with the attitude (see `Found.shared`), nor for a sensor that was
-not turned: for that there is `flinders.estimators.static_bench`.
+turned. Not where the disturbance only changed in step with the attitude (see `DisturbanceQuality.shared`), nor for a
+sensor that was not turned: for that there is `flinders.estimators.static_bench`.
 
 The ellipsoid itself is then fitted to the settled readings by whatever method is asked for. What is not known of P is
 carried over to b and S by `Driving.carried`, so that their covariance is that of the joint fit:
@@ -38,7 +38,7 @@ from flinders.core.compensation import settled
 from flinders.core.disturbance import Disturbance, motor
 from flinders.core.samples import singles
 from flinders.errors import NotTurned, UsageError
-from flinders.estimators.disturbance_solver import Problem, Solver, settle
+from flinders.estimators.disturbance_solver import DisturbanceProblem, Solver, settle
 from flinders.estimators.linearity import curvature
 from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, pooled, rounding, widened
 from flinders.estimators.regressors import Logged
@@ -69,7 +69,7 @@ MOST_LEVERAGE: Final = 0.99
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class DisturbanceQuality:
     """What is known of one disturbance beside its numbers.
 
     Attributes
@@ -121,7 +121,7 @@ class Driving:
         Standard deviation of the distances that are left, in the unit of the readings.
     noise_without : float
         The same of the best ellipsoid that follows nothing, over the same readings.
-    found : tuple of Found
+    found : tuple of DisturbanceQuality
         One for each disturbance.
     constant : tuple of str
         Disturbances that hardly changed, of which nothing was found.
@@ -137,7 +137,7 @@ class Driving:
     ellipsoid: Ellipsoid
     noise: float
     noise_without: float
-    found: tuple[Found, ...]
+    found: tuple[DisturbanceQuality, ...]
     constant: tuple[str, ...] = ()
     along: Floats = field(default_factory=lambda: np.eye(0))
     leaning: Floats = field(default_factory=lambda: np.zeros((9, 9)))
@@ -200,17 +200,17 @@ def driving_of(
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()
     held = prior.SPREAD if spread is None else spread
-    without = settle(Problem(logged, (), held, {}))
+    without = settle(DisturbanceProblem(logged, (), held, {}))
     if not moving:
         nothing = np.zeros((0, 0)), np.zeros((9, 0))
         return Driving((), *nothing, without.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, held)
-    problem = Problem(logged, moving, held, kept(lags))
-    return _told(problem, settle(problem, near), lags, without, constant)
+    problem = DisturbanceProblem(logged, moving, held, kept(lags))
+    return _identified(problem, settle(problem, near), lags, without, constant)
 
 
-def _told(
-    problem: Problem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
+def _identified(
+    problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
 ) -> Driving:
     """Put together what was found, with the covariance that the residuals allow."""
     solver = Solver.of(problem)
@@ -253,7 +253,7 @@ def _leaning(solved: Solved, matrix: Floats) -> Floats:
     return found
 
 
-def _metered(problem: Problem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
+def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
     """(9 + K, 9 + K) covariance with what the meters add to it.
 
     What was rounded off is the same throughout a setting, and pulls as one beside what it does to the normal matrix.
@@ -278,7 +278,7 @@ def _metered(problem: Problem, solved: Solved, covariance: Floats, inverse: Floa
     return widened(covariance, inverse, found, meters) + pulled
 
 
-def _noises(problem: Problem, solved: Solved) -> dict[str, Noise]:
+def _noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
     """Noise of each meter; those of motors that are followed one by one are of one kind."""
     used, departures, noises = solved.used, problem.departures, {}
     for place, name in enumerate(problem.names):
@@ -289,7 +289,7 @@ def _noises(problem: Problem, solved: Solved) -> dict[str, Noise]:
     return noises
 
 
-def _along(problem: Problem) -> Floats:
+def _along(problem: DisturbanceProblem) -> Floats:
     """(D, D) slopes through no current of each motor's column over another's, in one family; else the unit matrix."""
     departures = problem.departures
     products = departures.T @ departures
@@ -299,7 +299,7 @@ def _along(problem: Problem) -> Floats:
     return np.where(np.array(beside) | np.eye(len(family), dtype=bool), slopes, 0.0)
 
 
-def _drivers(problem: Problem, solved: Solved) -> tuple[Disturbance, ...]:
+def _drivers(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, ...]:
     """The disturbances that a solution stands for."""
     return tuple(
         Disturbance(
@@ -314,7 +314,9 @@ def _drivers(problem: Problem, solved: Solved) -> tuple[Disturbance, ...]:
     )
 
 
-def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: Lag | None) -> Found:
+def _found(
+    problem: DisturbanceProblem, solved: Solved, inverse: Floats, name: str, lag: Lag | None
+) -> DisturbanceQuality:
     """What there is to say of one driver."""
     place, used = problem.names.index(name), solved.used
     rows = slice(9 + 3 * place, 12 + 3 * place)
@@ -322,7 +324,7 @@ def _found(problem: Problem, solved: Solved, inverse: Floats, name: str, lag: La
     normals = solved.jacobian[used, :3]
     coefficients = normals * (values - values.mean())[:, np.newaxis]
     per_unit = solved.coefficients[3 * place : 3 * place + 3]
-    return Found(
+    return DisturbanceQuality(
         name,
         shared=disturbance.shared(solved.jacobian[used, :9], coefficients),
         one_way=one_way(values),

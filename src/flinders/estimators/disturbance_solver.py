@@ -15,7 +15,7 @@ here the magnitude alone counts, and there is none to be eliminated.
 >>> from flinders.estimators.regressors import Logged
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
 >>> samples = simulate.tumble(seed=1, disturbances=[motors]).samples
->>> solved = settle(Problem(Logged.of([samples], ("current",)), ("current",), 0.3, {}))
+>>> solved = settle(DisturbanceProblem(Logged.of([samples], ("current",)), ("current",), 0.3, {}))
 >>> solved.coefficients.round(1) + 0.0
 array([ 0.5,  0. , -0.3])
 """
@@ -69,7 +69,7 @@ GROWTH: Final = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Problem:
+class DisturbanceProblem:
     """What is to be solved.
 
     Attributes
@@ -127,7 +127,7 @@ class Solved:
         return float(np.sqrt(used @ used / max(len(used) - self.jacobian.shape[1], 1)))
 
 
-def settle(problem: Problem, start: Solved | None = None) -> Solved:
+def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
     """Solve from each of a few starts, robustly at first, and keep the best."""
     solver = Solver.of(problem)
     if start is None:
@@ -166,7 +166,7 @@ class Solver:
     spread: float
 
     @classmethod
-    def of(cls, problem: Problem) -> Self:
+    def of(cls, problem: DisturbanceProblem) -> Self:
         """Take what a problem holds."""
         departures = problem.departures
         warm = problem.warm

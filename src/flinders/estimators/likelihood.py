@@ -16,7 +16,7 @@ from flinders.estimators.consistent import adjusted
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import FINEST, NormalEquations
-from flinders.likelihood.identifiability import Support, pretended
+from flinders.likelihood.identifiability import Support, spurious_information
 from flinders.summary.coverage import directions_of
 
 if TYPE_CHECKING:
@@ -294,12 +294,12 @@ class _Posterior:
     def support(self) -> Support:
         """Which directions the readings see."""
 
-        def pretence() -> Floats:
+        def spurious() -> Floats:
             points = self.some.field[:: max(1, len(self.some) // GLANCE)]
             share = self.likelihood.count / len(points)
-            return share * pretended(directions_of(points, self.ellipsoid), self.ellipsoid)
+            return share * spurious_information(directions_of(points, self.ellipsoid), self.ellipsoid)
 
-        return Support.of(self.weighed.matrix, pretence)
+        return Support.of(self.weighed.matrix, spurious)
 
     def combined(self, weighed: NormalEquations) -> NormalEquations:
         """What the readings say of what they see, and the prior."""

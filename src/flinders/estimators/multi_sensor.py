@@ -49,8 +49,16 @@ from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import prior
 from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.identifiability import Support
-from flinders.likelihood.observations import Group, Linearised, Rows, Weights, eliminated, inverse_of, rows_of
-from flinders.likelihood.parameters import Layout, Parameters, across
+from flinders.likelihood.observations import (
+    Linearised,
+    ObservationGroup,
+    ObservationRows,
+    Weights,
+    eliminated,
+    inverse_of,
+    rows_of,
+)
+from flinders.likelihood.parameters import ParameterLayout, Parameters, across
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -269,7 +277,7 @@ class _Problem:
     fields: Floats
     there: NDArray[np.bool_]
     reference: int
-    layouts: tuple[Layout, ...]
+    layouts: tuple[ParameterLayout, ...]
     columns: tuple[slice, ...]
     rotations: tuple[Floats, ...]
     middles: Floats
@@ -285,7 +293,7 @@ class _Problem:
         middles = clean.sum(axis=1) / counts[:, np.newaxis]
         off = (clean - middles[:, np.newaxis]) * there[..., np.newaxis]
         widths = np.sqrt(np.sum(off**2, axis=(1, 2)) / counts)
-        layouts = tuple(Layout.of(rotation=sensor != reference) for sensor in range(len(fields)))
+        layouts = tuple(ParameterLayout.of(rotation=sensor != reference) for sensor in range(len(fields)))
         ends = np.cumsum([layout.size for layout in layouts]).tolist()
         columns = tuple(slice(end - layout.size, end) for end, layout in zip(ends, layouts, strict=True))
         turns = tuple(at.rotation for at in begin)
@@ -334,7 +342,7 @@ class _State:
         weight = problem.there.astype(float)
         return replace(self, problem=problem, weight=weight, directions=_guessed(problem, self.at, self.noise, weight))
 
-    def rows(self, moments: slice, directions: Floats | None = None) -> Rows:
+    def rows(self, moments: slice, directions: Floats | None = None) -> ObservationRows:
         """Residuals and Jacobians (W, 3, m, P) of some moments, in standard deviations."""
         problem = self.problem
         q = self.directions[moments] if directions is None else directions
@@ -344,13 +352,15 @@ class _State:
         own = np.empty((*shape, 2))
         number = np.arange(len(q))[:, np.newaxis]
         for sensor, at in enumerate(self.at):
-            group = Group(number, problem.fields[sensor, moments, np.newaxis], self.weight[sensor, moments, np.newaxis])
+            group = ObservationGroup(
+                number, problem.fields[sensor, moments, np.newaxis], self.weight[sensor, moments, np.newaxis]
+            )
             part = rows_of(group, at, q, problem.layouts[sensor], Weights(float(self.noise[sensor])))
             residual[:, :, sensor], model[:, :, sensor] = part.residual[:, :, 0], part.model[:, :, 0]
             own[:, :, sensor] = part.own[:, :, 0]
             jacobian[:, :, sensor, problem.columns[sensor]] = part.jacobian[:, :, 0]
         counts = 3.0 * float(self.weight[:, moments].sum()), 0.0
-        return Rows(residual, jacobian, own, model, np.zeros(shape), np.zeros(problem.size), counts)
+        return ObservationRows(residual, jacobian, own, model, np.zeros(shape), np.zeros(problem.size), counts)
 
     def blocks(self) -> Iterator[slice]:
         """All moments, so many at a time."""
@@ -419,7 +429,7 @@ class _Equations:
         ])  # fmt: skip
 
 
-def _components(rows: Rows, part: Linearised, weight: Floats) -> tuple[Floats, Floats, Floats]:
+def _components(rows: ObservationRows, part: Linearised, weight: Floats) -> tuple[Floats, Floats, Floats]:
     """Squares (m,) once directions have settled, what they would be if the noise were right, and how they follow it.
 
     The latter two are tr Q over the rows of a sensor and (m, m) tr Q_ij Q_ji, of Q = 1 − V C Vᵀ.
@@ -623,7 +633,7 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
     support = None
     for _ in range(CORRECTED):
         equations = _Equations.of(state)
-        support = Support.of(equations.matrix, lambda at=state: _pretended(at))  # type: ignore[misc]
+        support = Support.of(equations.matrix, lambda at=state: _spurious_information(at))  # type: ignore[misc]
         plain = NormalEquations(equations.matrix, equations.gradient - equations.bent, 0.0, 0)
         step = (support.keep(plain) + equations.prior).step()
         moved = _moved(state, equations, _cut(state, step))
@@ -633,7 +643,7 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
         if float(step @ (equations.matrix + equations.prior.matrix) @ step) < SETTLED**2:
             break
     equations = _Equations.of(state)
-    support = Support.of(equations.matrix, lambda: _pretended(state))
+    support = Support.of(equations.matrix, lambda: _spurious_information(state))
     textbook = replace(equations.prior, matrix=support.information + equations.prior.matrix).inverse()
     scatter, creep = _scatter(state, textbook, alone)
     covariance = textbook @ (equations.prior.matrix + creep * support.projected(scatter)) @ textbook
@@ -649,7 +659,7 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
     )  # fmt: skip
 
 
-def _pretended(state: _State) -> Floats:
+def _spurious_information(state: _State) -> Floats:
     """(P, P) information that noise in the directions makes on average: Σ C_ab J(t_a)ᵀ Q J(t_b).
 
     J is linear in the direction; its noise along the tangents t_a has the covariance C.
@@ -721,5 +731,5 @@ def _wider(estimate: Estimate | None) -> float:
     if estimate is None or estimate.textbook is None or estimate.plane:
         return 1.0
     plain = np.diag(estimate.textbook)
-    told = plain > 0.0
-    return max(1.0, float(np.mean(np.diag(estimate.covariance)[told] / plain[told])))
+    observed = plain > 0.0
+    return max(1.0, float(np.mean(np.diag(estimate.covariance)[observed] / plain[observed])))

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.estimators.solver import Found, Problem
-    from flinders.likelihood.observations import Group
+    from flinders.estimators.solver import Iterate, JointProblem
+    from flinders.likelihood.observations import ObservationGroup
 
 LOOKED_AT: Final = 2000
 """Readings that stand for all."""
@@ -36,7 +36,7 @@ MOST: Final = 0.9
 """Share of what a direction of parameters is told that noise may pretend: beyond, the prior alone speaks."""
 
 
-def pretence_of(problem: Problem, found: Found) -> Floats:
+def spurious_information_of(problem: JointProblem, found: Iterate) -> Floats:
     """(P, P) what noise adds to the normal matrix, in standard deviations."""
     size = problem.layout.size
     total = np.zeros((size, size))
@@ -50,7 +50,7 @@ def pretence_of(problem: Problem, found: Found) -> Floats:
     return total
 
 
-def without(matrix: Floats, pretence: Floats, believed: Floats) -> Floats:
+def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
     """(P, P) the normal matrix with the prior, less what noise pretends of it.
 
     Examples
@@ -64,17 +64,19 @@ def without(matrix: Floats, pretence: Floats, believed: Floats) -> Floats:
     values, vectors = np.linalg.eigh(whole / np.outer(scale, scale))
     root = vectors * np.sqrt(np.maximum(values, 1e-15 * values[-1])) * scale[:, np.newaxis]  # whole = root rootᵀ
     inverse = np.linalg.inv(root)
-    shares, ways = np.linalg.eigh(inverse @ pretence @ inverse.T)
-    told = np.einsum("ij,ik,kj->j", ways, inverse @ matrix @ inverse.T, ways)
+    shares, ways = np.linalg.eigh(inverse @ spurious @ inverse.T)
+    from_readings = np.einsum("ij,ik,kj->j", ways, inverse @ matrix @ inverse.T, ways)
     left = root @ ways
-    less: Floats = (left * (1.0 - np.clip(shares, 0.0, MOST * told))) @ left.T
+    less: Floats = (left * (1.0 - np.clip(shares, 0.0, MOST * from_readings))) @ left.T
     return less
 
 
-def _moved(group: Group, directions: Floats, problem: Problem, found: Found) -> Iterator[tuple[Floats, Floats]]:
+def _moved(
+    group: ObservationGroup, directions: Floats, problem: JointProblem, found: Iterate
+) -> Iterator[tuple[Floats, Floats]]:
     """Yield Jacobians on both sides of where noise has put them, a standard deviation away, of each kind of noise."""
 
-    def jacobian(group: Group, directions: Floats) -> Floats:
+    def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
         return projected(rows_of(group, found.at, directions, problem.layout, found.weights))[0]
 
     own = rows_of(group, found.at, directions, problem.layout, found.weights).own
@@ -86,7 +88,7 @@ def _moved(group: Group, directions: Floats, problem: Problem, found: Found) -> 
         return
     sigma = found.weights.vertical / np.sqrt(max(1.0 - found.at.sine**2, 1e-3))
     alternating = np.where(np.arange(group.down.shape[1]) % 2, sigma, -sigma)[:, np.newaxis]  # each on its own
-    told = np.asarray(group.down.any(axis=2, keepdims=True))
-    for aside in np.moveaxis(across(np.where(told, group.down, [0.0, 0.0, 1.0])) * told[..., np.newaxis], 3, 0):
+    observed = np.asarray(group.down.any(axis=2, keepdims=True))
+    for aside in np.moveaxis(across(np.where(observed, group.down, [0.0, 0.0, 1.0])) * observed[..., np.newaxis], 3, 0):
         up, down = group.down + alternating * aside, group.down - alternating * aside
         yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)

@@ -100,7 +100,7 @@ def outliers_of(
     runs: list[Outlier] = []
     for block, distances, out in left_out(blocks, ellipsoid, limit, dense):
         for rows in _runs(np.flatnonzero(out)):
-            _append(runs, _stray(rows, first_row, block.time, distances))
+            _append(runs, _outlier(rows, first_row, block.time, distances))
         first_row += len(block)
     return runs
 
@@ -110,7 +110,7 @@ def _runs(rows: NDArray[np.intp]) -> list[NDArray[np.intp]]:
     return np.split(rows, np.flatnonzero(np.diff(rows) > TOGETHER) + 1) if len(rows) else []
 
 
-def _stray(rows: NDArray[np.intp], first_row: int, time: Floats | None, distances: Floats) -> Outlier:
+def _outlier(rows: NDArray[np.intp], first_row: int, time: Floats | None, distances: Floats) -> Outlier:
     first, last = int(rows[0]), int(rows[-1])
     start, end = (np.nan, np.nan) if time is None else (float(time[first]), float(time[last]))
     return Outlier(first_row + first, first_row + last, len(rows), start, end, float(distances[rows].max()))

@@ -176,13 +176,13 @@ def pooled(noises: Sequence[Noise]) -> list[Noise]:
     >>> pooled([Noise(0.9, 0.1), Noise(0.0, 0.1)])
     [Noise(variance=0.9, sigma=0.1, own=inf), Noise(variance=0.0, sigma=0.1, own=inf)]
     """
-    told = [noise for noise in noises if noise.sigma > 0.0]
-    if len(told) < max(len(noises), 2):
+    usable = [noise for noise in noises if noise.sigma > 0.0]
+    if len(usable) < max(len(noises), 2):
         return list(noises)
-    weights = np.array([noise.sigma**-2.0 for noise in told])
-    variances = np.array([noise.variance for noise in told])
+    weights = np.array([noise.sigma**-2.0 for noise in usable])
+    variances = np.array([noise.variance for noise in usable])
     mean, sigma = float(weights @ variances / weights.sum()), float(weights.sum() ** -0.5)
-    spread, count = float(weights @ (variances - mean) ** 2), len(told) - 1
+    spread, count = float(weights @ (variances - mean) ** 2), len(usable) - 1
     if mean < SIGNIFICANT * sigma or spread > count + FURTHER * np.sqrt(2.0 * count):
         return list(noises)
     return [Noise(mean, sigma, noise.own) for noise in noises]

@@ -98,13 +98,13 @@ class Logged:
     field : (N, 3) float
     values : dict of str to (N,) float
         Of each disturbance, without lag.
-    parts : tuple of Part
+    parts : tuple of RecordedColumns
         The same with all that was logged, recording by recording.
     """
 
     field: Floats
     values: dict[str, Floats]
-    parts: tuple[Part, ...]
+    parts: tuple[RecordedColumns, ...]
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], names: tuple[str, ...]) -> Self:
@@ -120,7 +120,7 @@ class Logged:
             For fewer readings than anything can be told from.
         """
         names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's disturbances
-        wholes = [Part.of(recording, names) for recording in recordings]
+        wholes = [RecordedColumns.of(recording, names) for recording in recordings]
         total = sum(len(part.field) for part in wholes)
         if total < FEWEST:
             raise TooFewSamples(found=total, needed=FEWEST, method=f"with {' and '.join(names)}")
@@ -177,7 +177,7 @@ class Logged:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class RecordedColumns:
     """Columns of one recording.
 
     Attributes

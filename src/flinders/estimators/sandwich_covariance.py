@@ -19,7 +19,14 @@ import numpy as np
 
 from flinders.estimators.autocorrelation import Residuals, time_of
 from flinders.likelihood import gyro_noise as walked
-from flinders.likelihood.observations import Group, Rows, inverse_of, mixed_of, residuals_of, rows_of
+from flinders.likelihood.observations import (
+    ObservationGroup,
+    ObservationRows,
+    inverse_of,
+    mixed_of,
+    residuals_of,
+    rows_of,
+)
 from flinders.likelihood.parameters import across
 from flinders.summary.pooling import chance_of
 
@@ -29,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.estimators.solver import Found, Problem
+    from flinders.estimators.solver import Iterate, JointProblem
 
 BLOCKS: Final = 8
 BY_CHANCE: Final = 0.02
@@ -57,7 +64,7 @@ class _Evidence:
     squares: Floats
 
 
-class Walk(NamedTuple):
+class DirectionRandomWalk(NamedTuple):
     """The random walk of the direction within windows: the gyro's noise, and what looks like it.
 
     Attributes
@@ -92,7 +99,7 @@ class Scatter(NamedTuple):
     creep: float
 
 
-class Span(NamedTuple):
+class CorrelationLength(NamedTuple):
     """How residuals of verticals hang together.
 
     Attributes
@@ -107,7 +114,7 @@ class Span(NamedTuple):
     noise: float
 
 
-def span_of(problem: Problem, found: Found) -> Span:
+def span_of(problem: JointProblem, found: Iterate) -> CorrelationLength:
     """Look at the verticals' residuals, one after the other.
 
     Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
@@ -120,20 +127,20 @@ def span_of(problem: Problem, found: Found) -> Span:
             continue
         _, beside = residuals_of(group, found.at, directions)
         if beside is not None:
-            told = group.trust > 0.0
-            rows.append(group.rows[told])
-            residuals.append(beside[..., 0][told] * np.sqrt(group.trust[told]))
-            left = _left_of(rows_of(group, found.at, directions, problem.layout, found.weights))[told]
+            observed = group.trust > 0.0
+            rows.append(group.rows[observed])
+            residuals.append(beside[..., 0][observed] * np.sqrt(group.trust[observed]))
+            left = _left_of(rows_of(group, found.at, directions, problem.layout, found.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
-        return Span(1.0, found.weights.vertical)
+        return CorrelationLength(1.0, found.weights.vertical)
     residual = np.concatenate(residuals)[np.argsort(np.concatenate(rows), kind="stable")]
     alone = Residuals(residual - residual.mean(), np.zeros((len(residual), 1)), [np.arange(len(residual))])
     noise = math.sqrt(float(np.sum(residual**2)) / max(expected, 1e-300))
-    return Span(max(1.0, time_of(alone.autocovariance())), noise)
+    return CorrelationLength(max(1.0, time_of(alone.autocovariance())), noise)
 
 
-def _left_of(rows: Rows) -> Floats:
+def _left_of(rows: ObservationRows) -> Floats:
     """(W, n) of each vertical's row, what the direction of its group leaves."""
     inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
     upright = rows.own[:, 3]
@@ -141,7 +148,7 @@ def _left_of(rows: Rows) -> Floats:
     return left
 
 
-def walk_of(problem: Problem, found: Found, textbook: Floats) -> Walk:
+def random_walk_of(problem: JointProblem, found: Iterate, textbook: Floats) -> DirectionRandomWalk:
     """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
     size = problem.layout.size
     walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
@@ -165,18 +172,18 @@ def walk_of(problem: Problem, found: Found, textbook: Floats) -> Walk:
             heights += float(np.count_nonzero(group.trust))
     variance = max(float(walks[0] / walks[1]), 0.0) if walks[1] > 0.0 else 0.0
     own = 1.0 - min(variance * lifted / max(heights, 1.0), MOST_LIFTED)
-    return Walk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
+    return DirectionRandomWalk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
 
 
-def scatter_of(problem: Problem, found: Found, walk: Walk) -> Scatter:
+def scatter_of(problem: JointProblem, found: Iterate, walk: DirectionRandomWalk) -> Scatter:
     """Look at the residuals of a fit.
 
     Parameters
     ----------
-    problem : Problem
-    found : Found
+    problem : JointProblem
+    found : Iterate
         Where it settled.
-    walk : Walk
+    walk : DirectionRandomWalk
         Of the same fit.
     """
     size = problem.layout.size
@@ -190,7 +197,7 @@ def scatter_of(problem: Problem, found: Found, walk: Walk) -> Scatter:
         if group.turned is not None:
             evidence.scatter += squares
         elif index in chosen:
-            evidence.scatter += looked * _hung_together(rows, _free(rows.own[:, :, 0], found.at.direction))
+            evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], found.at.direction))
     evidence.scatter += walk.variance * walk.steps
     return Scatter(evidence.scatter, _creep(evidence))
 
@@ -204,7 +211,7 @@ def _later(rows: Floats, pushes: Floats) -> Floats:
     return summed
 
 
-def _walks(rows: Rows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
+def _walks(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floats, textbook: Floats) -> Floats:
     """(2,) score and information for the variance of a walk, in rad² a reading: their ratio is the estimate.
 
     For residuals r = P(n + Σ w_j φ_j), P taking off directions and parameters, Σ (w_jᵀr)² has the mean
@@ -226,7 +233,7 @@ def _walks(rows: Rows, residual: Floats, pushes: Floats, pulled: Floats, textboo
     return np.array([score, stride * float(np.sum(gram**2))])
 
 
-def _lifted(rows: Rows, pushes: Floats) -> float:
+def _lifted(rows: ObservationRows, pushes: Floats) -> float:
     """Σ squares of verticals' residuals that a walk of one rad² a reading makes, the windows' directions taken off."""
     own = rows.own.reshape(len(rows.own), -1, 2)
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
@@ -239,7 +246,7 @@ def _lifted(rows: Rows, pushes: Floats) -> float:
     return float(squares - 2.0 * crossed + np.sum((taken @ of_own[:, np.newaxis]) * taken))
 
 
-def _looked_at(groups: Sequence[Group]) -> tuple[float, set[int]]:
+def _looked_at(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
     """Which groups without windows tell how residuals hang together, and for how many times as many they stand."""
     single = [index for index, group in enumerate(groups) if group.turned is None]
     total = sum(groups[index].rows.size for index in single)
@@ -249,7 +256,7 @@ def _looked_at(groups: Sequence[Group]) -> tuple[float, set[int]]:
     return total / max(some, 1), chosen
 
 
-def projected(rows: Rows) -> tuple[Floats, Floats]:
+def projected(rows: ObservationRows) -> tuple[Floats, Floats]:
     """Jacobian (W, k, n, P) and residuals (W, k, n) without what the windows' own directions take up."""
     own = rows.own
     inverse = inverse_of(np.einsum("wkna,wknb->wab", own, own))
@@ -275,7 +282,7 @@ def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, 
     return total
 
 
-def _hung_together(rows: Rows, basis: Floats) -> Floats:
+def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
     """(P, P) scatter of Σ J r of single readings with residuals that hang together in time, each kind on its own."""
     jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
     residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])

@@ -20,8 +20,8 @@ from flinders.estimators.mounting import TURNS
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import attitude, dip, gyro, prior
 from flinders.likelihood.equations import FINEST, NormalEquations
-from flinders.likelihood.observations import Group, Linearised, Weights, cost_of, linearised, residuals_of
-from flinders.likelihood.parameters import Layout, Parameters, across
+from flinders.likelihood.observations import Linearised, ObservationGroup, Weights, cost_of, linearised, residuals_of
+from flinders.likelihood.parameters import ParameterLayout, Parameters, across
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -98,13 +98,13 @@ MISFIT: Final = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Problem:
+class JointProblem:
     """Groups of readings, and what is thought of the parameters before.
 
     Attributes
     ----------
-    groups : tuple of Group
-    layout : Layout
+    groups : tuple of ObservationGroup
+    layout : ParameterLayout
     aiding : tuple of str
     site : Site, optional
     spread : float
@@ -122,8 +122,8 @@ class Problem:
         What the accelerometer may be off by on each axis, 1 σ; 0 holds it.
     """
 
-    groups: tuple[Group, ...]
-    layout: Layout
+    groups: tuple[ObservationGroup, ...]
+    layout: ParameterLayout
     aiding: tuple[str, ...]
     site: Site | None
     spread: float
@@ -157,7 +157,7 @@ class Problem:
         in_windows = any(group.turned is not None for group in groups)
         upright = any(group.down is not None for group in groups)
         pointed = any(group.attitudes is not None for group in groups)
-        layout = Layout.of(
+        layout = ParameterLayout.of(
             disturbances=0 if disturbances is None else len(disturbances.names),
             rotation=in_windows or upright or pointed,
             slope=disturbances is not None and disturbances.warmth is not None,
@@ -196,7 +196,7 @@ class Problem:
             return self
         count = 0 if self.disturbances is None else len(self.disturbances.names)
         free = dict.fromkeys(self.layout.columns.keys() - {"disturbances"}, True)
-        return replace(self, layout=Layout.of(disturbances=count, **free, acceleration_bias=True))
+        return replace(self, layout=ParameterLayout.of(disturbances=count, **free, acceleration_bias=True))
 
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
@@ -204,8 +204,8 @@ class Problem:
         at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, disturbances=count), rotation=self.rotation)
         return self.facing(replace(at, rotation=self._seated(at)))
 
-    def begin_near(self, near: Parameters, layout: Layout) -> Parameters:
-        """Where to start with what a fit of another `Layout` has found, of as many drivers."""
+    def begin_near(self, near: Parameters, layout: ParameterLayout) -> Parameters:
+        """Where to start with what a fit of another `ParameterLayout` has found, of as many drivers."""
         free = ("rotation", "disturbances", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         found = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
@@ -332,15 +332,15 @@ def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
         left[:, :, 2] *= np.linalg.det(left @ right)[:, np.newaxis]
         ways[1:] = (left @ right)[1:]
     lengths = np.linalg.norm(np.einsum("ijk,wjk->wi", pairs, ways), axis=1)
-    strayed = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
-    best = int(np.argmin(strayed))
-    found: Floats = ways[best] if STILLER**2 * strayed[best] < strayed[0] else rotation
+    scattered = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
+    best = int(np.argmin(scattered))
+    found: Floats = ways[best] if STILLER**2 * scattered[best] < scattered[0] else rotation
     return found
 
 
 def grouped(
     samples: Samples, terms: Sequence[str], disturbances: Disturbances | None, window_s: float
-) -> tuple[list[Group], float]:
+) -> tuple[list[ObservationGroup], float]:
     """Put readings that share a direction together, and say how far apart those of a window are, in s."""
     beside = _Beside.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
@@ -383,9 +383,11 @@ class _Beside(NamedTuple):
         return cls()
 
 
-def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, disturbances: Disturbances | None) -> Group:
+def _group(
+    samples: Samples, rows: NDArray[np.intp], beside: _Beside, disturbances: Disturbances | None
+) -> ObservationGroup:
     """Take what belongs to (W, n) readings."""
-    return Group(
+    return ObservationGroup(
         rows,
         gyro.in_pieces(samples.field[rows]),
         np.ones(rows.shape),
@@ -398,20 +400,20 @@ def _group(samples: Samples, rows: NDArray[np.intp], beside: _Beside, disturbanc
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Iterate:
     """Where the iteration stands.
 
     Attributes
     ----------
     at : Parameters
-    groups : tuple of Group
+    groups : tuple of ObservationGroup
         With weights, trust and integrated rates as they are now.
     directions : tuple of (W, 3) float
     weights : Weights
     """
 
     at: Parameters
-    groups: tuple[Group, ...]
+    groups: tuple[ObservationGroup, ...]
     directions: tuple[Floats, ...]
     weights: Weights
 
@@ -447,7 +449,7 @@ class Equations:
         return self.prior.cost + sum(part.cost for part in self.parts)
 
     @classmethod
-    def of(cls, problem: Problem, found: Found) -> Self:
+    def of(cls, problem: JointProblem, found: Iterate) -> Self:
         """Linearise everything."""
         parts = tuple(
             linearised(group, found.at, directions, problem.layout, found.weights)
@@ -459,7 +461,7 @@ class Equations:
             matrix, gradient, bent = matrix + part.matrix, gradient + part.gradient, bent + part.bent
         return cls(parts, matrix, gradient, bent, problem.believed(found.at))
 
-    def weights(self, problem: Problem, found: Found) -> Weights:
+    def weights(self, problem: JointProblem, found: Iterate) -> Weights:
         """What the residuals say of each kind of noise: a step of Fisher's scoring for both variances."""
         squares = sum((part.squares for part in self.parts), np.zeros(2))
         expected = sum((part.expected for part in self.parts), np.zeros(2)) - [problem.layout.size, 0.0]
@@ -495,7 +497,7 @@ def starts(samples: Samples, site: Site | None) -> Iterable[Ellipsoid]:
             yield Ellipsoid(middle + lift * spread * normal, (known or radius) * np.eye(3))
 
 
-def begun(problem: Problem, at: Parameters) -> Found:
+def begun(problem: JointProblem, at: Parameters) -> Iterate:
     """Where to begin with some parameters: directions that readings agree on, and noises that residuals show."""
     groups = tuple(group.at(at) for group in problem.groups)
     directions = tuple(group.guess(at) for group in groups)
@@ -510,7 +512,7 @@ def begun(problem: Problem, at: Parameters) -> Found:
     noise, vertical = np.sqrt(squares / np.maximum(counts, 1.0)).tolist()
     radius = float(np.cbrt(np.linalg.det(at.shape)))
     widest = Weights(LOUDEST * radius, LOUDEST)
-    return Found(
+    return Iterate(
         at,
         groups,
         directions,
@@ -521,7 +523,7 @@ def begun(problem: Problem, at: Parameters) -> Found:
     )
 
 
-def iterated(problem: Problem, found: Found) -> Found:
+def iterated(problem: JointProblem, found: Iterate) -> Iterate:
     """Take steps until they are small beside what is claimed, with the weights that residuals ask for."""
     damping = 1e-3
     for _ in range(STEPS):
@@ -542,7 +544,7 @@ def iterated(problem: Problem, found: Found) -> Found:
     return found
 
 
-def reweighed(problem: Problem, found: Found, equations: Equations) -> Found:
+def reweighed(problem: JointProblem, found: Iterate, equations: Equations) -> Iterate:
     """Weigh each kind of residual by its noise, and trust verticals with a large residual less."""
     weights = equations.weights(problem, found)
     groups = tuple(
@@ -552,7 +554,9 @@ def reweighed(problem: Problem, found: Found, equations: Equations) -> Found:
     return replace(found, weights=weights, groups=groups)
 
 
-def _retrusted(group: Group, original: Group, at: Parameters, directions: Floats, weights: Weights) -> Group:
+def _retrusted(
+    group: ObservationGroup, original: ObservationGroup, at: Parameters, directions: Floats, weights: Weights
+) -> ObservationGroup:
     """Trust verticals and attitudes with a large residual less than what was recorded with them asks for."""
     _, beside = residuals_of(group, at, directions)
     if beside is None or original.trust is None:
@@ -574,7 +578,7 @@ def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:
     return step
 
 
-def _moved(problem: Problem, found: Found, equations: Equations, step: Floats, before: float) -> Found | None:
+def _moved(problem: JointProblem, found: Iterate, equations: Equations, step: Floats, before: float) -> Iterate | None:
     """Take a step if it leads to a closed surface and costs no more."""
     largest = float(np.abs(step[:9]).max()) / float(np.cbrt(np.linalg.det(found.at.shape)))
     tried = taken(problem, found, equations, step * min(1.0, LONGEST_STEP / max(largest, 1e-300)))
@@ -583,7 +587,7 @@ def _moved(problem: Problem, found: Found, equations: Equations, step: Floats, b
     return tried
 
 
-def taken(problem: Problem, found: Found, equations: Equations, step: Floats) -> Found | None:
+def taken(problem: JointProblem, found: Iterate, equations: Equations, step: Floats) -> Iterate | None:
     """Where a step leads; None where the surface is not closed."""
     at = found.at.moved(step, problem.layout)
     axes = np.linalg.eigvalsh(at.shape)
@@ -594,7 +598,7 @@ def taken(problem: Problem, found: Found, equations: Equations, step: Floats) ->
     return replace(found, at=at, groups=groups, directions=directions)
 
 
-def _cost(problem: Problem, found: Found) -> float:
+def _cost(problem: JointProblem, found: Iterate) -> float:
     """χ² of everything."""
     return problem.believed(found.at).cost + sum(
         cost_of(group, found.at, directions, found.weights)
@@ -602,16 +606,16 @@ def _cost(problem: Problem, found: Found) -> float:
     )
 
 
-def surprise(problem: Problem, found: Found) -> float:
+def surprise(problem: JointProblem, found: Iterate) -> float:
     """−2 log of how probable a fit is, but for what all fits to these readings share."""
     counts = np.zeros(2)
     for group in found.groups:
-        told = 0 if group.trust is None else int(np.count_nonzero(group.trust))
-        counts += [3.0 * group.count, told * (1.0 / found.weights.span if group.attitudes is None else 2.0)]
+        observed = 0 if group.trust is None else int(np.count_nonzero(group.trust))
+        counts += [3.0 * group.count, observed * (1.0 / found.weights.span if group.attitudes is None else 2.0)]
     return float(2.0 * counts @ np.log(found.weights[:2])) + problem.believed(found.at).cost
 
 
-def without_strays(problem: Problem, found: Found) -> Found:
+def without_outliers(problem: JointProblem, found: Iterate) -> Iterate:
     """Leave out readings that do not belong to the rest, and go on without them."""
     for _ in range(3):
         groups = tuple(
@@ -624,7 +628,7 @@ def without_strays(problem: Problem, found: Found) -> Found:
     return found
 
 
-def _belonging(group: Group, found: Found, directions: Floats) -> Floats:
+def _belonging(group: ObservationGroup, found: Iterate, directions: Floats) -> Floats:
     """(W, n) 1 for a reading that belongs, 0 for one whose residual is far beyond the usual; all where many are."""
     residual, _ = residuals_of(group, found.at, directions)
     length = np.sqrt(np.einsum("wni,wni->wn", residual, residual))

@@ -241,13 +241,13 @@ def _lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
     """The best lag of each motor."""
     lags: dict[str, Lag] = {}
     for late in lagging(names) if logged.is_timed else ():
-        cost = _Cost(logged, Shifted(logged, names, late, kept(lags)))
+        cost = _LineCost(logged, Shifted(logged, names, late, kept(lags)))
         lag = cost.scattered(profile(late[0], cost, grid_of(logged.step_s)))
         lags |= {name: replace(lag, name=name) for name in late}
     return lags
 
 
-class _Cost:
+class _LineCost:
     """χ² that a straight line leaves, in the variance that the best lag leaves."""
 
     def __init__(self, logged: Logged, shifted: Shifted) -> None:

@@ -35,7 +35,7 @@ import numpy as np
 
 from flinders.core.disturbance import motor
 from flinders.estimators.autocorrelation import Residuals, time_of
-from flinders.estimators.disturbance_solver import Problem, settle
+from flinders.estimators.disturbance_solver import DisturbanceProblem, settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -139,7 +139,7 @@ def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict
     solved: Solved | None = None
     for late in lagging(names) if logged.is_timed else ():
         for _ in range(2):  # the second time with the noise that the first lag leaves
-            solved = settle(Problem(logged, names, spread, kept(lags)), solved)
+            solved = settle(DisturbanceProblem(logged, names, spread, kept(lags)), solved)
             cost = _Cost(logged, names, late, kept(lags), solved)
             lag = cost.judged(profile(late[0], cost, grid_of(logged.step_s)))
             lags |= {name: replace(lag, name=name) for name in late}

@@ -10,7 +10,7 @@ from flinders.errors import NotAnEllipsoid
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
 from flinders.likelihood.equations import FINEST
-from flinders.likelihood.identifiability import Support, pretended
+from flinders.likelihood.identifiability import Support, spurious_information
 from flinders.summary.coverage import directions_of
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     variance = max(noise, FINEST * ellipsoid.radius) ** 2
     counted = jacobian.T * cloud.counts
     support = Support.of(
-        counted @ jacobian / variance, lambda: basis.T @ pretended(directions, ellipsoid, cloud.counts) @ basis
+        counted @ jacobian / variance,
+        lambda: basis.T @ spurious_information(directions, ellipsoid, cloud.counts) @ basis,
     )
     seen, unseen = support.directions
     gradients = np.linalg.solve(ellipsoid.shape, directions.T) * ellipsoid.radius

@@ -17,15 +17,15 @@ from typing import Final
 
 from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
 from flinders.findings.row import VERDICTS as VERDICTS
+from flinders.findings.row import CatalogueRow as CatalogueRow  # noqa: TC001 - also a name to import
 from flinders.findings.row import Finding as Finding
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
-from flinders.findings.row import Row as Row  # noqa: TC001 - also a name to import
 from flinders.findings.row import Severity as Severity  # noqa: TC001
 from flinders.findings.row import Verdict as Verdict
 from flinders.findings.row import by_severity as by_severity
 
-CATALOGUE: Final[dict[str, Row]] = {
+CATALOGUE: Final[dict[str, CatalogueRow]] = {
     row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
 }
 """Every finding there is, by its code."""

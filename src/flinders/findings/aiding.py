@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from flinders.findings.row import Grade, Limit, Row, Rule
+from flinders.findings.row import CatalogueRow, Grade, Limit, Rule
 
 ROWS: Final = (
-    Row(
+    CatalogueRow(
         code="circular-attitude",
         subject="aiding",
         grades="limits",
@@ -30,7 +30,7 @@ ROWS: Final = (
         ),
         remedy="Take the attitude without its heading, or one that no compass has a part in.",
     ),
-    Row(
+    CatalogueRow(
         code="gyro-unit",
         subject="aiding",
         grades="limits",
@@ -45,7 +45,7 @@ ROWS: Final = (
         plain="The recorded turning rate does not go with the compass, unless it is in another unit. It was not used.",
         remedy="Record the turning rate in radians a second.",
     ),
-    Row(
+    CatalogueRow(
         code="gyro-differs",
         subject="aiding",
         grades="limits",
@@ -63,7 +63,7 @@ ROWS: Final = (
             "compass."
         ),
     ),
-    Row(
+    CatalogueRow(
         code="gyro-clipped",
         subject="aiding",
         grades="limits",
@@ -81,7 +81,7 @@ ROWS: Final = (
         ),
         remedy="Set the gyro to a wider range, or turn more slowly.",
     ),
-    Row(
+    CatalogueRow(
         code="gyro-scales",
         subject="aiding",
         grades="limits",
@@ -96,7 +96,7 @@ ROWS: Final = (
         plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. It was not used.",
         remedy="Check the range that the gyro is set to, and that it is recorded often enough.",
     ),
-    Row(
+    CatalogueRow(
         code="gyro-gaps",
         subject="aiding",
         grades="note",
@@ -111,7 +111,7 @@ ROWS: Final = (
         plain="In {number:.0%} of the recording the turning rate is missing, for a moment at a time. It was filled in.",
         remedy="Record the turning rate as often as the compass.",
     ),
-    Row(
+    CatalogueRow(
         code="aids-disagree",
         subject="aiding",
         grades="limits",
@@ -126,7 +126,7 @@ ROWS: Final = (
         plain="Gyro and vertical do not go together. The vertical was not used.",
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
     ),
-    Row(
+    CatalogueRow(
         code="aid-astray",
         subject="aiding",
         grades="limits",
@@ -143,7 +143,7 @@ ROWS: Final = (
         plain="What was recorded of how the body was held does not go with the compass. It was not used.",
         remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
     ),
-    Row(
+    CatalogueRow(
         code="aid-empty",
         subject="aiding",
         grades="limits",
@@ -155,7 +155,7 @@ ROWS: Final = (
         plain="Something that should have helped was recorded as empty. It was not used.",
         remedy="Check what is recorded beside the compass.",
     ),
-    Row(
+    CatalogueRow(
         code="swapped-axes",
         subject="aiding",
         grades="limits",
@@ -170,7 +170,7 @@ ROWS: Final = (
         plain="The compass and the instrument beside it do not agree on which way is forward, right and down.",
         remedy="Check how both are mounted, and the axes mapping.",
     ),
-    Row(
+    CatalogueRow(
         code="one-axis",
         subject="aiding",
         grades="note",
@@ -188,7 +188,7 @@ ROWS: Final = (
         ),
         remedy="Also turn the vehicle about another axis, a little to either side.",
     ),
-    Row(
+    CatalogueRow(
         code="site-differs",
         subject="aiding",
         grades="limits",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings.row import Grade, Limit, Row, Rule
+from flinders.findings.row import CatalogueRow, Grade, Limit, Rule
 
 ROWS: Final = (
-    Row(
+    CatalogueRow(
         code="axis-ratio",
         subject="calibration",
         grades="limits",
@@ -20,7 +20,7 @@ ROWS: Final = (
         remedy="Check the gains of the axes, and that the right columns are read.",
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="field-strength",
         subject="calibration",
         grades="note; limits where it is one and a half times outside",
@@ -40,7 +40,7 @@ ROWS: Final = (
         plain="The field that was found, {length}, is not one of the earth's. Headings do not depend on that.",
         remedy="Check the unit of the recording.",
     ),
-    Row(
+    CatalogueRow(
         code="mirrored-axes",
         subject="calibration",
         grades="limits",
@@ -55,7 +55,7 @@ ROWS: Final = (
         plain="The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
         remedy="Check the axes mapping.",
     ),
-    Row(
+    CatalogueRow(
         code="unit-unknown",
         subject="calibration",
         grades="note",
@@ -69,7 +69,7 @@ ROWS: Final = (
         said="no unit known, so all is in counts: give --unit, or --scale (µT in a count)",
         plain="The unit of the readings is not known: they are in counts. Headings do not depend on it.",
     ),
-    Row(
+    CatalogueRow(
         code="scale-unknown",
         subject="calibration",
         grades="note",
@@ -86,7 +86,7 @@ ROWS: Final = (
             " {length}, is therefore a convention. Headings do not depend on it."
         ),
     ),
-    Row(
+    CatalogueRow(
         code="rotation-unknown",
         subject="calibration",
         grades="note",
@@ -101,7 +101,7 @@ ROWS: Final = (
         ),
         remedy="Check by other means, such as a known bearing, how the sensor is mounted.",
     ),
-    Row(
+    CatalogueRow(
         code="typed-extremes",
         subject="calibration",
         grades="limits",
@@ -127,7 +127,7 @@ ROWS: Final = (
         ),
         remedy="Check the compass on known bearings, and record the readings where that can be done.",
     ),
-    Row(
+    CatalogueRow(
         code="composed",
         subject="calibration",
         grades="limits",
@@ -145,7 +145,7 @@ ROWS: Final = (
         ),
         remedy="Record the same turns without a correction, and calibrate from all of them together.",
     ),
-    Row(
+    CatalogueRow(
         code="filtered",
         subject="calibration",
         grades="note; limits above the limit",

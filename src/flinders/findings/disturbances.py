@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings.row import Grade, Limit, Needs, Row, Rule
+from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
 ROWS: Final = (
-    Row(
+    CatalogueRow(
         code="disturbances-collinear",
         former="driver-alike",
         subject="disturbances",
@@ -34,7 +34,7 @@ ROWS: Final = (
         ),
         remedy="Use the correction where they go along as in the recording, or record again and vary each by itself.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-noisy",
         former="driver-noisy",
         subject="disturbances",
@@ -56,7 +56,7 @@ ROWS: Final = (
         ),
         remedy="Record a steadier value of it, or hold each setting for longer.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-constant",
         former="driver-constant",
         subject="disturbances",
@@ -75,7 +75,7 @@ ROWS: Final = (
         ),
         remedy="Record again, and change it over its whole range while turning.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance",
         former="driver",
         subject="disturbances",
@@ -94,7 +94,7 @@ ROWS: Final = (
         plain="The compass was made to follow what disturbs it. Without that, headings would be off by up to {angle}.",
         remedy="Use the correction only where what it follows is measured as in the recording.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-uncertain",
         former="driver-uncertain",
         subject="disturbances",
@@ -113,7 +113,7 @@ ROWS: Final = (
         plain="At the far end of what the compass follows, headings may be off by {angle}.",
         remedy="Record again, with more of it at that end, while turning through all directions.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-collinear-attitude",
         former="driver-entangled",
         subject="disturbances",
@@ -132,7 +132,7 @@ ROWS: Final = (
         ),
         remedy="Record again, and change it in each position, not in step with the turning.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-monotone",
         former="driver-one-way",
         subject="disturbances",
@@ -154,7 +154,7 @@ ROWS: Final = (
         ),
         remedy="Record again, and let it go up and down again meanwhile.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-lag",
         former="driver-lag",
         subject="disturbances",
@@ -173,7 +173,7 @@ ROWS: Final = (
         ),
         remedy="Check the times of the column that is followed.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-nonlinear",
         former="driver-curved",
         subject="disturbances",
@@ -199,7 +199,7 @@ ROWS: Final = (
             "recorded."
         ),
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-range",
         former="driver-range",
         subject="disturbances",
@@ -218,7 +218,7 @@ ROWS: Final = (
         ),
         remedy="Convert the column that is followed, or turn its sign round, before anything is exported.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-reference",
         former="driver-reference",
         subject="disturbances",
@@ -247,7 +247,7 @@ ROWS: Final = (
         ),
         remedy="Record with it switched off as well, or use the correction only where it was recorded.",
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-beyond",
         former="driver-beyond",
         subject="disturbances",
@@ -263,7 +263,7 @@ ROWS: Final = (
         plain="What the compass follows went {number:.0%} of its range beyond what is known of it.",
         remedy="Calibrate again over the whole range.",
     ),
-    Row(
+    CatalogueRow(
         code="bench-moved",
         subject="disturbances",
         grades="limits",
@@ -278,7 +278,7 @@ ROWS: Final = (
         plain="The sensor that should be held still was moved.",
         remedy="Fix the sensor, keep everything magnetic away, and record again.",
     ),
-    Row(
+    CatalogueRow(
         code="bench-tilted",
         subject="disturbances",
         grades="limits",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings.row import Grade, Limit, Needs, Row, Rule
+from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
 ROWS: Final = (
-    Row(
+    CatalogueRow(
         code="one-plane",
         subject="fit",
         grades="refuses",
@@ -28,7 +28,7 @@ ROWS: Final = (
         ),
         remedy="Turn the sensor onto its sides and upside down too.",
     ),
-    Row(
+    CatalogueRow(
         code="level-plane",
         subject="fit",
         grades="limits",
@@ -44,7 +44,7 @@ ROWS: Final = (
         plain="The sensor was turned level only. The correction is for a vehicle that stays level.",
         remedy="For all attitudes, turn the sensor onto its sides and upside down too while recording.",
     ),
-    Row(
+    CatalogueRow(
         code="heading-error",
         subject="fit",
         grades="limits; refuses above five times the target",
@@ -59,7 +59,7 @@ ROWS: Final = (
         plain="At the worst heading the compass may be off by {angle}, and {limit:g}° is the target.",
         remedy="{remedy}",
     ),
-    Row(
+    CatalogueRow(
         code="rotation-uncertain",
         subject="fit",
         grades="limits",
@@ -81,7 +81,7 @@ ROWS: Final = (
         plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
         remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
     ),
-    Row(
+    CatalogueRow(
         code="bias",
         subject="fit",
         grades="note; limits above the target",
@@ -96,7 +96,7 @@ ROWS: Final = (
         ),
         remedy="Calibrate again with the method auto, or of a level turn with the method ellipse.",
     ),
-    Row(
+    CatalogueRow(
         code="coverage",
         subject="fit",
         grades="limits",
@@ -114,7 +114,7 @@ ROWS: Final = (
         plain="In a large part of all attitudes nothing was recorded, so nobody knows how good it is there.",
         remedy="{remedy}",
     ),
-    Row(
+    CatalogueRow(
         code="noise",
         subject="fit",
         grades="limits; refuses above 0.2",
@@ -139,7 +139,7 @@ ROWS: Final = (
         ),
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="unobservable-parameters",
         former="rings",
         subject="fit",
@@ -161,7 +161,7 @@ ROWS: Final = (
         ),
         remedy="Turn the sensor about all three of its axes.",
     ),
-    Row(
+    CatalogueRow(
         code="prior",
         subject="fit",
         grades="limits",
@@ -175,7 +175,7 @@ ROWS: Final = (
         ),
         remedy="{remedy}",
     ),
-    Row(
+    CatalogueRow(
         code="few-samples",
         subject="fit",
         grades="limits",
@@ -187,7 +187,7 @@ ROWS: Final = (
         plain="There is little to go by: the number of independent readings is only {number:.0f}.",
         remedy="Record for longer, turning all the time.",
     ),
-    Row(
+    CatalogueRow(
         code="correlated",
         subject="fit",
         grades="note",
@@ -210,7 +210,7 @@ ROWS: Final = (
             "would. The errors given here allow for it."
         ),
     ),
-    Row(
+    CatalogueRow(
         code="inflation",
         subject="fit",
         grades="limits",
@@ -222,7 +222,7 @@ ROWS: Final = (
         plain="The readings lie on a small patch of what they should go round ({number:.1f} times as wide).",
         remedy="{remedy}",
     ),
-    Row(
+    CatalogueRow(
         code="recordings-differ",
         subject="fit",
         grades="note; limits above the target; refuses above twice the target",
@@ -247,7 +247,7 @@ ROWS: Final = (
         ),
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="field-changed",
         subject="fit",
         grades="note from a quarter of the target on; limits above the target; refuses above five times",
@@ -276,7 +276,7 @@ ROWS: Final = (
         remedy="Record again with currents and everything magnetic as they will be, and the sensor warm.",
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="axis-swap",
         former="slipped-axes",
         subject="fit",
@@ -299,7 +299,7 @@ ROWS: Final = (
         remedy="Find out what the driver of the sensor did then, and record again.",
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="disturbance-unmodelled",
         former="driver-unfollowed",
         subject="fit",
@@ -322,7 +322,7 @@ ROWS: Final = (
         ),
         remedy="Let the calibration follow it, or record without it.",
     ),
-    Row(
+    CatalogueRow(
         code="structure",
         subject="fit",
         grades="note",

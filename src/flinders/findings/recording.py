@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings.row import Grade, Limit, Needs, Row, Rule
+from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
 ROWS: Final = (
-    Row(
+    CatalogueRow(
         code="alternating",
         subject="recording",
         grades="limits; refuses where it makes more than twice the target",
@@ -32,7 +32,7 @@ ROWS: Final = (
         remedy="Record one sensor alone.",
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="outliers",
         former="strays",
         subject="recording",
@@ -55,7 +55,7 @@ ROWS: Final = (
         remedy="Find out what happened at the times or rows listed below.",
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="saturated",
         subject="recording",
         grades="limits",
@@ -71,7 +71,7 @@ ROWS: Final = (
         remedy="Choose a larger range of the sensor, or move it away from magnets, and record again.",
         alarm=True,
     ),
-    Row(
+    CatalogueRow(
         code="stale-repeats",
         subject="recording",
         grades="note",
@@ -88,7 +88,7 @@ ROWS: Final = (
             " They count once."
         ),
     ),
-    Row(
+    CatalogueRow(
         code="time-back",
         subject="recording",
         grades="note",
@@ -100,7 +100,7 @@ ROWS: Final = (
         plain="The clock of the recording goes back (times it does: {number:.0f}).",
         remedy="Check the order of the recordings, and the clock.",
     ),
-    Row(
+    CatalogueRow(
         code="time-gap",
         subject="recording",
         grades="note",
@@ -118,7 +118,7 @@ ROWS: Final = (
         ),
         plain="Nothing was recorded for {seconds} s in one stretch.",
     ),
-    Row(
+    CatalogueRow(
         code="skipped-rows",
         subject="recording",
         grades="note; limits above a tenth of the rows",

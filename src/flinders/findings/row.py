@@ -3,7 +3,7 @@
 A rule is data: comparisons of plain numbers with limits, so that a program in another language can apply the same. The
 numbers of a row may be those of one fit or columns of many.
 
->>> hot = Row(
+>>> hot = CatalogueRow(
 ...     code="hot", subject="recording", number="temperature, °C", limit="60", grades="note; limits above 80",
 ...     rule=Rule("celsius", (Grade("note", 60.0), Grade("limits", 80.0))),
 ...     said="the sensor was at {celsius:.0f} °C", plain="It was hot.", remedy="Cool it.", action="cool it",
@@ -162,7 +162,7 @@ class Rule:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class CatalogueRow:
     """A finding that there can be: all that is known of it.
 
     Attributes

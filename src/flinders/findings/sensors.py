@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings.row import Grade, Limit, Needs, Row, Rule
+from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
 ROWS: Final = (
-    Row(
+    CatalogueRow(
         code="sensor-deviates",
         former="departs",
         subject="sensors",
@@ -37,7 +37,7 @@ ROWS: Final = (
         ),
         remedy="Find out what happened then, or steer by another compass.",
     ),
-    Row(
+    CatalogueRow(
         code="sensor-deviates-throughout",
         former="departs-throughout",
         subject="sensors",
@@ -61,7 +61,7 @@ ROWS: Final = (
         ),
         remedy="Steer by another compass, or see whether a correction that follows the current helps.",
     ),
-    Row(
+    CatalogueRow(
         code="disagree",
         subject="sensors",
         grades="limits",
@@ -73,7 +73,7 @@ ROWS: Final = (
         plain="Compasses of the vehicle were {angle} of heading apart, and nobody can tell which of them was off.",
         remedy="Compare them with a known bearing, or fit a third.",
     ),
-    Row(
+    CatalogueRow(
         code="copied-sensor",
         subject="sensors",
         grades="limits",
@@ -88,7 +88,7 @@ ROWS: Final = (
         plain="The readings are those of another sensor, turned and scaled. It is no second compass.",
         remedy="Look at how the columns of the recording were written.",
     ),
-    Row(
+    CatalogueRow(
         code="mirrored-sensor",
         subject="sensors",
         grades="limits",
@@ -106,7 +106,7 @@ ROWS: Final = (
         ),
         remedy="Find out which of the two it is, and check its axes mapping.",
     ),
-    Row(
+    CatalogueRow(
         code="turned-to",
         subject="sensors",
         grades="note",
@@ -120,7 +120,7 @@ ROWS: Final = (
         ),
         plain="Corrected readings are in the axes of another sensor of the vehicle, but for an uncertainty of {angle}.",
     ),
-    Row(
+    CatalogueRow(
         code="unlike-units",
         subject="sensors",
         grades="note",
@@ -135,7 +135,7 @@ ROWS: Final = (
         ),
         remedy="Name the unit of each sensor.",
     ),
-    Row(
+    CatalogueRow(
         code="clock-differs",
         subject="sensors",
         grades="note",
@@ -149,7 +149,7 @@ ROWS: Final = (
         ),
         plain="The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
     ),
-    Row(
+    CatalogueRow(
         code="not-together",
         subject="sensors",
         grades="note",

@@ -21,7 +21,7 @@ from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.axis_swap import slip_of
 from flinders.diagnostics.drift import drift_of
-from flinders.diagnostics.repeatability import Part, compared
+from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.diagnostics.unmodelled import unfollowed_of
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, UsageError
@@ -475,8 +475,8 @@ def _repeats(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeat
 
     Level turns are only held against each other: each rests on the dip, and elsewhere that is found.
     """
-    turns: list[Part] = []
-    others: list[Part] = []
+    turns: list[RecordingFit] = []
+    others: list[RecordingFit] = []
     for part in readings.parts:
         try:
             alone = likelihood.estimate(part)
@@ -486,7 +486,7 @@ def _repeats(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeat
         if alone.plane or not alone.unseen:
             alike = turns if alone.plane else others
             covariance = alone.covariance * _few(alone, len(part.summary))
-            alike.append(Part(source, alone.used, alone.ellipsoid, covariance))
+            alike.append(RecordingFit(source, alone.used, alone.ellipsoid, covariance))
     parts = turns if estimate.plane or len(others) < 2 else others
     return compared(parts, dip_deg=likelihood.dip_deg) if len(parts) > 1 else None
 

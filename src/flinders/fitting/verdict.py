@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from flinders.core.disturbance import Disturbance
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
-    from flinders.findings import Row
+    from flinders.findings import CatalogueRow
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.summary.quality import Health, Rail
+    from flinders.summary.quality import DataQuality, Rail
     from flinders.summary.summary import Summary
 
 OF_THE_RECORDING: Final = frozenset({"saturated", "stale-repeats", "time-back", "time-gap", "skipped-rows"})
@@ -89,7 +89,7 @@ def judge(found: Fit, summary: Summary) -> tuple[Finding, ...]:
     return by_severity([*supported, *of_recording(summary.health)])
 
 
-def _applied(rows: Iterable[Row], record: Mapping[str, object]) -> Iterator[Finding]:
+def _applied(rows: Iterable[CatalogueRow], record: Mapping[str, object]) -> Iterator[Finding]:
     """Apply rules to a record."""
     findings = (row.finding(record) for row in rows)
     return (finding for finding in findings if finding is not None)
@@ -208,7 +208,7 @@ def _plane_words(found: Fit) -> dict[str, Callable[[], str]]:
     }
 
 
-def _inflation(found: Fit, health: Health) -> float:
+def _inflation(found: Fit, health: DataQuality) -> float:
     """How many times as wide as its readings the surface is: much, where a small patch of them leaves it open."""
     return 2.0 * float(found.ellipsoid.semi_axes[2]) / max(float(health.extent.max()), np.finfo(float).tiny)
 
@@ -301,7 +301,7 @@ def _of_aiding(found: Fit) -> Iterator[Finding]:
     yield from () if found.aiding is None else (mistake.finding for mistake in found.aiding.mistakes)
 
 
-def _outliers(found: Fit, health: Health) -> dict[str, float]:
+def _outliers(found: Fit, health: DataQuality) -> dict[str, float]:
     """What a robust fit left out: outliers, and the readings around their runs."""
     rejected = sum(run.rows for run in found.outliers)
     return {
@@ -310,7 +310,7 @@ def _outliers(found: Fit, health: Health) -> dict[str, float]:
     }
 
 
-def _outlier_words(found: Fit, health: Health) -> dict[str, Callable[[], str]]:
+def _outlier_words(found: Fit, health: DataQuality) -> dict[str, Callable[[], str]]:
     worst = sorted(found.outliers, key=lambda run: -run.rows)[:3]
     more = "; …" if len(found.outliers) > len(worst) else ""
     rejected = sum(run.rows for run in found.outliers)
@@ -323,7 +323,7 @@ def _outlier_words(found: Fit, health: Health) -> dict[str, Callable[[], str]]:
     }
 
 
-def of_recording(health: Health) -> Iterator[Finding]:
+def of_recording(health: DataQuality) -> Iterator[Finding]:
     """What a recording says about itself."""
     for rail in health.rails:
         yield from _applied((CATALOGUE["saturated"],), _rail_record(rail))
@@ -336,7 +336,7 @@ def _rail_record(rail: Rail) -> Record:
     return Record(numbers, rail_end=lambda: rail.end, rail_axis=lambda: "xyz"[rail.axis])
 
 
-def _recording_record(health: Health) -> Record:
+def _recording_record(health: DataQuality) -> Record:
     clock, skipped = health.clock, sum(part.rows for part in health.skipped)
     few = skipped <= 0.1 * health.rows
     return Record(

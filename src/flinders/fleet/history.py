@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.comparison.pairs import Ellipsoids
+from flinders.comparison.pairs import EllipsoidPairs
 from flinders.core.files import reason
 from flinders.errors import DocumentError
 from flinders.fleet.dates import arranged, is_date
@@ -81,7 +81,7 @@ class Histories:
     recording : (R,) object
     date_s : (R,) float, s
         Since 1970; NaN if it is not known.
-    calibrations : Ellipsoids
+    calibrations : EllipsoidPairs
         R of them.
     unit_of_field : (R,) object
     dip_deg : (R,) float
@@ -100,7 +100,7 @@ class Histories:
     is_dated: NDArray[np.bool_]
     recording: NDArray[np.object_]
     date_s: Floats
-    calibrations: Ellipsoids
+    calibrations: EllipsoidPairs
     unit_of_field: NDArray[np.object_]
     dip_deg: Floats
     verdicts: Mapping[tuple[str, str], int]
@@ -150,7 +150,7 @@ class Histories:
             is_dated=is_dated,
             recording=objects(texts(inside.column("recording"))),
             date_s=date_s[alike],
-            calibrations=Ellipsoids.of_columns(offset, matrix, covariance, numbers(inside.column("radius"))),
+            calibrations=EllipsoidPairs.of_columns(offset, matrix, covariance, numbers(inside.column("radius"))),
             unit_of_field=field[alike],
             dip_deg=numbers(inside.column("dip_deg")),
             verdicts=Counter(zip(batch.tolist(), verdict.tolist(), strict=True)) if rule else {},

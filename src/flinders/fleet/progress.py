@@ -318,7 +318,8 @@ class Counts:
     >>> import tempfile
     >>> from flinders.fleet.results import UnitResult, UnitResults, merge
     >>> folder = Path(tempfile.mkdtemp())
-    >>> rows = [UnitResult(unit="A1", verdict="good", worst_deg=0.4), UnitResult(unit="A2", code="unreadable"), UnitResult(unit="A2")]
+    >>> good = UnitResult(unit="A1", verdict="good", worst_deg=0.4)
+    >>> rows = [good, UnitResult(unit="A2", code="unreadable"), UnitResult(unit="A2")]
     >>> _ = (folder / "part").write_bytes(UnitResults.of(rows).to_bytes())
     >>> merge([folder / "part"], folder / "all.parquet")
     >>> counts = Counts.of(folder / "all.parquet")

@@ -6,7 +6,8 @@ r"""Worker: calibrates the recordings of one partition. An error costs its recor
 >>> folder = Path(tempfile.mkdtemp())
 >>> _ = (folder / "A17.csv").write_text("x,y,z\n1,2,3\n"), (folder / "B02.csv").write_text("nothing\n")
 >>> plan = plan_of(str(folder), Options())
->>> rows = UnitResults.joined(UnitResults.from_bytes(calibrate_partition(each, options=Options())) for each in plan.partitions)
+>>> tables = [calibrate_partition(each, options=Options()) for each in plan.partitions]
+>>> rows = UnitResults.joined(map(UnitResults.from_bytes, tables))
 >>> list(zip(rows.unit.tolist(), rows.verdict.tolist(), rows.code.tolist()))
 [('A17', 'refused', 'too-few-samples'), ('B02', 'failed', 'unreadable')]
 """
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.fleet.dataset import Pair
     from flinders.readers import Instrument, Log
-    from flinders.stacked import Columns
+    from flinders.stacked import BatchColumns
 
 Value = TypeVar("Value")
 
@@ -271,7 +272,7 @@ def _fit_batch(
     return _rows(columns, pairs, readings, spans)
 
 
-def _rows(columns: Columns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> UnitResults:
+def _rows(columns: BatchColumns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> UnitResults:
     """Rows of fits with unit and recording, (R,) numbers of readings, and (R, 2) first and last times in s."""
     own: dict[str, Any] = {
         "unit": objects([unit for unit, _ in pairs]),

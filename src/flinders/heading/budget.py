@@ -63,7 +63,7 @@ NUMBER: Final = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)\s
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class UnitValue:
     """A number with the unit it was typed in.
 
     Attributes
@@ -90,8 +90,8 @@ class Quantity:
 
         Examples
         --------
-        >>> Quantity.of("field", "0.5 mG"), Quantity.of("length", "15 mm"), Quantity.of("moment", "20 mA·m²")
-        (Quantity(value=0.05, unit='mG'), Quantity(value=0.015, unit='mm'), Quantity(value=0.02, unit='mAm2'))
+        >>> UnitValue.of("field", "0.5 mG"), UnitValue.of("length", "15 mm"), UnitValue.of("moment", "20 mA·m²")
+        (UnitValue(value=0.05, unit='mG'), UnitValue(value=0.015, unit='mm'), UnitValue(value=0.02, unit='mAm2'))
         """
         found = NUMBER.fullmatch(text.strip())
         if not found or found[2].startswith((",", ".")):
@@ -106,12 +106,12 @@ class Quantity:
 
 
 def parse(kind: Kind, text: str) -> float:
-    """Read a quantity into the unit used here; as `Quantity.of`.
+    """Read a quantity into the unit used here; as `UnitValue.of`.
 
     >>> parse("length", "2.5in"), parse("angle", "1°"), parse("current", "200 mA")
     (0.0635, 1.0, 0.2)
     """
-    return Quantity.of(kind, text).value
+    return UnitValue.of(kind, text).value
 
 
 @dataclass(frozen=True, slots=True)

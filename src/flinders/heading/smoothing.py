@@ -171,7 +171,7 @@ class Filter:
         """Readings by which it is late where it cannot wait for those to come: half of its width."""
         return (self.width - 1) / 2.0
 
-    def start(self, *, centred: bool) -> Stream:
+    def start(self, *, centred: bool) -> SmoothingStream:
         """Begin with a recording.
 
         Parameters
@@ -180,7 +180,7 @@ class Filter:
             A window lies around its reading, and readings come out when those behind it have come in; otherwise it
             ends with its reading, which comes out at once. A Kalman filter never waits.
         """
-        return Stream(self, centred=centred)
+        return SmoothingStream(self, centred=centred)
 
     def __str__(self) -> str:
         return f"{self.name} of {self.width} readings"
@@ -264,7 +264,7 @@ class Passed:
         return Passed(np.concatenate([self.field, other.field]), np.concatenate([self.kept, other.kept]))
 
 
-class Stream:
+class SmoothingStream:
     """A filter at work on one recording: readings go in as they come, block by block, wherever blocks end.
 
     It starts afresh where the clock steps back, and after a pause of twenty mean steps: what lies before a pause says

@@ -70,13 +70,13 @@ def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
         0 to 1.
     """
     length = np.linalg.norm(acceleration, axis=1)
-    told = np.asarray(np.isfinite(length) & (length > 0.0))
-    if not told.any():
+    observed = np.asarray(np.isfinite(length) & (length > 0.0))
+    if not observed.any():
         return np.zeros_like(acceleration), np.zeros(len(acceleration))
-    down = np.where(told[:, np.newaxis], -acceleration / np.where(told, length, 1.0)[:, np.newaxis], 0.0)
-    usual = float(np.median(length[told]))
-    scatter = 3.0 * max(MAD * float(np.median(np.abs(length[told] - usual))), QUIET * usual / 3.0)
-    trust = np.where(told, 1.0 / (1.0 + ((length - usual) / scatter) ** 2), 0.0)
+    down = np.where(observed[:, np.newaxis], -acceleration / np.where(observed, length, 1.0)[:, np.newaxis], 0.0)
+    usual = float(np.median(length[observed]))
+    scatter = 3.0 * max(MAD * float(np.median(np.abs(length[observed] - usual))), QUIET * usual / 3.0)
+    trust = np.where(observed, 1.0 / (1.0 + ((length - usual) / scatter) ** 2), 0.0)
     return down, trust
 
 
@@ -131,10 +131,10 @@ def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
     array([[0., 0., 1.],
            [0., 0., 1.]])
     """
-    told = np.asarray(np.isfinite(attitude).all(axis=1))
-    safe = np.where(told[:, np.newaxis], attitude, [1.0, 0.0, 0.0, 0.0])
+    observed = np.asarray(np.isfinite(attitude).all(axis=1))
+    safe = np.where(observed[:, np.newaxis], attitude, [1.0, 0.0, 0.0, 0.0])
     down = rotated(inverse(safe), np.broadcast_to([0.0, 0.0, 1.0], (len(attitude), 3)))
-    return down * told[:, np.newaxis], told.astype(float)
+    return down * observed[:, np.newaxis], observed.astype(float)
 
 
 def huber(residuals: Floats, *, beyond: float = HUBER) -> Floats:

@@ -34,8 +34,8 @@ of the noise in ``tests/truth/test_walked.py``.
 >>> rate = np.random.default_rng(1).normal(size=(20, 25, 3))
 >>> turned = gyro.integrated(rate, np.full((20, 25), 0.2), np.zeros(3), np.zeros(6))
 >>> seen = 50.0 * np.swapaxes(turned.rotations, 2, 3) @ [0.6, 0.0, 0.8]
->>> group, here = replace(Group.of(seen), turned=turned), Parameters.at(np.zeros(3), 50.0 * np.eye(3))
->>> layout, directions = Layout.of(), np.tile([0.6, 0.0, 0.8], (20, 1))
+>>> group, here = replace(ObservationGroup.of(seen), turned=turned), Parameters.at(np.zeros(3), 50.0 * np.eye(3))
+>>> layout, directions = ParameterLayout.of(), np.tile([0.6, 0.0, 0.8], (20, 1))
 >>> whole = here, directions, layout, Weights(1.0)
 >>> walked = Walked.of(rows_of(group, *whole), pushes(group, here, directions, Weights(1.0)))
 >>> gradient = mean_gradient(walked, group, *whole)
@@ -51,8 +51,8 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from flinders.likelihood.gyro import cross_matrices, grown, in_pieces, product
-from flinders.likelihood.observations import Group, Rows, Weights, inverse_of, jacobian_of
-from flinders.likelihood.parameters import Layout, Parameters, across
+from flinders.likelihood.observations import ObservationGroup, ObservationRows, Weights, inverse_of, jacobian_of
+from flinders.likelihood.parameters import ParameterLayout, Parameters, across
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -64,7 +64,7 @@ class Walked:
 
     Attributes
     ----------
-    rows : Rows
+    rows : ObservationRows
         Of the windows.
     own : (W, n, k, 2) float
         U: Jacobian of the window's direction.
@@ -82,7 +82,7 @@ class Walked:
         Θ: covariance of the direction that the walk makes.
     """
 
-    rows: Rows
+    rows: ObservationRows
     own: Floats
     pushes: Floats
     inverse: Floats
@@ -92,7 +92,7 @@ class Walked:
     spread: Floats
 
     @classmethod
-    def of(cls, rows: Rows, pushed: Floats) -> Self:
+    def of(cls, rows: ObservationRows, pushed: Floats) -> Self:
         """Take (W, k, n, …) rows, and how a turn moves them, see `pushes`."""
         own, pushes = np.swapaxes(rows.own, 1, 2), np.swapaxes(pushed, 1, 2)
         flat = rows.own.reshape(len(rows.own), -1, 2)
@@ -122,7 +122,7 @@ class Walked:
         return mean
 
 
-def pushes(group: Group, at: Parameters, directions: Floats, weights: Weights) -> Floats:
+def pushes(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
     """(W, k, n, 3) how a turn φ, in the axes of the window's first reading, moves each residual after it."""
     pushed = np.zeros((3, group.tall, *group.weight.shape)).transpose(2, 1, 3, 0)
     turned = _carried(group, cross_matrices(directions))
@@ -139,7 +139,12 @@ def pushes(group: Group, at: Parameters, directions: Floats, weights: Weights) -
 
 
 def mean_gradient(
-    walked: Walked, group: Group, at: Parameters, directions: Floats, layout: Layout, weights: Weights
+    walked: Walked,
+    group: ObservationGroup,
+    at: Parameters,
+    directions: Floats,
+    layout: ParameterLayout,
+    weights: Weights,
 ) -> Floats:
     """(P,) mean gradient, in standard deviations, that a walk of one rad² a reading makes.
 
@@ -147,12 +152,12 @@ def mean_gradient(
     ----------
     walked : Walked
         Of all that follows.
-    group : Group
+    group : ObservationGroup
         Windows of a gyro.
     at : Parameters
     directions : (W, 3) float
         Of each window, as they have settled.
-    layout : Layout
+    layout : ParameterLayout
     weights : Weights
     """
     gradient = _of_model(walked, directions) + _of_gyro(walked, group, at, layout)
@@ -166,12 +171,12 @@ def mean_gradient(
     return gradient
 
 
-def _carried(group: Group, matrices: Floats) -> Floats:
+def _carried(group: ObservationGroup, matrices: Floats) -> Floats:
     """(W, n, 3, k) what the rotations back to each reading make of (W, 3, k) matrices of a window."""
     return product(np.swapaxes(group.rotations, 2, 3), matrices[:, np.newaxis])
 
 
-def _together(walked: Walked, group: Group, directions: Floats) -> Floats:
+def _together(walked: Walked, group: ObservationGroup, directions: Floats) -> Floats:
     """(W, n, 3, k) E δq rᵀ: how the direction at each reading goes with its residuals."""
     of_walk = product(_carried(group, cross_matrices(directions)), walked.by_walk)
     mean: Floats = of_walk + product(_carried(group, across(directions)), walked.by_direction)
@@ -205,7 +210,7 @@ def _of_own(walked: Walked, model: Floats, directions: Floats) -> Floats:
     return np.stack([one.sum(axis=(1, 2)) for one in sums], axis=1)
 
 
-def _of_gyro(walked: Walked, group: Group, at: Parameters, layout: Layout) -> Floats:
+def _of_gyro(walked: Walked, group: ObservationGroup, at: Parameters, layout: ParameterLayout) -> Floats:
     """(P,) Σ (P_k δB_k)ᵀ r_k on average, with E φ_j r_kᵀ = C_jᵀ Π U_kᵀ − P_kᵀ for a step j up to the reading.
 
     It is linear in D_j and in b_j, and what both are multiplied by is the same for all parameters of the gyro.

@@ -11,7 +11,7 @@ times σ². A direction in which it is a good part of all there is counts as uns
 
 >>> ring = np.stack([np.cos(np.arange(60.0)), np.sin(np.arange(60.0)), np.zeros(60)], axis=1)
 >>> ellipsoid = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
->>> across = pretended(ring, ellipsoid)[2, 2]            # a shift of the centre along z
+>>> across = spurious_information(ring, ellipsoid)[2, 2]            # a shift of the centre along z
 >>> round(float(across) * 50.0**2 / 60.0, 3)
 1.0
 """
@@ -65,7 +65,7 @@ def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> flo
     return min(max(within * noise, FLAT * width), FLATTEST * width)
 
 
-def pretended(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
+def spurious_information(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
     """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and two tangents t: times σ², what noise adds to ΣJJᵀ."""
     pointing = directions.any(axis=1)  # a reading right in the centre has no direction
     counts = np.broadcast_to(counts, len(directions))[pointing]
@@ -110,14 +110,14 @@ class Support:
     share: Floats
 
     @classmethod
-    def of(cls, matrix: Floats, pretence: Callable[[], Floats]) -> Self:
+    def of(cls, matrix: Floats, spurious: Callable[[], Floats]) -> Self:
         """Look at a normal matrix in standard deviations.
 
         Parameters
         ----------
         matrix : (K, K) float
-        pretence : callable
-            Gives the (K, K) matrix of `pretended`, where it is asked for: a well-conditioned matrix needs none.
+        spurious : callable
+            Gives the (K, K) matrix of `spurious_information`, where asked: a well-conditioned matrix needs none.
         """
         diagonal = np.diag(matrix)
         nothing = max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)
@@ -130,11 +130,11 @@ class Support:
         if not values[0] > WELL_CONDITIONED:
             heard = np.where(mute, np.inf, scale)
             with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is pretended as a whole
-                noise = np.einsum("ij,ik,kj->j", vectors, pretence() / np.outer(heard, heard), vectors)
+                noise = np.einsum("ij,ik,kj->j", vectors, spurious() / np.outer(heard, heard), vectors)
             noise = np.nan_to_num(noise, nan=np.inf, posinf=np.inf)
-            told = values > max(ROUNDING * float(values[-1]), np.finfo(float).tiny)
+            observed = values > max(ROUNDING * float(values[-1]), np.finfo(float).tiny)
             share = np.ones(len(values))
-            share[told] = np.clip(noise[told], 0.0, values[told]) / values[told]
+            share[observed] = np.clip(noise[observed], 0.0, values[observed]) / values[observed]
         return cls(scale, values, vectors, share)
 
     @property

@@ -31,9 +31,9 @@ Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustme
 curved surface as in `flinders.likelihood.magnitude`.
 
 >>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of 50, but for noise
->>> group = Group.of(field)
+>>> group = ObservationGroup.of(field)
 >>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
->>> found = linearised(group, here, group.guess(here), Layout.of(), Weights(1.0))
+>>> found = linearised(group, here, group.guess(here), ParameterLayout.of(), Weights(1.0))
 >>> round(found.cost, 6), round(float(found.matrix[3, 3]), 6)               # 0.5² + 1²; one of two sees S₁₁
 (1.25, 1.0)
 """
@@ -48,7 +48,7 @@ import numpy as np
 
 from flinders.likelihood import dip
 from flinders.likelihood.gyro import applied, cross_matrices, in_pieces, product, rotations
-from flinders.likelihood.parameters import Layout, Parameters, across, on_the_sphere
+from flinders.likelihood.parameters import ParameterLayout, Parameters, across, on_the_sphere
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -92,7 +92,7 @@ class Weights(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class ObservationGroup:
     """Readings, so many to a direction.
 
     Attributes
@@ -207,7 +207,7 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class ObservationRows:
     """Residuals of a group, in standard deviations, and their Jacobians J = −∂r/∂θ.
 
     Attributes
@@ -279,7 +279,7 @@ class Linearised:
         return on_the_sphere(directions, np.einsum("wab,wb->wa", self.inverse, left))
 
 
-def residuals_of(group: Group, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
+def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
     """(W, n, 3) r in the unit of the readings, and (W, n, 1) sin I − dᵀq or (W, n, 3) m − C q, without weights."""
     q, _ = group.seen(at, directions)
     residual = group.centred(at) - _modelled(group, at, q)
@@ -291,14 +291,14 @@ def residuals_of(group: Group, at: Parameters, directions: Floats) -> tuple[Floa
     return residual, (at.sine * lengths(down) - np.einsum("wni,wni->wn", down, q))[..., np.newaxis]
 
 
-def _modelled(group: Group, at: Parameters, q: Floats) -> Floats:
+def _modelled(group: ObservationGroup, at: Parameters, q: Floats) -> Floats:
     """(W, n, 3) readings about their offset, of the field's direction (W, n, 3) at each."""
     gain = group.gain(at)
     model: Floats = q @ at.ellipsoid_like.T
     return model if gain is None else model * gain[..., np.newaxis]
 
 
-def cost_of(group: Group, at: Parameters, directions: Floats, weights: Weights) -> float:
+def cost_of(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> float:
     """Σ r² in standard deviations."""
     residual, beside = residuals_of(group, at, directions)
     cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * group.weight)) / weights.noise**2
@@ -307,23 +307,25 @@ def cost_of(group: Group, at: Parameters, directions: Floats, weights: Weights) 
     return cost
 
 
-def linearised(group: Group, at: Parameters, directions: Floats, layout: Layout, weights: Weights) -> Linearised:
+def linearised(
+    group: ObservationGroup, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights
+) -> Linearised:
     """Add up the normal equations of a group.
 
     Parameters
     ----------
-    group : Group
+    group : ObservationGroup
     at : Parameters
         Where to linearise.
     directions : (W, 3) float
         Of each window.
-    layout : Layout
+    layout : ParameterLayout
     weights : Weights
     """
     return eliminated(rows_of(group, at, directions, layout, weights))
 
 
-def eliminated(rows: Rows) -> Linearised:
+def eliminated(rows: ObservationRows) -> Linearised:
     """Sum up rows, and take their own directions out."""
     width, own, lean = rows.jacobian.shape[-1], rows.own, rows.lean
     flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
@@ -350,7 +352,7 @@ def eliminated(rows: Rows) -> Linearised:
     return Linearised(matrix, gradient, cost, bent, inverse, mixed, pull, remaining, expected, curvature)
 
 
-def mixed_of(rows: Rows) -> Floats:
+def mixed_of(rows: ObservationRows) -> Floats:
     """(W, P, 2) JᵀV."""
     count, width = len(rows.jacobian), rows.jacobian.shape[-1]
     mixed = np.moveaxis(np.empty((width, 2, count)), 2, 0)
@@ -368,7 +370,9 @@ def _components(squares: Sequence[Floats], inverse: Floats, counts: Floats) -> t
     return counts - traces, np.diag(counts - 2.0 * traces) + products
 
 
-def rows_of(group: Group, at: Parameters, directions: Floats, layout: Layout, weights: Weights) -> Rows:
+def rows_of(
+    group: ObservationGroup, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights
+) -> ObservationRows:
     """Residuals and Jacobians of a group in standard deviations; parameters as those of `linearised`."""
     q, back = group.seen(at, directions)
     windows, n = group.weight.shape
@@ -383,14 +387,23 @@ def rows_of(group: Group, at: Parameters, directions: Floats, layout: Layout, we
     for axis in range(2):
         moved = np.swapaxes(turned[..., axis] @ shape.T, 1, 2) * scale
         own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
-    rows = Rows(residual, jacobian_of(group, at, q, layout, weights), own, model, lean, *_told(group, layout, weights))
+    rows = ObservationRows(
+        residual,
+        jacobian_of(group, at, q, layout, weights),
+        own,
+        model,
+        lean,
+        *_still_and_counts(group, layout, weights),
+    )
     if group.trust is not None:
         _add_beside(rows, group, at, q, turned, weights)
     return rows
 
 
-def _told(group: Group, layout: Layout, weights: Weights) -> tuple[Floats, tuple[float, float]]:
-    """`Rows.still` and `Rows.counts`."""
+def _still_and_counts(
+    group: ObservationGroup, layout: ParameterLayout, weights: Weights
+) -> tuple[Floats, tuple[float, float]]:
+    """`ObservationRows.still` and `ObservationRows.counts`."""
     trusted = 0.0 if group.trust is None else float(np.count_nonzero(group.trust))
     trusted *= 1.0 / weights.span if group.attitudes is None else 2.0
     still = np.zeros(layout.size)
@@ -400,14 +413,16 @@ def _told(group: Group, layout: Layout, weights: Weights) -> tuple[Floats, tuple
     return still, counts
 
 
-def _add_beside(rows: Rows, group: Group, at: Parameters, q: Floats, turned: Floats, weights: Weights) -> None:
+def _add_beside(
+    rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, turned: Floats, weights: Weights
+) -> None:
     """Write what verticals or attitudes add to residuals and to what stands with them.
 
     Parameters
     ----------
-    rows : Rows
+    rows : ObservationRows
         But for their Jacobian.
-    group : Group
+    group : ObservationGroup
     at : Parameters
     q : (W, n, 3) float
         The field's direction at each reading.
@@ -432,7 +447,9 @@ def _add_beside(rows: Rows, group: Group, at: Parameters, q: Floats, turned: Flo
         rows.own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep[..., np.newaxis]
 
 
-def jacobian_of(group: Group, at: Parameters, q: Floats, layout: Layout, weights: Weights) -> Floats:
+def jacobian_of(
+    group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout, weights: Weights
+) -> Floats:
     """(W, k, n, P) Jacobian of a group in standard deviations, with the field's direction (W, n, 3) at each reading."""
     jacobian = np.zeros((layout.size, group.tall, *q.shape[:2])).transpose(2, 1, 3, 0)  # a column in one piece
     moved = _moved(group, at, q, layout)
@@ -448,7 +465,9 @@ def jacobian_of(group: Group, at: Parameters, q: Floats, layout: Layout, weights
     return jacobian
 
 
-def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout, moved: Floats | None) -> None:
+def _fill(
+    jacobian: Floats, group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None
+) -> None:
     """Write the Jacobian (W, 3 or 4, n, P) of the readings, in their unit."""
     gain, shape = group.gain(at), at.ellipsoid_like
     scaled = q if gain is None else q * gain[..., np.newaxis]
@@ -476,13 +495,13 @@ def _fill(jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Lay
         jacobian[:, :3, :, _of_gyro(layout)] = moving.transpose(2, 0, 3, 1)
 
 
-def _of_gyro(layout: Layout) -> slice:
+def _of_gyro(layout: ParameterLayout) -> slice:
     """Columns of the gyro's bias, scales and delay, which lie side by side."""
     columns = [layout.columns[name] for name in GYRO if name in layout]
     return slice(columns[0].start, columns[-1].stop) if columns else slice(0, 0)
 
 
-def _moved(group: Group, at: Parameters, q: Floats, layout: Layout) -> Floats | None:
+def _moved(group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout) -> Floats | None:
     """(W, n, 3, m) how the field's direction (W, n, 3) at each reading goes with bias, scales and delay of the gyro."""
     if group.turned is None:
         return None
@@ -502,7 +521,7 @@ def _moved(group: Group, at: Parameters, q: Floats, layout: Layout) -> Floats | 
 
 
 def _fill_upright(
-    jacobian: Floats, group: Group, at: Parameters, q: Floats, layout: Layout, moved: Floats | None
+    jacobian: Floats, group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None
 ) -> None:
     """Write the Jacobian (W, n, P) of vᵀq − |v| sin I."""
     down = group.upright(at)
@@ -520,7 +539,9 @@ def _fill_upright(
         jacobian[..., _of_gyro(layout)] = np.einsum("wni,wnij->wnj", down, moved)
 
 
-def _fill_pointed(jacobian: Floats, group: Group, at: Parameters, layout: Layout, moved: Floats | None) -> None:
+def _fill_pointed(
+    jacobian: Floats, group: ObservationGroup, at: Parameters, layout: ParameterLayout, moved: Floats | None
+) -> None:
     """Write the Jacobian (W, 3, n, P) of C q − m."""
     if "direction" in layout:
         jacobian[..., layout.columns["direction"]] = -across(at.direction)[:, np.newaxis]

@@ -9,7 +9,7 @@ of the body, an offset pⱼ for each unit of a disturbance cⱼ, and a slope a o
 brings its bias, its scales, its mounting and its delay, the accelerometer its bias and the sine of the dip, a logged
 attitude the direction of the site's field.
 
->>> layout = Layout.of(rotation=True, gyro_bias=True)
+>>> layout = ParameterLayout.of(rotation=True, gyro_bias=True)
 >>> layout.size, layout.columns["gyro_bias"]
 (15, slice(12, 15, None))
 >>> there = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
@@ -39,7 +39,7 @@ SIZES: Final = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+class ParameterLayout:
     """Which column of a Jacobian belongs to what.
 
     Attributes
@@ -119,7 +119,7 @@ class Parameters:
             offset, shape, np.eye(3), np.zeros((disturbances, 3)), 0.0, zero, 0.0, 0.0, np.array([0.0, 0.0, 1.0])
         )
 
-    def moved(self, step: Floats, layout: Layout) -> Self:
+    def moved(self, step: Floats, layout: ParameterLayout) -> Self:
         """Take a step; a rotation is turned by its part of it, on the left."""
         parts = {name: step[columns] for name, columns in layout.columns.items()}
         changed: dict[str, Floats | float] = {

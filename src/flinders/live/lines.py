@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 from flinders.errors import FlindersError
 from flinders.readers._numbers import SPACES, Grid, number, row_of, split
-from flinders.readers._sniff import COMMENTS, SPOKEN, Layout, sniff
+from flinders.readers._sniff import COMMENTS, SPOKEN, TextLayout, sniff
 from flinders.readers.dialects import guess, motioncal, recognise
 from flinders.readers.dialects.pattern import Pattern
 
@@ -86,7 +86,7 @@ def _transcribed(lines: list[str], dialect: Dialect) -> Form | None:
     return None if layout is None else _form(layout, rows, partial(_joined, dialect), dialect.words, dialect.names)
 
 
-def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] = ()) -> Layout | None:
+def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] = ()) -> TextLayout | None:
     """Recognise lines of numbers as a file with them would be; None where it is not clear what they are."""
     try:
         return sniff("", lines, columns, names)
@@ -94,7 +94,7 @@ def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] =
         return None
 
 
-def _unclear(lines: list[str], names: Sequence[str] = ()) -> Layout | None:
+def _unclear(lines: list[str], names: Sequence[str] = ()) -> TextLayout | None:
     """Recognise a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
     layout = _layout(lines, "1,2,3", names)
     if layout is None:
@@ -124,7 +124,7 @@ def _as_it_is(grid: Grid, line: str) -> str | None:
 
 
 def _form(
-    layout: Layout, lines: list[str], take: Callable[[str], str | None], words: str = "", names: Sequence[str] = ()
+    layout: TextLayout, lines: list[str], take: Callable[[str], str | None], words: str = "", names: Sequence[str] = ()
 ) -> Form:
     """Put together how lines are recorded; columns without names get some."""
     grid, sign, time = layout.grid, layout.grid.delimiter, layout.columns.time

@@ -32,7 +32,7 @@ from flinders.live.lines import is_marked, settle
 from flinders.live.readings import FeedEvent, readings_of
 from flinders.readers._lines import shown
 from flinders.readers._numbers import rows_of
-from flinders.readers._sniff import COMMENTS, Layout, sniff
+from flinders.readers._sniff import COMMENTS, TextLayout, sniff
 from flinders.readers.text import unit_of
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class Transcript:
         self._name, self._is_framed, self._most = name, is_framed, most
         self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows
-        self._read: tuple[Layout, Unit] | None = None
+        self._read: tuple[TextLayout, Unit] | None = None
         self._rest = b""
         self._waiting: list[_WaitingLine] = []
         self._before: deque[str] = deque(maxlen=ENOUGH)
@@ -281,7 +281,7 @@ class Transcript:
         columns = f": {self._read[0].columns.told(self.statistics.unit)}" if self._read else ""
         self._tell("settled", f"{form}{columns}")
 
-    def _recognised(self, lines: list[str]) -> tuple[Layout, Unit] | None:
+    def _recognised(self, lines: list[str]) -> tuple[TextLayout, Unit] | None:
         """How `flinders.read` will read the text; None where it needs options."""
         try:
             layout = sniff(self._name, lines, self._named())

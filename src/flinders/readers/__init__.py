@@ -36,7 +36,7 @@ from flinders.readers._log import FIRST, Choice, Instrument, Log, Position, Stor
 from flinders.readers._reader import Reader
 from flinders.readers._skipping import added
 from flinders.readers._source import File, Progress, Source, find, on_disk
-from flinders.readers._span import Span
+from flinders.readers._span import TimeSpan
 from flinders.readers._table import TableRecording
 from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text
@@ -154,7 +154,7 @@ def open_recording(
         choice=sensor if isinstance(sensor, Choice) else Choice(sensor),
         topic=topic,
         as_logged=as_logged,
-        span=Span.of(start, end),
+        span=TimeSpan.of(start, end),
         flat=flat,
         progress=progress,
     )
@@ -204,7 +204,7 @@ def open_log(
         axes=Axes.of(axes),
         topic=topic,
         as_logged=as_logged,
-        span=Span.of(start, end),
+        span=TimeSpan.of(start, end),
         progress=progress,
     )
     file = _found(path)
@@ -246,7 +246,14 @@ def holds_log(
     if reader.log is not None:
         return True
     asked = _Asked(
-        columns=columns, pattern=pattern, unit=None, scale=None, axes=Axes(), topic=topic, span=Span(), progress=None
+        columns=columns,
+        pattern=pattern,
+        unit=None,
+        scale=None,
+        axes=Axes(),
+        topic=topic,
+        span=TimeSpan(),
+        progress=None,
     )
     with contextlib.suppress(FlindersError):  # said by whoever opens it next
         return bool(_columns_of(_table_of(file, reader, asked)).magnetometers)
@@ -317,7 +324,7 @@ class _Asked:
     scale: float | None
     axes: Axes
     topic: str | None
-    span: Span
+    span: TimeSpan
     progress: Progress | None
     pattern: str | None = None
     choice: Choice = FIRST

@@ -1,7 +1,7 @@
 r"""What a file is, by its first bytes, where it is not text.
 
 >>> foreign_kind(b"\x89PNG\r\n\x1a\n....")
-Kind(name='a PNG image', advice='give the recording itself')
+FileKind(name='a PNG image', advice='give the recording itself')
 >>> foreign_kind(b"mx,my,mz\n1,2,3\n") is None
 True
 """
@@ -19,7 +19,7 @@ MOST_CONTROLS: Final = 0.02
 """Share of control bytes up to which a file still counts as text; random bytes have 0.11."""
 
 
-class Kind(NamedTuple):
+class FileKind(NamedTuple):
     """A kind of file, and what to do with one."""
 
     name: str
@@ -30,28 +30,28 @@ _ITSELF = "give the recording itself"
 _EXPORT = "export it as CSV"
 _UNPACK = "unpack it and give the recording inside"
 
-MAGIC: Final[dict[bytes, Kind]] = {
-    b"\x89PNG\r\n\x1a\n": Kind("a PNG image", _ITSELF),
-    b"\xff\xd8\xff": Kind("a JPEG image", _ITSELF),
-    b"GIF8": Kind("a GIF image", _ITSELF),
-    b"BM": Kind("a BMP image", _ITSELF),
-    b"II*\x00": Kind("a TIFF image", _ITSELF),
-    b"MM\x00*": Kind("a TIFF image", _ITSELF),
-    b"RIFF": Kind("a sound, film or image file", _ITSELF),
-    b"%PDF": Kind("a PDF document", _ITSELF),
-    b"{\\rtf": Kind("an RTF document", "save it as plain text"),
-    b"\xd0\xcf\x11\xe0": Kind("an old Office document", _EXPORT),
-    b"PK\x05\x06": Kind("an empty ZIP archive", _ITSELF),
-    b"Rar!": Kind("a RAR archive", _UNPACK),
-    b"7z\xbc\xaf\x27\x1c": Kind("a 7z archive", _UNPACK),
-    b"BZh": Kind("bzip2-compressed", "unpack it with bunzip2"),
-    b"\xfd7zXZ\x00": Kind("xz-compressed", "unpack it with unxz"),
-    b"\x28\xb5\x2f\xfd": Kind("zstd-compressed", "unpack it with unzstd"),
-    b"\x1f\x8b": Kind("gzip-compressed twice", "unpack it with gunzip"),
-    b"\x7fELF": Kind("a program", _ITSELF),
-    b"MZ": Kind("a program", _ITSELF),
-    b"FEA1": Kind("a Feather file of version 1", "save it again with a pandas or pyarrow of this decade"),
-    b"SQLite format 3": Kind("an SQLite database", _EXPORT),
+MAGIC: Final[dict[bytes, FileKind]] = {
+    b"\x89PNG\r\n\x1a\n": FileKind("a PNG image", _ITSELF),
+    b"\xff\xd8\xff": FileKind("a JPEG image", _ITSELF),
+    b"GIF8": FileKind("a GIF image", _ITSELF),
+    b"BM": FileKind("a BMP image", _ITSELF),
+    b"II*\x00": FileKind("a TIFF image", _ITSELF),
+    b"MM\x00*": FileKind("a TIFF image", _ITSELF),
+    b"RIFF": FileKind("a sound, film or image file", _ITSELF),
+    b"%PDF": FileKind("a PDF document", _ITSELF),
+    b"{\\rtf": FileKind("an RTF document", "save it as plain text"),
+    b"\xd0\xcf\x11\xe0": FileKind("an old Office document", _EXPORT),
+    b"PK\x05\x06": FileKind("an empty ZIP archive", _ITSELF),
+    b"Rar!": FileKind("a RAR archive", _UNPACK),
+    b"7z\xbc\xaf\x27\x1c": FileKind("a 7z archive", _UNPACK),
+    b"BZh": FileKind("bzip2-compressed", "unpack it with bunzip2"),
+    b"\xfd7zXZ\x00": FileKind("xz-compressed", "unpack it with unxz"),
+    b"\x28\xb5\x2f\xfd": FileKind("zstd-compressed", "unpack it with unzstd"),
+    b"\x1f\x8b": FileKind("gzip-compressed twice", "unpack it with gunzip"),
+    b"\x7fELF": FileKind("a program", _ITSELF),
+    b"MZ": FileKind("a program", _ITSELF),
+    b"FEA1": FileKind("a Feather file of version 1", "save it again with a pandas or pyarrow of this decade"),
+    b"SQLite format 3": FileKind("an SQLite database", _EXPORT),
 }
 """First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
 
@@ -72,7 +72,7 @@ _WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
 """Starts that plain text may have too (``BM``, ``MZ``): they count only in a file that is binary."""
 
 
-def foreign_kind(head: bytes) -> Kind | None:
+def foreign_kind(head: bytes) -> FileKind | None:
     """Name what starts with these bytes, or None where they may be text."""
     binary = is_binary(head)
     for start, kind in MAGIC.items():
@@ -81,8 +81,8 @@ def foreign_kind(head: bytes) -> Kind | None:
     opening = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:20].lower()
     for start, name in PAGES.items():
         if opening.startswith(start):
-            return Kind(name, "download the raw file it shows")
-    return Kind("a binary file", "give a text recording with three columns of numbers") if binary else None
+            return FileKind(name, "download the raw file it shows")
+    return FileKind("a binary file", "give a text recording with three columns of numbers") if binary else None
 
 
 def may_be_log(head: bytes) -> bool:

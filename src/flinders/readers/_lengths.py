@@ -49,7 +49,7 @@ MANY: Final = 400  # rows that are enough
 WIDEST: Final = 24  # columns that are judged; a wider table would fill the screen
 
 
-class Group(NamedTuple):
+class ColumnGroup(NamedTuple):
     """Columns that belong together, and what they may be."""
 
     names: tuple[str, ...]  # as ``--columns`` takes them
@@ -66,7 +66,7 @@ class Group(NamedTuple):
         return f"--columns {shlex.quote(','.join(self.names))}"
 
 
-def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> list[Group]:
+def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> list[ColumnGroup]:
     """Judge nameless columns by their first rows, three or four at a time; empty for few rows or many columns."""
     values = np.where(np.abs(values) < LARGEST, values, np.nan)
     places = [place for place in free if np.isfinite(values[:, place]).mean() >= 0.5] if len(values) >= FEWEST else []
@@ -75,14 +75,14 @@ def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> li
     own = [names[place].strip() for place in places] if names else []
     is_named = all(own) and len(set(own)) == len(places) and not any("," in name for name in own)
     called = {place: own[at] if is_named else str(place + 1) for at, place in enumerate(places)}
-    judged: list[tuple[tuple[int, ...], Group]] = []
+    judged: list[tuple[tuple[int, ...], ColumnGroup]] = []
     for cells in _quaternions(values, places):
-        judged.append((cells, Group((), "a quaternion", is_known=True)))
+        judged.append((cells, ColumnGroup((), "a quaternion", is_known=True)))
         places = [place for place in places if place not in cells]
     for place in list(places):
         is_clock = ascends(values[:, place])
         if is_clock or np.nanmin(values[:, place]) == np.nanmax(values[:, place]):
-            judged.append(((place,), Group((), "a clock or a counter" if is_clock else "constant")))
+            judged.append(((place,), ColumnGroup((), "a clock or a counter" if is_clock else "constant")))
             places.remove(place)
     judged += [(cells, _judged(values[:, cells])) for run in _runs(places) for cells in _triples(values, run)]
     return [group._replace(names=tuple(called[cell] for cell in cells)) for cells, group in sorted(judged)]
@@ -94,7 +94,7 @@ def likeness(vectors: Floats) -> str:
     return group.what if group.is_known else ""
 
 
-def advice(judged: Sequence[Group]) -> str:
+def advice(judged: Sequence[ColumnGroup]) -> str:
     """Say which columns may be the magnetometer, what to type then, and what the others look like."""
     able = [group for group in judged if group.is_candidate]
     others = ", ".join(str(group) for group in judged if not group.is_candidate)
@@ -149,31 +149,31 @@ def _lengths(vectors: Floats) -> tuple[float, float, float]:
     return low, middle, high
 
 
-def _judged(vectors: Floats) -> Group:
+def _judged(vectors: Floats) -> ColumnGroup:
     """Say what three columns may be; their names are not known here."""
     vectors = vectors[(np.abs(vectors) < LARGEST).all(axis=1)]
     if len(vectors) < FEWEST:
-        return Group((), "seldom all there")
+        return ColumnGroup((), "seldom all there")
     low, middle, high = _lengths(vectors)
     scatter, radius = _sphere(vectors)
     is_turned = radius < high  # a larger sphere is a guess from a small arc
     size = min(radius, high)
     if low > 1 - EXACT and high < 1 + EXACT:
-        return Group((), "a direction, or gravity in g", is_known=True)
+        return ColumnGroup((), "a direction, or gravity in g", is_known=True)
     for name, length in GRAVITY.items():
         is_near = abs(middle / length - 1) < NEARLY and high - low < STEADY * middle
         if is_near and (length < SMALL or abs(radius / length - 1) < NEARLY):
-            return Group((), f"gravity in {name}", is_known=True)
+            return ColumnGroup((), f"gravity in {name}", is_known=True)
     is_often_short = low < NEAR_ZERO * high and scatter > ROUND_INDEED * size
     if scatter > ROUND * size or is_often_short:
-        return Group((), "rates or angles: near no sphere")
+        return ColumnGroup((), "rates or angles: near no sphere")
     strength = radius if is_turned else middle
     if min(strength, middle) > IN_NO_UNIT[0] and max(strength, middle) < IN_NO_UNIT[1]:
-        return Group((), f"lengths of {figures(middle, 3)}, which the earth's field has in no unit")
+        return ColumnGroup((), f"lengths of {figures(middle, 3)}, which the earth's field has in no unit")
     unit = unit_of_the_earth(strength)
     parts = [f"lengths {figures(low, 3)} to {figures(high, 3)}"]
     parts += [f"strength {figures(strength, 3)}"] * is_turned + [f"as {unit} the earth's"] * bool(unit)
-    return Group((), ", ".join(parts), is_candidate=True)
+    return ColumnGroup((), ", ".join(parts), is_candidate=True)
 
 
 def _sphere(vectors: Floats) -> tuple[float, float]:

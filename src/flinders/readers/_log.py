@@ -23,7 +23,7 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.errors import UnreadableInput, UsageError
-from flinders.readers._span import Span
+from flinders.readers._span import TimeSpan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -193,7 +193,7 @@ class Instrument:
     device_id : int, optional
         Its device id there.
     as_logged : bool
-    span : Span
+    span : TimeSpan
         Only readings within it are given.
     beginning : float, s
         The time from which the span counts, by the clock of `columns`: the first reading where it is NaN.
@@ -224,7 +224,7 @@ class Instrument:
     compass: int | None = None
     device_id: int | None = None
     as_logged: bool = False
-    span: Span = field(default_factory=Span)
+    span: TimeSpan = field(default_factory=TimeSpan)
     beginning: float = np.nan
     readings: int | None = None
     notes: tuple[str, ...] = ()

@@ -40,7 +40,7 @@ class Grid:
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class NumberRows:
     """What was read from some lines."""
 
     values: Floats  # (N, len(cells)) as written, NaN where a cell is empty
@@ -54,12 +54,12 @@ class Rows:
         return np.arange(lines.start, lines.stop, dtype=float) if isinstance(lines, range) else np.array(lines, float)
 
 
-def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
+def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
     """Read lines that are neither blank nor comments."""
     if not texts:
-        return Rows(np.empty((0, len(grid.cells))), [], [])
+        return NumberRows(np.empty((0, len(grid.cells))), [], [])
     try:
-        return Rows(_at_once(texts, grid), lines, [])
+        return NumberRows(_at_once(texts, grid), lines, [])
     except ValueError:
         if len(texts) <= PIECE:
             return _one_by_one(texts, lines, grid)
@@ -67,7 +67,7 @@ def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
         rows_of(texts[start : start + PIECE], lines[start : start + PIECE], grid)
         for start in range(0, len(texts), PIECE)
     ]
-    return Rows(
+    return NumberRows(
         np.concatenate([piece.values for piece in pieces]),
         [line for piece in pieces for line in piece.lines],
         [line for piece in pieces for line in piece.unreadable],
@@ -134,12 +134,12 @@ def _at_once(texts: list[str], grid: Grid) -> Floats:
     return values
 
 
-def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> Rows:
+def _one_by_one(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
     read = [(line, text, row_of(split(text, grid.delimiter), grid)) for line, text in zip(lines, texts, strict=True)]
     values = [row for _, _, row in read if row is not None]
     unreadable = [(line, text) for line, text, row in read if row is None]
     good = [line for line, _, row in read if row is not None]
-    return Rows(np.array(values, dtype=float).reshape(-1, len(grid.cells)), good, unreadable)
+    return NumberRows(np.array(values, dtype=float).reshape(-1, len(grid.cells)), good, unreadable)
 
 
 def row_of(found: list[str], grid: Grid) -> list[float] | None:

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.readers._lines import Lines
-    from flinders.readers._numbers import Rows
-    from flinders.readers._sniff import Layout
+    from flinders.readers._numbers import NumberRows
+    from flinders.readers._sniff import TextLayout
 
 WRITTEN: Final = "%.9g"  # Nine significant digits: as many as a float32 has
 SUFFIX: Final = "_cal"
@@ -22,7 +22,7 @@ SUFFIX: Final = "_cal"
 class Rewriter:
     """Puts numbers into lines, or with `add` after them, and leaves the rest of them alone."""
 
-    def __init__(self, layout: Layout, *, add: bool) -> None:
+    def __init__(self, layout: TextLayout, *, add: bool) -> None:
         self._layout, self._add = layout, add
         self._delimiter = layout.grid.delimiter
         mark = re.escape(self._delimiter)
@@ -35,7 +35,7 @@ class Rewriter:
         if header and not self._layout.header_line:
             yield self._named(",".join(f'"{name}"' if "," in name else name for name in header)) + self._layout.newline
 
-    def lines(self, lines: Lines, rows: Rows, field: Floats) -> Iterator[str]:
+    def lines(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
         """Yield these lines with their ends; `field` is (len(rows.lines), 3), in the unit of the recording."""
         layout = self._layout
         recorded = lines.texts

@@ -13,7 +13,7 @@ from flinders.readers._lines import Lines, shown
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from flinders.readers._numbers import Rows
+    from flinders.readers._numbers import NumberRows
 
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"
@@ -28,7 +28,7 @@ class Tally:
         self.unreadable = 0
         self.first = self.last = (0, "")
 
-    def add(self, rows: Rows, usable: NDArray[np.bool_]) -> None:
+    def add(self, rows: NumberRows, usable: NDArray[np.bool_]) -> None:
         """Count one stretch."""
         self.rows += len(usable)
         self.usable += int(usable.sum())
@@ -66,7 +66,7 @@ def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped
     return tuple(reasons.values())
 
 
-def left_out_of(lines: Lines, rows: Rows, usable: NDArray[np.bool_]) -> tuple[Skipped, ...]:
+def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tuple[Skipped, ...]:
     """Account for the rows of a stretch that cannot be used, and the lines that are none."""
     found = []
     if not usable.all():

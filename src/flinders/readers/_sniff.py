@@ -49,7 +49,7 @@ SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class TextLayout:
     """How a recording is written."""
 
     grid: Grid
@@ -91,7 +91,7 @@ def sniff(
     header: Sequence[str] = (),
     flat: str | None = None,
     choice: Choice = FIRST,
-) -> Layout:
+) -> TextLayout:
     """Recognise by its first lines how a table is laid out; `header` are names that are known from elsewhere."""
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
@@ -116,7 +116,7 @@ def _table(
     dialect: tuple[str, str],
     known: Sequence[str],
     choosing: partial[Columns | None],
-) -> Layout:
+) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
     like = {place: cells for place, cells in rows.items() if len(cells) == width}
@@ -134,7 +134,7 @@ def _table(
             _refuse_mixed(name, header, list(like.values()))
         _refuse_thousands(name, list(like.values()), chosen, dialect[1])
     is_even = header or often >= SAME_WIDTH * len(rows)
-    return Layout(
+    return TextLayout(
         grid=Grid(*dialect, width if is_even else 0, chosen.cells, chosen.needed),
         columns=chosen,
         start=_first_row(texts, place + 1, start) + 1,

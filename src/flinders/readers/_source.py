@@ -1,7 +1,7 @@
 """Bytes of a recording, from a file or a pipe: as often as asked, or as they arrive.
 
 What cannot be read twice (standard input, a named pipe, a serial port) is either copied to a temporary
-file, which goes when its `File` does, or, where one pass is enough, read as a `Stream` that keeps
+file, which goes when its `File` does, or, where one pass is enough, read as a `ByteStream` that keeps
 nothing. Gzip is recognised by its first bytes.
 """
 
@@ -144,7 +144,7 @@ class File:
             yield chunk
 
 
-class Stream:
+class ByteStream:
     """Bytes that come once and are not kept, such as those of a sensor that is still running.
 
     Parameters
@@ -232,7 +232,7 @@ class Stream:
             raise self._cut
 
 
-Source: TypeAlias = File | Stream
+Source: TypeAlias = File | ByteStream
 
 
 def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
@@ -308,7 +308,7 @@ def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, o
 
 def derived(source: Source, chunks: Iterator[bytes]) -> Source:
     """Keep what is made of a source's bytes as long as the source itself is kept."""
-    return Stream(source.name, chunks) if isinstance(source, Stream) else spooled(source.name, chunks)
+    return ByteStream(source.name, chunks) if isinstance(source, ByteStream) else spooled(source.name, chunks)
 
 
 def on_disk(source: Source) -> File:
@@ -353,7 +353,7 @@ def _standard_input() -> io.BufferedIOBase:
 
 def _piped(name: str, stream: io.BufferedIOBase, *, once: bool) -> Source:
     if once:
-        return Stream(name, _as_it_arrives(name, stream))
+        return ByteStream(name, _as_it_arrives(name, stream))
     return spooled(name, _chunks(name, stream.read), empty=NOTHING_PIPED)
 
 

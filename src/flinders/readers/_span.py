@@ -1,7 +1,7 @@
 """Which part of a recording is read: from one time to another, in seconds from its beginning.
 
 >>> from flinders.core.samples import Samples
->>> clock = Span(1.0, 2.0).clock("tumble.csv")
+>>> clock = TimeSpan(1.0, 2.0).clock("tumble.csv")
 >>> clock.within(Samples.of([[1, 2, 3]] * 4, time=[100.0, 101.0, 102.0, 103.0]))
 array([False,  True,  True, False])
 """
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class TimeSpan:
     """From one time to another.
 
     Attributes
@@ -35,7 +35,7 @@ class Span:
     end: float = np.inf
 
     @classmethod
-    def of(cls, start: float | None, end: float | None) -> Span:
+    def of(cls, start: float | None, end: float | None) -> TimeSpan:
         """Take what the user gave; what is not given is not limited.
 
         Raises
@@ -54,21 +54,21 @@ class Span:
     @property
     def is_all(self) -> bool:
         """Nothing is left out."""
-        return self == Span()
+        return self == TimeSpan()
 
-    def clock(self, source: str, beginning: float = np.nan) -> Clock:
+    def clock(self, source: str, beginning: float = np.nan) -> SpanClock:
         """Start a pass over the recording of this name; `beginning` is the time of its first reading, if known."""
-        return Clock(self, source, beginning)
+        return SpanClock(self, source, beginning)
 
     def __str__(self) -> str:
         ends = {"from": self.start, "to": self.end}
         return " ".join(f"{word} {time:g} s" for word, time in ends.items() if np.isfinite(time))
 
 
-class Clock:
+class SpanClock:
     """One pass: takes the time of the first reading for the beginning, and knows whether any reading lay within."""
 
-    def __init__(self, span: Span, source: str, beginning: float) -> None:
+    def __init__(self, span: TimeSpan, source: str, beginning: float) -> None:
         self._span, self._source, self._beginning = span, source, beginning
         self._last, self._taken = np.nan, 0
 

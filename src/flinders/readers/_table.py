@@ -31,7 +31,7 @@ from flinders.readers._columns import Columns, choose
 from flinders.readers._lines import shown
 from flinders.readers._log import FIRST, Choice
 from flinders.readers._sniff import ranges
-from flinders.readers._span import Span
+from flinders.readers._span import TimeSpan
 from flinders.readers.text import unit_of
 
 if TYPE_CHECKING:
@@ -127,7 +127,7 @@ class TableRecording:
         How the recorded axes are turned.
     progress : callable, optional
         Called once a block with the bytes read so far, by the share of rows, and those there are.
-    span : Span
+    span : TimeSpan
         Which part of it is read.
     skipped : tuple of Skipped
         What the last pass has left out so far.
@@ -141,7 +141,7 @@ class TableRecording:
     unit: Unit
     axes: Axes = field(default_factory=Axes)
     progress: Progress | None = None
-    span: Span = field(default_factory=Span)
+    span: TimeSpan = field(default_factory=TimeSpan)
     skipped: tuple[Skipped, ...] = field(default=(), init=False)
     kept: tuple[Source, ...] = field(default=(), init=False)
 

@@ -31,13 +31,13 @@ from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
-from flinders.readers._numbers import Rows, rows_of
+from flinders.readers._numbers import NumberRows, rows_of
 from flinders.readers._reader import Reader
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._skipping import Tally, added, left_out_of
-from flinders.readers._sniff import COMMENTS, TRIED, Layout, sniff
+from flinders.readers._sniff import COMMENTS, TRIED, TextLayout, sniff
 from flinders.readers._source import File, Progress
-from flinders.readers._span import Span
+from flinders.readers._span import TimeSpan
 from flinders.readers.dialects import Transcription, guess, recognise
 from flinders.readers.dialects.json_records import is_document, table_of
 from flinders.readers.dialects.magcc import is_magcc, table_of_datagrams
@@ -63,12 +63,12 @@ class TextRecording:
     """Text that yields its readings in bounded memory: a file again and again, a `Stream` once."""
 
     file: Source  # where its lines are
-    layout: Layout  # delimiter, decimal sign, header, which column is what
+    layout: TextLayout  # delimiter, decimal sign, header, which column is what
     unit: Unit  # of the magnetometer's columns
     axes: Axes = field(default_factory=Axes)  # how the recorded axes are turned
     frame: str = "sensor"  # what they are: ``sensor`` or ``vehicle``
     progress: Progress | None = None
-    span: Span = field(default_factory=Span)  # which part of it is read
+    span: TimeSpan = field(default_factory=TimeSpan)  # which part of it is read
     transcription: Transcription | None = None  # of a recording in a dialect, what made the table that `file` is
     original: Source | None = None  # the recording itself, where `file` is a table that was made of it
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
@@ -220,7 +220,7 @@ class TextRecording:
             yield _Stretch(lines, rows, usable, left_out)
         tally.judge(self.source, self.skipped)
 
-    def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, Rows, NDArray[np.bool_]]]:
+    def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
         file, encoding = self.file, self.layout.encoding
         if not isinstance(file, File) or file.size < _arrow.LEAST or (parse := _arrow.parser_of(grid)) is None:
@@ -236,13 +236,13 @@ class TextRecording:
                 rows = self._parsed(lines, parse) or self._rows(lines, grid)
                 yield lines, rows, self._usable(rows, columns)
 
-    def _parsed(self, lines: Lines, parse: _arrow.Parse) -> Rows | None:
+    def _parsed(self, lines: Lines, parse: _arrow.Parse) -> NumberRows | None:
         """Read a stretch by pyarrow, where it holds nothing but readings."""
         values = parse(lines) if self._is_all_readings(lines) else None
-        return None if values is None else Rows(values, lines.numbers, [])
+        return None if values is None else NumberRows(values, lines.numbers, [])
 
-    def _rows(self, lines: Lines, grid: Grid) -> Rows:
-        """Read a stretch: whole where it holds nothing but readings, else what `Layout.select` picks."""
+    def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
+        """Read a stretch: whole where it holds nothing but readings, else what `TextLayout.select` picks."""
         if self._is_all_readings(lines):
             texts = lines.texts
             if all(map(str.strip, texts)):
@@ -257,7 +257,7 @@ class TextRecording:
         has_others = any(other[0] in text and other in text for other in others)
         return lines.first >= layout.start and not has_others
 
-    def _usable(self, rows: Rows, columns: Columns) -> NDArray[np.bool_]:
+    def _usable(self, rows: NumberRows, columns: Columns) -> NDArray[np.bool_]:
         """Tell which rows have a field that is finite also in `unit.inside`; a time may be missing."""
         with np.errstate(over="ignore"):
             usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
@@ -279,7 +279,7 @@ class _Stretch(NamedTuple):
     """Some lines, what was read from them, which of the rows can be used, and what is left out."""
 
     lines: Lines
-    rows: Rows
+    rows: NumberRows
     usable: NDArray[np.bool_]
     left_out: tuple[Skipped, ...]
 
@@ -342,7 +342,9 @@ class _Table(NamedTuple):
     transcription: Transcription | None = None
 
 
-def _laid_out(file: Source, head: bytes, chosen: Callable[..., Layout], pattern: str | None) -> tuple[_Table, Layout]:
+def _laid_out(
+    file: Source, head: bytes, chosen: Callable[..., TextLayout], pattern: str | None
+) -> tuple[_Table, TextLayout]:
     """Find how the lines of a file are written; what is no table becomes one."""
     encoding = encoding_of(head)
     table = _table_of(file, encoding, head.decode(encoding, "replace").removeprefix("\ufeff"), pattern)
@@ -387,7 +389,7 @@ def _transcribed(file: Source, encoding: str, dialect: Dialect) -> _Table:
     return _made((transcription.table, dialect.names), dialect.words)._replace(transcription=transcription)
 
 
-def _not_raw(name: str, layout: Layout) -> UnreadableInput:
+def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:
     """Say that a blackbox was recorded with a calibration in force, and how other readings, or these, are had."""
     return UnreadableInput(
         f"{name} was recorded with {layout.in_force} in force, and magADC is after it: what is found from it would "

@@ -21,7 +21,7 @@ import numpy as np
 from flinders.core.compensation import settled
 from flinders.core.samples import Samples, singles
 from flinders.core.units import label
-from flinders.diagnostics.random_walk import FEWEST, walk_of
+from flinders.diagnostics.random_walk import FEWEST, random_walk_of
 from flinders.report.view import lengths_off, view
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.diagnostics.random_walk import Walk
+    from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
     from flinders.report.view import Shown, View
@@ -161,13 +161,13 @@ class FigureData:
         strengths: Floats = np.linalg.norm(_under(self.shown, self.raw if is_compensated else self.recorded), axis=1)
         return strengths
 
-    def walk(self, fit: Fit) -> Walk | None:
+    def walk(self, fit: Fit) -> RandomWalk | None:
         """How the offset moved over the seconds of one recording; None without times, or for few readings."""
         time = self.whole.time
         if time is None or self.clock != "s" or self.total < FEWEST or not time[-1] > time[0]:
             return None
         dip = fit.heading_error_deg.dip_deg
-        return walk_of(self.whole.field, time - time[0], fit.ellipsoid, plane=self.plane, dip_deg=dip)
+        return random_walk_of(self.whole.field, time - time[0], fit.ellipsoid, plane=self.plane, dip_deg=dip)
 
     @property
     def shape(self) -> Floats | None:

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.disturbance import Disturbance
-    from flinders.diagnostics.random_walk import Walk
+    from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
     from flinders.report.figure_data import FigureData
@@ -416,7 +416,7 @@ STRIP: Final = 72
 """Height of what one axis has of a figure of three."""
 
 
-def offset_over_time(walk: Walk, unit: str, plane: Plane | None = None) -> str:
+def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) -> str:
     """Offset along each axis over time, less that of the fit, with the band of one standard deviation.
 
     Of readings of one plane, the two axes in it.

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import SourceFile
     from flinders.core.samples import Recording
-    from flinders.diagnostics.random_walk import Walk
+    from flinders.diagnostics.random_walk import RandomWalk
     from flinders.errors import FitError
 
 TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
@@ -292,7 +292,7 @@ def _sections(fit: Fit | None) -> dict[str, Any]:
     }
 
 
-def _walk(walk: Walk | None, fit: Fit | None) -> dict[str, Any] | None:
+def _walk(walk: RandomWalk | None, fit: Fit | None) -> dict[str, Any] | None:
     """Whether the offset stayed, in words; for how long that is good enough, where anything is claimed at all."""
     if walk is None or fit is None:
         return None
@@ -374,7 +374,7 @@ def _file(file: SourceFile) -> dict[str, str]:
 # ----------------------------------------------------------------------------------------------------- what is drawn
 
 
-def _figures(drawn: FigureData, fit: Fit | None, walk: Walk | None) -> dict[str, Any]:
+def _figures(drawn: FigureData, fit: Fit | None, walk: RandomWalk | None) -> dict[str, Any]:
     """Figures by name, numbers and words of our own; None of those that nothing is known for."""
     view, target = drawn.view, 1.0 if fit is None else fit.target_deg
     drawings: dict[str, Any] = dict.fromkeys(FIGURES)

@@ -33,7 +33,7 @@ from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
 from flinders.heading.guidance import guide
-from flinders.summary.quality import Health
+from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -321,7 +321,7 @@ class Rejected:
     def of(cls, fit: Fit, samples: Samples) -> Self:
         """Find them among the readings that were fitted."""
         is_at_rail = np.zeros(len(samples), bool)
-        for rail in Health.of(samples).rails:
+        for rail in DataQuality.of(samples).rails:
             is_at_rail |= samples.field[:, rail.axis] == rail.value
         runs = _runs_left_out(fit, is_at_rail)
         rows = is_at_rail | _are_outliers(fit, samples, is_at_rail, runs)

@@ -27,7 +27,7 @@ The functions ask an array which library it belongs to, and keep to the array AP
 
 from __future__ import annotations
 
-from flinders.stacked.columns import Columns as Columns
+from flinders.stacked.columns import BatchColumns as BatchColumns
 from flinders.stacked.columns import fit_stack as fit_stack
 from flinders.stacked.stack import Lined as Lined
 from flinders.stacked.stack import Stack as Stack

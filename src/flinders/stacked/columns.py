@@ -7,7 +7,7 @@ those of the single command, whichever way a unit went.
 >>> tumbles = [simulate.tumble(seed=seed, n=500, motion="uniform").samples for seed in range(3)]
 >>> found = fit_stack([*tumbles, tumbles[0][:5]])
 >>> found, found.code.tolist()
-(Columns(3 good, 1 refused; 3 of 4 through the fast lane), ['', '', '', 'too-few-samples'])
+(BatchColumns(3 good, 1 refused; 3 of 4 on the batch path), ['', '', '', 'too-few-samples'])
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Columns:
+class BatchColumns:
     """What came of U units: the columns of the table of a fleet that a fit fills, NaN where it gives no number.
 
     Attributes
@@ -110,12 +110,12 @@ class Columns:
 
     def __repr__(self) -> str:
         verdicts = ", ".join(f"{many} {verdict}" for verdict, many in sorted(Counter(self.verdict.tolist()).items()))
-        return f"Columns({verdicts}; {int(self.through.sum())} of {len(self)} through the fast lane)"
+        return f"BatchColumns({verdicts}; {int(self.through.sum())} of {len(self)} on the batch path)"
 
 
 def fit_stack(
     units: Sequence[Samples] | Lined | Stack, *, target_deg: float = 1.0, dip_deg: float = 60.0, polish: bool = True
-) -> Columns:
+) -> BatchColumns:
     """Fit and judge many units at once, each as `flinders.fit` would by itself.
 
     Parameters
@@ -132,7 +132,7 @@ def fit_stack(
 
     Returns
     -------
-    Columns
+    BatchColumns
         In the order given. A unit that gives no calibration is a row with its error.
 
     Raises
@@ -144,7 +144,7 @@ def fit_stack(
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    columns = Columns.empty(len(units))
+    columns = BatchColumns.empty(len(units))
     has_disturbances = polish and _have_drivers(units)
     for places, stack in _stacks(units):
         with np.errstate(all="ignore"):  # what is no number in one unit of a stack takes that unit out of the lane
@@ -232,7 +232,7 @@ def _unmoved(lane: Lane, sources: Sequence[Samples], dip_deg: float) -> NDArray[
     return np.array(kept, dtype=np.intp)
 
 
-def _fill(columns: Columns, places: NDArray[np.intp], lane: Lane, inside: str) -> None:
+def _fill(columns: BatchColumns, places: NDArray[np.intp], lane: Lane, inside: str) -> None:
     """Write down what came through the lane."""
     if not len(places):
         return
@@ -278,19 +278,19 @@ def _alone(one: Samples, *, polish: bool, target_deg: float, dip_deg: float) -> 
         return error
 
 
-def _told(error: Exception) -> tuple[str, str, str]:
+def _described(error: Exception) -> tuple[str, str, str]:
     """Verdict, code and message of a unit that gives no fit."""
     if isinstance(error, FlindersError):
         return "refused" if isinstance(error, FitError) else "failed", error.code, str(error)
     return "failed", "internal", f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
 
 
-def _fill_one(columns: Columns, place: int, found: Fit | Exception, one: Samples) -> None:
+def _fill_one(columns: BatchColumns, place: int, found: Fit | Exception, one: Samples) -> None:
     """Write down what became of a unit by itself."""
     columns.readings[place], columns.unit_of_field[place] = len(one), one.unit.inside
     if not isinstance(found, Fit):
         columns.findings[place] = ()
-        columns.verdict[place], columns.code[place], columns.message[place] = _told(found)
+        columns.verdict[place], columns.code[place], columns.message[place] = _described(found)
         return
     error, findings = found.heading_error_deg, found.findings
     columns.verdict[place], columns.method[place], columns.used[place] = found.verdict, found.method, found.samples

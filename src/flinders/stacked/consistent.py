@@ -6,7 +6,7 @@ As `flinders.estimators.consistent` fits one, to rounding.
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(4, 3, 200))
 >>> readings = 50.0 * directions / lengths(directions)[:, None] + rng.normal(size=(4, 3, 200)) + 20.0
->>> found = consistent(Sums.of(with_ones(readings)))
+>>> found = consistent(BatchMoments.of(with_ones(readings)))
 >>> bool(found.are_plain.all()), found.ellipsoids.centre.round().tolist()[0]
 (True, [20.0, 20.0, 20.0])
 """
@@ -31,8 +31,8 @@ from flinders.stacked.algebra import (
     solved_with,
     symmetric,
 )
-from flinders.stacked.sums import PACKING, Sums
-from flinders.stacked.surfaces import Ellipsoids
+from flinders.stacked.sums import PACKING, BatchMoments
+from flinders.stacked.surfaces import EllipsoidBatch
 
 INVERSE_STEPS: Final = 8
 """Of the variance; four are usual."""
@@ -47,25 +47,25 @@ class Started:
 
     Attributes
     ----------
-    ellipsoids : Ellipsoids
+    ellipsoids : EllipsoidBatch
     noise : (U,)
         In the unit of the readings.
     are_plain : (U,) bool
         A closed surface was found, in as many steps as are allowed; else the rest means nothing.
     """
 
-    ellipsoids: Ellipsoids
+    ellipsoids: EllipsoidBatch
     noise: Array
     are_plain: Array
 
 
-def consistent(sums: Sums) -> Started:
+def consistent(sums: BatchMoments) -> Started:
     """Fit all units from their sums as `flinders.estimators.consistent.adjusted` fits one."""
     xp = namespace(sums.values)
     coefficients, variance, settled = _adjusted(sums.about(sums.mean, sums.spread))
     local, closed = _ellipsoids_of(coefficients)
     spread = sums.spread
-    found = Ellipsoids(sums.mean + spread[:, None] * local.centre, spread[:, None, None] * local.shape)
+    found = EllipsoidBatch(sums.mean + spread[:, None] * local.centre, spread[:, None, None] * local.shape)
     return Started(found, spread * xp.sqrt(variance), settled & closed)
 
 
@@ -166,7 +166,7 @@ def _corrections(scatter: Array) -> tuple[Array, Array]:
     return first, second
 
 
-def _ellipsoids_of(coefficients: Array) -> tuple[Ellipsoids, Array]:
+def _ellipsoids_of(coefficients: Array) -> tuple[EllipsoidBatch, Array]:
     """Ellipsoids of (U, 10) coefficients, and (U,) whether they are closed; the others are unit spheres."""
     xp = namespace(coefficients)
     finite = xp.all(xp.isfinite(coefficients), axis=1)
@@ -183,4 +183,4 @@ def _ellipsoids_of(coefficients: Array) -> tuple[Ellipsoids, Array]:
     closed = closed & (level > 0.0)
     axes = xp.sqrt(xp.where(closed, level, 1.0)[:, None] / values)
     shape = (vectors * axes[:, None, :]) @ xp.matrix_transpose(vectors)
-    return Ellipsoids(centre, shape), closed
+    return EllipsoidBatch(centre, shape), closed

@@ -48,11 +48,11 @@ from flinders.stacked.algebra import (
     upper,
     weighed,
 )
-from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units, surface, weighing
+from flinders.stacked.surfaces import DOUBTFUL, EllipsoidBatch, of_units, surface, weighing
 from flinders.summary.coverage import BANDS, CELLS, EDGES, STARTS
 
 if TYPE_CHECKING:
-    from flinders.stacked.likelihood import Fitted
+    from flinders.stacked.likelihood import BatchFit
 
 CREEPS: Final = NormalDist().inv_cdf(1.0 - autocorrelation.BY_CHANCE)
 CHANGES: Final = NormalDist().inv_cdf(1.0 - limit_of("field-changed", "drift_by_chance"))
@@ -63,7 +63,7 @@ _CELLS: Final = len(CELLS)
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class BatchResiduals:
     """Distances of the readings of U units from their surfaces, and sums over blocks of them.
 
     Attributes
@@ -84,7 +84,7 @@ class Residuals:
     squares: Array
 
     @classmethod
-    def of(cls, readings: Array, inside: Array | None, count: Array, ellipsoids: Ellipsoids) -> Self:
+    def of(cls, readings: Array, inside: Array | None, count: Array, ellipsoids: EllipsoidBatch) -> Self:
         """Go through the readings once."""
         return cls(*in_stretches(_residuals, readings, inside, count, ellipsoids.centre, ellipsoids.inverse))
 
@@ -183,7 +183,7 @@ class Autocovariances:
 
     @classmethod
     def of(cls, distances: Array, count: Array) -> Self:
-        """Of (U, N) residuals, zero beyond (U,) readings, as `Residuals.autocovariance` of one."""
+        """Of (U, N) residuals, zero beyond (U,) readings, as `BatchResiduals.autocovariance` of one."""
         xp = namespace(distances)
         count = xp.astype(count, distances.dtype)
         square = xp.sum(distances * distances, axis=1)
@@ -222,7 +222,7 @@ def _correlated(distances: Array, count: Array, most: Array) -> tuple[Array, Arr
 
 
 def scatters(rows: Array, white: Array, found: Autocovariances) -> Array:
-    """(U, k, k) Σᵢⱼ JᵢJⱼᵀ C(i − j) of (U, k, N) Jacobian rows, whose squares add up to `white`, as `Residuals.scatter`.
+    """(U, k, k) Σᵢⱼ JᵢJⱼᵀ C(i − j) of (U, k, N) Jacobian rows whose squares add up to `white`, see `BatchResiduals`.
 
     Units whose autocovariances are alike in length have the same lags, and are gone through together.
     """
@@ -285,7 +285,7 @@ class Hung:
         """(U,) bool."""
         return (self.time == 1.0) & (self.creep == 1.0)
 
-    def widened(self, found: Fitted) -> Array:
+    def widened(self, found: BatchFit) -> Array:
         """(U, 9, 9) covariances with the scatter that residuals which hang together give the gradient."""
         xp = namespace(self.scatter)
         scatter = found.prior + self.scatter / (found.variance**2)[:, None, None]
@@ -296,7 +296,9 @@ class Hung:
         return count / (self.time * self.creep)
 
 
-def hung_together(readings: Array, inside: Array | None, count: Array, ellipsoids: Ellipsoids, left: Residuals) -> Hung:
+def autocorrelated(
+    readings: Array, inside: Array | None, count: Array, ellipsoids: EllipsoidBatch, left: BatchResiduals
+) -> Hung:
     """Look at the residuals of (U, 3, N) readings."""
     xp = namespace(readings)
     found = Autocovariances.of(left.distances, count)
@@ -322,7 +324,7 @@ def hung_together(readings: Array, inside: Array | None, count: Array, ellipsoid
     return Hung(scatter, found.lag_one, time, creep, ~direction)
 
 
-def _monomials(readings: Array, inside: Array | None, ellipsoids: Ellipsoids) -> Array:
+def _monomials(readings: Array, inside: Array | None, ellipsoids: EllipsoidBatch) -> Array:
     """(U, 9, N) z/l at readings, of which `carriers` make the rows of the Jacobian."""
     _, unit, _, steepness, _ = surface(readings, ellipsoids.centre, ellipsoids.inverse)
     rows = monomials(unit)
@@ -330,15 +332,15 @@ def _monomials(readings: Array, inside: Array | None, ellipsoids: Ellipsoids) ->
     return rows
 
 
-def _rows(readings: Array, inside: Array | None, ellipsoids: Ellipsoids) -> Array:
+def _rows(readings: Array, inside: Array | None, ellipsoids: EllipsoidBatch) -> Array:
     """(U, 9, N) Jacobian rows at readings."""
     _, unit, normal, _, _ = surface(readings, ellipsoids.centre, ellipsoids.inverse)
     rows = gathered(normal, unit)
     return rows if inside is None else rows * inside[:, None, :]
 
 
-def _creep(inverse: Array, whole: Array, left: Residuals) -> Array:
-    """(U,) factor by which blocks scatter more than scatters of the whole allow, as `Residuals.creep`.
+def _creep(inverse: Array, whole: Array, left: BatchResiduals) -> Array:
+    """(U,) factor by which blocks scatter more than scatters of the whole allow, as `BatchResiduals.creep`.
 
     Parameters
     ----------
@@ -346,7 +348,7 @@ def _creep(inverse: Array, whole: Array, left: Residuals) -> Array:
         Of those scatters.
     whole : (U, 9, 9)
         Inverse of the squares of the whole.
-    left : Residuals
+    left : BatchResiduals
     """
     xp = namespace(inverse)
     gradients, blocks = left.gradients, left.squares
@@ -385,7 +387,7 @@ def standard_deviations(chi_square: Array, freedom: Array, others: Array | float
     return xp.where(free, normal, -xp.inf)
 
 
-def _belongs(left: Residuals, count: Array, length: Array, time: Array) -> Array:
+def _belongs(left: BatchResiduals, count: Array, length: Array, time: Array) -> Array:
     """(U,) whether a distortion belongs to directions, as `_Sphere.distortion` proves it."""
     return in_stretches(_proven, left.distances[:, None, :], left.cells, count, length, time)
 
@@ -426,7 +428,7 @@ def _proven(distances: Array, cells: Array, count: Array, length: Array, time: A
 
 
 def may_have_changed(
-    readings: Array, inside: Array | None, count: Array, ellipsoids: Ellipsoids, left: Residuals
+    readings: Array, inside: Array | None, count: Array, ellipsoids: EllipsoidBatch, left: BatchResiduals
 ) -> Array:
     """(U,) whether a steady change shows over a recording, as `drift_of` finds it; whatever its size.
 
@@ -454,11 +456,11 @@ def may_have_changed(
     sigma = xp.sqrt(xp.linalg.diagonal(spread))
     chi = xp.sum((moved / sigma) * xp.linalg.solve(spread / outer(sigma), (moved / sigma)[:, :, None])[:, :, 0], axis=1)
     independent = counts / hangs.time - rows.shape[1]
-    told = (counts >= FEWEST) & (independent >= FEWEST_INDEPENDENT)
-    independent = xp.where(told, independent, 1.0)
+    observed = (counts >= FEWEST) & (independent >= FEWEST_INDEPENDENT)
+    independent = xp.where(observed, independent, 1.0)
     found_by = standard_deviations(chi, xp.full(chi.shape, 4.0), independent)
     flat = xp.linalg.eigvalsh(products / counts[:, None, None])[:, 0] < (1.0 + DOUBTFUL) * WELL_CONDITIONED
-    return told & (xp.isnan(found_by) | (found_by > CHANGES) | (flat & (found_by > HINTS)))
+    return observed & (xp.isnan(found_by) | (found_by > CHANGES) | (flat & (found_by > HINTS)))
 
 
 def may_have_slipped(readings: Array, count: Array) -> Array:

@@ -3,8 +3,8 @@
 The rules are those of `flinders.findings`, applied to columns. A unit with any other, or one that refuses the
 calibration, leaves the stack.
 
->>> from flinders.stacked.surfaces import Ellipsoids
->>> spheres = Ellipsoids(np.zeros((1, 3)), 50.0 * np.eye(3)[None])
+>>> from flinders.stacked.surfaces import EllipsoidBatch
+>>> spheres = EllipsoidBatch(np.zeros((1, 3)), 50.0 * np.eye(3)[None])
 >>> offset_only = np.diag([0.25, 0.25, 0.25, 0, 0, 0, 0, 0, 0])[None]
 >>> rms, worst = level_errors(spheres, offset_only, np.array([60.0]))
 >>> round(float(rms[0]), 2), round(float(worst[0]), 2)
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.findings import Severity
-    from flinders.stacked.surfaces import Ellipsoids
+    from flinders.stacked.surfaces import EllipsoidBatch
 
 CODES: Final = (
     *("heading-error", "coverage", "noise", "prior", "few-samples", "inflation", "axis-ratio", "field-strength"),
@@ -41,8 +41,8 @@ CODES: Final = (
 
 
 @dataclass(frozen=True, eq=False)
-class Health:
-    """Counts over the readings of U units, see `flinders.summary.quality.Health`.
+class BatchQuality:
+    """Counts over the readings of U units, see `flinders.summary.quality.DataQuality`.
 
     Attributes
     ----------
@@ -118,12 +118,12 @@ def facings(counts: Array, dip_deg: float) -> tuple[Array, Array]:
     return facing, leans & ~clear
 
 
-def level_errors(ellipsoids: Ellipsoids, covariance: Array, dip_deg: Array) -> tuple[Array, Array]:
+def level_errors(ellipsoids: EllipsoidBatch, covariance: Array, dip_deg: Array) -> tuple[Array, Array]:
     """(U,) rms and worst heading error of a level vehicle in degrees, as `error_propagation.level_error`.
 
     Parameters
     ----------
-    ellipsoids : Ellipsoids
+    ellipsoids : EllipsoidBatch
     covariance : (U, 9, 9)
     dip_deg : (U,)
         All of one size, of either sign.
@@ -145,7 +145,7 @@ def level_errors(ellipsoids: Ellipsoids, covariance: Array, dip_deg: Array) -> t
 
 
 def errors_facing(
-    ellipsoids: Ellipsoids, covariance: Array, counts: Array, dip_deg: float
+    ellipsoids: EllipsoidBatch, covariance: Array, counts: Array, dip_deg: float
 ) -> tuple[Array, Array, Array]:
     """Heading errors (U,), rms and worst, and their dip: of both signs of the dip the worse, where both are open."""
     xp = namespace(covariance)
@@ -169,7 +169,7 @@ class Evidence:
 
     Attributes
     ----------
-    ellipsoids : Ellipsoids
+    ellipsoids : EllipsoidBatch
     worst_deg, noise, held, independent, lag_one, count
         As the attributes of `flinders.fitting.result.Fit`; `held` is zero and `lag_one` too where nobody looked.
     has_hole : bool
@@ -179,7 +179,7 @@ class Evidence:
         Steps back in time, longest and usual step; None without time.
     """
 
-    ellipsoids: Ellipsoids
+    ellipsoids: EllipsoidBatch
     worst_deg: Array
     noise: Array
     held: Array

@@ -46,14 +46,14 @@ from flinders.stacked.algebra import (
     with_ones,
 )
 from flinders.stacked.consistent import consistent
-from flinders.stacked.hung import Residuals, hung_together, may_have_changed, may_have_slipped
-from flinders.stacked.judge import Evidence, Health, errors_facing, found_in
+from flinders.stacked.hung import BatchResiduals, autocorrelated, may_have_changed, may_have_slipped
+from flinders.stacked.judge import BatchQuality, Evidence, errors_facing, found_in
 from flinders.stacked.likelihood import likelihood
 from flinders.stacked.outliers import looked_for, may_be_bent
 from flinders.stacked.places import Means, Sorted, covered, natural_sides
-from flinders.stacked.sums import Sums
-from flinders.stacked.support import Supports, pretended
-from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, of_units
+from flinders.stacked.sums import BatchMoments
+from flinders.stacked.support import Supports, spurious_information
+from flinders.stacked.surfaces import DOUBTFUL, EllipsoidBatch, of_units
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -138,8 +138,8 @@ class _Units:
     readings: Array
     inside: Array | None
     count: Array
-    sums: Sums
-    health: Health
+    sums: BatchMoments
+    health: BatchQuality
     steps: Array | None
 
     @classmethod
@@ -155,11 +155,11 @@ class _Units:
         count = xp.take(counts, at)
         if not at.shape[0]:
             none = xp.zeros((0,), dtype=stack.readings.dtype)
-            return cls(at, chosen, there, count, Sums(none, none), Health(none, none, none, none), None)
+            return cls(at, chosen, there, count, BatchMoments(none, none), BatchQuality(none, none, none, none), None)
         steps = stack.steps
         steps = None if steps is None else xp.take(like(steps, stack.readings), at, axis=0)
-        health = Health.of(chosen, there, count)
-        sums = Sums.of(chosen, there, xp.max(xp.maximum(health.high, -health.low), axis=1))
+        health = BatchQuality.of(chosen, there, count)
+        sums = BatchMoments.of(chosen, there, xp.max(xp.maximum(health.high, -health.low), axis=1))
         return cls(at, chosen, there, count, sums, health, steps)
 
     @property
@@ -205,7 +205,7 @@ class _Claimed:
     ----------
     units : (U,) int
         Which of the units they are.
-    ellipsoids : Ellipsoids
+    ellipsoids : EllipsoidBatch
     covariance : (U, 9, 9)
     noise, held, lag_one : (U,)
     independent : (U,)
@@ -219,7 +219,7 @@ class _Claimed:
     """
 
     units: Array
-    ellipsoids: Ellipsoids
+    ellipsoids: EllipsoidBatch
     covariance: Array
     noise: Array
     held: Array
@@ -248,8 +248,8 @@ def _of_readings(units: _Units) -> _Claimed | None:
         return None
     units = units.only(found.at)
     surfaces = found.ellipsoids
-    left = Residuals.of(units.readings, units.inside, units.count, surfaces)
-    hangs = hung_together(units.readings, units.inside, units.count, surfaces, left)
+    left = BatchResiduals.of(units.readings, units.inside, units.count, surfaces)
+    hangs = autocorrelated(units.readings, units.inside, units.count, surfaces, left)
     counts, has_hole, clear, open_, sigma = in_stretches(
         placed, units.readings, units.count, surfaces.centre, surfaces.inverse, surfaces.radius, left.distances
     )
@@ -313,16 +313,16 @@ def _claimed_of_sums(
     means = Means.of(turned(moving(inverse, centre), readings), places)
     units = readings.shape[0]
     counts, has_hole = covered(means, units)
-    surfaces = Ellipsoids(centre, shape)
+    surfaces = EllipsoidBatch(centre, shape)
     directions, many = means.table(xp.arange(units), units)
     variance = (xp.maximum(noise, FINEST * surfaces.radius) ** 2)[:, None, None]
     information, closed, middle = _weighed_thrice(directions, many, inverse, surfaces.radius)
 
-    def pretence(weak: Array) -> Array:
+    def spurious(weak: Array) -> Array:
         chosen = (xp.take(part, weak, axis=0) for part in (centre, shape, directions, many, inverse))
-        return _pretended(*chosen)
+        return _spurious_information(*chosen)
 
-    supports = Supports.of(information / variance, pretence)
+    supports = Supports.of(information / variance, spurious)
     closed = xp.where(supports.are_plain[:, None, None], closed, like(np.eye(9), readings))
     back = scaled_inverse(closed)
     return variance * (back @ middle @ back), counts, has_hole, places.are_plain & supports.are_plain
@@ -347,9 +347,9 @@ def _weighed_thrice(directions: Array, many: Array, inverse: Array, radius: Arra
     return first, second, third
 
 
-def _pretended(centre: Array, shape: Array, directions: Array, many: Array, inverse: Array) -> Array:
-    """What noise pretends at (u, 3, W) directions with so many readings each, as `pretended`."""
-    return pretended(with_ones(centre[:, :, None] + shape @ directions), many, centre, inverse)
+def _spurious_information(centre: Array, shape: Array, directions: Array, many: Array, inverse: Array) -> Array:
+    """What noise pretends at (u, 3, W) directions with so many readings each, as `spurious_information`."""
+    return spurious_information(with_ones(centre[:, :, None] + shape @ directions), many, centre, inverse)
 
 
 def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, dip_deg: float) -> Lane:
@@ -382,7 +382,7 @@ def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, di
     return Lane(units.at, numbers, findings, claimed.method).only(kept)
 
 
-def _corrections(ellipsoids: Ellipsoids) -> tuple[Array, Array]:
+def _corrections(ellipsoids: EllipsoidBatch) -> tuple[Array, Array]:
     """(U,) field strengths and (U, 3, 3) matrices of determinant 1, as `Calibration.from_ellipsoid`."""
     xp = namespace(ellipsoids.shape)
     radii, directions = xp.linalg.eigh(ellipsoids.shape)

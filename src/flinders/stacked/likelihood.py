@@ -8,12 +8,12 @@ left to the prior, a decision that rounding could turn, it leaves the stack: not
 >>> import numpy as np
 >>> from flinders.stacked.algebra import lengths, with_ones
 >>> from flinders.stacked.consistent import consistent
->>> from flinders.stacked.sums import Sums
+>>> from flinders.stacked.sums import BatchMoments
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(4, 3, 200))
 >>> readings = 50.0 * directions / lengths(directions)[:, None] + rng.normal(size=(4, 3, 200)) + 20.0
 >>> readings = with_ones(readings)
->>> sums = Sums.of(readings)
+>>> sums = BatchMoments.of(readings)
 >>> start = consistent(sums)
 >>> found = likelihood(readings, None, sums, start)
 >>> found.at.tolist(), found.ellipsoids.centre.round().tolist()[0]
@@ -40,12 +40,12 @@ from flinders.stacked.algebra import (
     scaled_solve,
     upper,
 )
-from flinders.stacked.support import Supports, pretended
-from flinders.stacked.surfaces import DOUBTFUL, Ellipsoids, bent, of_units, products_at
+from flinders.stacked.support import Supports, spurious_information
+from flinders.stacked.surfaces import DOUBTFUL, EllipsoidBatch, bent, of_units, products_at
 
 if TYPE_CHECKING:
     from flinders.stacked.consistent import Started
-    from flinders.stacked.sums import Sums
+    from flinders.stacked.sums import BatchMoments
 
 SMALL_STEP: Final = 0.05
 """Of the radius: after such a step what was seen well is still seen, see `flinders.stacked.support.CLEARLY`."""
@@ -59,7 +59,7 @@ class Posteriors:
     ----------
     at : (U,) int
         Which units of the stack they are.
-    ellipsoids : Ellipsoids
+    ellipsoids : EllipsoidBatch
         Where they were linearised.
     count : (U,)
         Readings.
@@ -72,7 +72,7 @@ class Posteriors:
     """
 
     at: Array
-    ellipsoids: Ellipsoids
+    ellipsoids: EllipsoidBatch
     count: Array
     products: Array
     middle: Array
@@ -126,7 +126,7 @@ class Posteriors:
         )
 
 
-def likelihood(readings: Array, inside: Array | None, sums: Sums, start: Started) -> Fitted:
+def likelihood(readings: Array, inside: Array | None, sums: BatchMoments, start: Started) -> BatchFit:
     """Settle all units from the consistent fit, as `flinders.estimators.likelihood.Likelihood` settles one.
 
     Parameters
@@ -135,12 +135,12 @@ def likelihood(readings: Array, inside: Array | None, sums: Sums, start: Started
         See `with_ones`.
     inside : (U, N) or None
         1 for readings, 0 for what fills the rows up.
-    sums : Sums
+    sums : BatchMoments
     start : Started
 
     Returns
     -------
-    Fitted
+    BatchFit
         Of those units for which each decision was the plain one.
     """
     xp = namespace(readings)
@@ -162,7 +162,7 @@ def likelihood(readings: Array, inside: Array | None, sums: Sums, start: Started
     return _fitted(_joined(settled) if settled else now, readings, inside)
 
 
-def _stepped(now: Posteriors, step: Array, readings: Array, inside: Array | None, sums: Sums) -> Posteriors:
+def _stepped(now: Posteriors, step: Array, readings: Array, inside: Array | None, sums: BatchMoments) -> Posteriors:
     """Take full steps; those units for which one opens the surface or makes the fit worse leave the stack."""
     xp = namespace(readings)
     moved = now.ellipsoids.moved(step)
@@ -175,7 +175,13 @@ def _stepped(now: Posteriors, step: Array, readings: Array, inside: Array | None
 
 
 def _seen(
-    readings: Array, inside: Array | None, at: Array, ellipsoids: Ellipsoids, sums: Sums, *, sound: Array | None = None
+    readings: Array,
+    inside: Array | None,
+    at: Array,
+    ellipsoids: EllipsoidBatch,
+    sums: BatchMoments,
+    *,
+    sound: Array | None = None,
 ) -> Posteriors:
     """Linearise at surfaces: one pass through the readings of units `at`."""
     xp = namespace(readings)
@@ -186,7 +192,7 @@ def _seen(
     return Posteriors(at, ellipsoids, sums.count, products, sums.mean, sums.spread, sound)
 
 
-def mild_and_sensible(ellipsoids: Ellipsoids, middle: Array, spread: Array) -> Array:
+def mild_and_sensible(ellipsoids: EllipsoidBatch, middle: Array, spread: Array) -> Array:
     """(U, 10, 10) products of the residuals of `likelihood.prior`, `equations` and `sense`, and their Jacobian."""
     xp = namespace(middle)
     rows = xp.zeros((middle.shape[0], 10, 10), dtype=middle.dtype, device=middle.device)
@@ -200,7 +206,7 @@ def mild_and_sensible(ellipsoids: Ellipsoids, middle: Array, spread: Array) -> A
     return xp.matrix_transpose(rows) @ rows
 
 
-def mild(ellipsoids: Ellipsoids) -> Array:
+def mild(ellipsoids: EllipsoidBatch) -> Array:
     """(U, 6, 10) Jacobian and, in the last column, residual of the prior on soft iron."""
     xp = namespace(ellipsoids.shape)
     entries = upper(ellipsoids.shape)
@@ -225,14 +231,14 @@ def _are_seen(now: Posteriors, readings: Array, inside: Array | None) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class BatchFit:
     """What the likelihood of U units gives, before it is known how their residuals hang together.
 
     Attributes
     ----------
     at : (U,) int
         Which units of the stack they are.
-    ellipsoids : Ellipsoids
+    ellipsoids : EllipsoidBatch
     noise : (U,)
     covariance : (U, 9, 9)
         For independent residuals.
@@ -245,7 +251,7 @@ class Fitted:
     """
 
     at: Array
-    ellipsoids: Ellipsoids
+    ellipsoids: EllipsoidBatch
     noise: Array
     covariance: Array
     prior: Array
@@ -264,7 +270,7 @@ class Fitted:
         return type(self)(at, self.ellipsoids.only(which), noise, covariance, prior, variance, held)
 
 
-def _fitted(found: Posteriors, readings: Array, inside: Array | None) -> Fitted:
+def _fitted(found: Posteriors, readings: Array, inside: Array | None) -> BatchFit:
     """Take the last step, with the bias of a curved surface subtracted, and claim what the readings support."""
     xp = namespace(readings)
     supports = _supports(found, readings, inside)
@@ -277,11 +283,11 @@ def _fitted(found: Posteriors, readings: Array, inside: Array | None) -> Fitted:
     moved = surfaces.moved(found.step(bias))
     covariance = scaled_inverse(found.prior[:, :9, :9] + information)
     held = _held(covariance, surfaces)
-    fitted = Fitted(found.at, moved, found.noise, covariance, found.prior[:, :9, :9], found.variance, held)
+    fitted = BatchFit(found.at, moved, found.noise, covariance, found.prior[:, :9, :9], found.variance, held)
     return fitted.only(xp.nonzero(moved.are_closed)[0])
 
 
-def _held(covariance: Array, ellipsoids: Ellipsoids) -> Array:
+def _held(covariance: Array, ellipsoids: EllipsoidBatch) -> Array:
     """(U,) largest share of the information about any parameters that is the prior's, as `Likelihood` finds it."""
     xp = namespace(covariance)
     rows = mild(ellipsoids)[:, :, :9]
@@ -303,7 +309,7 @@ def _joined(parts: list[Posteriors]) -> Posteriors:
     names = ("at", "count", "products", "middle", "spread", "sound")
     columns = {name: xp.concat([getattr(part, name) for part in parts]) for name in names}
     order = xp.argsort(columns["at"])
-    surfaces = Ellipsoids(
+    surfaces = EllipsoidBatch(
         xp.take(xp.concat([part.ellipsoids.centre for part in parts]), order, axis=0),
         xp.take(xp.concat([part.ellipsoids.shape for part in parts]), order, axis=0),
     )
@@ -313,9 +319,9 @@ def _joined(parts: list[Posteriors]) -> Posteriors:
 def _supports(now: Posteriors, readings: Array, inside: Array | None) -> Supports:
     """What the readings of a stack support where they were linearised."""
 
-    def pretence(weak: Array) -> Array:
+    def spurious(weak: Array) -> Array:
         part = now.only(weak)
         chosen = of_units(readings, inside, part.at)
-        return in_stretches(pretended, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
+        return in_stretches(spurious_information, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
 
-    return Supports.of(now.weighed, pretence)
+    return Supports.of(now.weighed, spurious)

@@ -40,7 +40,7 @@ from flinders.stacked.algebra import (
     with_ones,
 )
 from flinders.stacked.places import Sorted, medians, natural_sides
-from flinders.stacked.surfaces import Ellipsoids, surface
+from flinders.stacked.surfaces import EllipsoidBatch, surface
 
 _ROOTS: Final = np.eye(9) * ROUNDING
 
@@ -116,14 +116,14 @@ def may_be_bent(readings: Array, count: Array, sigma: Array) -> Array:
     scale = 0.5 * (far[:, middle - 1] + far[:, middle])
     local = (some - origin[:, :, None]) / scale[:, None, None]
     best, found = _best(local, like(np.stack([pair[1] for pair in drawn]), readings))
-    other = Ellipsoids(origin + scale[:, None] * best.centre, scale[:, None, None] * best.shape)
+    other = EllipsoidBatch(origin + scale[:, None] * best.centre, scale[:, None, None] * best.shape)
     distances = xp.abs(surface(readings, other.centre, other.inverse)[4])
     distances = xp.where(places.kept, picked(distances, places.order), xp.inf)
     better = _typical(distances, xp.astype(many, readings.dtype)) < MASKED * sigma
     return ~enough | (found & better)
 
 
-def _best(local: Array, draws: Array) -> tuple[Ellipsoids, Array]:
+def _best(local: Array, draws: Array) -> tuple[EllipsoidBatch, Array]:
     """The draw of each unit that is nearest to half of (U, 3, 150) readings, and (U,) whether there is one."""
     xp = namespace(local)
     units, tried, points = draws.shape
@@ -135,7 +135,7 @@ def _best(local: Array, draws: Array) -> tuple[Ellipsoids, Array]:
     scores = xp.where(xp.reshape(closed, (units, tried)), off, xp.inf)
     at = xp.argmin(scores, axis=1) + tried * xp.arange(units)
     shape = xp.linalg.inv(xp.take(inverses, at, axis=0))
-    return Ellipsoids(xp.take(centres, at, axis=0), shape), xp.isfinite(xp.min(scores, axis=1))
+    return EllipsoidBatch(xp.take(centres, at, axis=0), shape), xp.isfinite(xp.min(scores, axis=1))
 
 
 def _lengths_of_each(moves: Array, readings: Array, tried: int) -> Array:

@@ -3,7 +3,7 @@
 >>> import numpy as np
 >>> from flinders.summary.moments import Moments
 >>> field = np.random.default_rng(1).normal(size=(2, 50, 3)) + 3.0
->>> sums = Sums.of(np.swapaxes(field, 1, 2))
+>>> sums = BatchMoments.of(np.swapaxes(field, 1, 2))
 >>> alone = Moments.of(field[1])
 >>> np.allclose(sums.values[1], alone.sums), float(sums.unit[1]) == alone.unit, np.allclose(sums.mean[1], alone.mean)
 (True, True, True)
@@ -38,7 +38,7 @@ _FROM_PRODUCTS: Final = np.array(
 
 
 @dataclass(frozen=True, eq=False)
-class Sums:
+class BatchMoments:
     """Moments about zero of U units.
 
     Attributes

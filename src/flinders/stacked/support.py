@@ -67,16 +67,15 @@ class Supports:
     are_plain: Array
 
     @classmethod
-    def of(cls, information: Array, pretence: Callable[[Array], Array]) -> Self:
+    def of(cls, information: Array, spurious: Callable[[Array], Array]) -> Self:
         """Look at normal matrices, and at what noise pretends where they are not well-conditioned.
 
         Parameters
         ----------
         information : (U, 9, 9)
             In standard deviations.
-        pretence : callable
-            Gives the (K, 9, 9) matrices of `flinders.likelihood.identifiability.pretended` of those that (K,) integers
-            name.
+        spurious : callable
+            Gives the (K, 9, 9) matrices of `spurious_information` of those that (K,) integers name.
         """
         xp = namespace(information)
         finite = xp.all(xp.isfinite(information), axis=(1, 2))
@@ -93,7 +92,7 @@ class Supports:
         values, vectors = xp.linalg.eigh(xp.take(scaled, weak, axis=0))
         smallest = values[:, 0]
         plain = (smallest < (1.0 - DOUBTFUL) * WELL_CONDITIONED) & (smallest > WEAKEST)
-        noise = xp.sum(vectors * ((pretence(weak) / outer(scale)) @ vectors), axis=1)
+        noise = xp.sum(vectors * ((spurious(weak) / outer(scale)) @ vectors), axis=1)
         share = xp.clip(noise / xp.maximum(values, float(np.finfo(float).tiny)), 0.0, 1.0)
         spread = vectors * scale[:, :, None]
         left = (spread * (values * (1.0 - share) ** 2)[:, None, :]) @ xp.matrix_transpose(spread)
@@ -104,8 +103,8 @@ class Supports:
         )
 
 
-def pretended(readings: Array, inside: Array | None, centre: Array, inverse: Array) -> Array:
-    """(u, 9, 9) information that noise pretends, for a unit of its variance, as `support.pretended`.
+def spurious_information(readings: Array, inside: Array | None, centre: Array, inverse: Array) -> Array:
+    """(u, 9, 9) information that noise pretends, for a unit of its variance, as `support.spurious_information`.
 
     A direction t along the surface, at right angles to the normal n, turns the row of a reading in the direction u by
     f = (B t − (uᵀV³t/|Vu|²) T z)/|Vu|, see `carriers`, with B t = ``gathered(V²t, u) + gathered(Vu, Vt)``, of which the

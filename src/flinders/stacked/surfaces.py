@@ -2,7 +2,7 @@
 
 >>> import numpy as np
 >>> from flinders.stacked.algebra import with_ones
->>> surfaces = Ellipsoids(np.zeros((1, 3)), 50.0 * np.eye(3)[None])
+>>> surfaces = EllipsoidBatch(np.zeros((1, 3)), 50.0 * np.eye(3)[None])
 >>> readings = with_ones(np.array([[[51.0, 0.0], [0.0, 49.0], [0.0, 0.0]]]))
 >>> surface(readings, surfaces.centre, surfaces.inverse)[4].round(12)
 array([[ 1., -1.]])
@@ -36,7 +36,7 @@ DOUBTFUL: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Ellipsoids:
+class EllipsoidBatch:
     """U surfaces.
 
     Attributes
@@ -65,9 +65,9 @@ class Ellipsoids:
         xp = namespace(self.shape)
         return xp.maximum(xp.linalg.det(self.shape), 0.0) ** (1.0 / 3.0)
 
-    def moved(self, step: Array) -> Ellipsoids:
+    def moved(self, step: Array) -> EllipsoidBatch:
         """Take (U, 9) steps in (b, S)."""
-        return Ellipsoids(self.centre + step[:, :3], self.shape + symmetric(step[:, 3:]))
+        return EllipsoidBatch(self.centre + step[:, :3], self.shape + symmetric(step[:, 3:]))
 
     @property
     def are_closed(self) -> Array:

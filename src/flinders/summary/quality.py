@@ -4,7 +4,7 @@ None of it is a verdict; `flinders.fitting.verdict` turns these counts into find
 recording, like everything a `Summary` holds; recordings of their own are put `beside` each other.
 
 >>> from flinders.core.samples import Samples
->>> Health.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
+>>> DataQuality.of(Samples.of([[1, 2, 3], [1, 2, 3], [4, 2, 3]])).repeats
 1
 """
 
@@ -83,7 +83,7 @@ class Lows:
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class TimeStamps:
     """Time stamps of a recording, or of several.
 
     Attributes
@@ -123,7 +123,7 @@ class Clock:
             backward_steps=int(np.count_nonzero(steps < 0.0)),
         )
 
-    def __add__(self, other: Clock) -> Clock:
+    def __add__(self, other: TimeStamps) -> TimeStamps:
         """`other` goes on where this ends: from there to its start is a step like any other."""
         both = self.beside(other)
         step = other.start - self.end
@@ -137,9 +137,9 @@ class Clock:
             backward_steps=both.backward_steps + (step < 0.0),
         )
 
-    def beside(self, other: Clock) -> Clock:
+    def beside(self, other: TimeStamps) -> TimeStamps:
         """Both, where `other` is a recording of its own: from one to the other is no step."""
-        return Clock(
+        return TimeStamps(
             start=other.start if np.isnan(self.start) else self.start,
             end=self.end if np.isnan(other.end) else other.end,
             seconds=self.seconds + other.seconds,
@@ -175,7 +175,7 @@ class Rail:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Health:
+class DataQuality:
     """Counts over a recording.
 
     Attributes
@@ -190,7 +190,7 @@ class Health:
         The low end of each axis.
     highs : Lows
         The high end: the low end of the readings with their sign changed.
-    clock : Clock
+    clock : TimeStamps
         What the time stamps say.
     skipped : tuple of Skipped
         Rows left out while reading.
@@ -202,7 +202,7 @@ class Health:
     last: Floats = field(default_factory=lambda: np.full(3, np.nan))
     lows: Lows = field(default_factory=Lows)
     highs: Lows = field(default_factory=Lows)
-    clock: Clock = Clock()
+    clock: TimeStamps = TimeStamps()
     skipped: tuple[Skipped, ...] = ()
 
     @classmethod
@@ -219,17 +219,17 @@ class Health:
             last=readings[-1].copy(),
             lows=Lows.along(axes),
             highs=Lows.along(-axes),
-            clock=Clock.of(samples.time),
+            clock=TimeStamps.of(samples.time),
             skipped=samples.skipped,
         )
 
-    def __add__(self, other: Health) -> Self:
+    def __add__(self, other: DataQuality) -> Self:
         """`other` goes on where this ends."""
         both = self.beside(other)
         repeats = both.repeats + int(np.array_equal(self.last, other.first))
         return replace(both, repeats=repeats, clock=self.clock + other.clock)
 
-    def beside(self, other: Health) -> Self:
+    def beside(self, other: DataQuality) -> Self:
         """Both, where `other` is a recording of its own: its first reading repeats none and follows none."""
         return type(self)(
             rows=self.rows + other.rows,

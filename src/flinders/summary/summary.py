@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, Self
 from flinders.core.samples import Samples
 from flinders.summary.cloud import Cloud, natural_side
 from flinders.summary.moments import Moments
-from flinders.summary.quality import Health
+from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -37,18 +37,18 @@ class Summary:
         Enough for every quadric fit.
     cloud : Cloud
         Where the readings lie.
-    health : Health
+    health : DataQuality
         Repeats, rails, jumps in time.
     """
 
     moments: Moments
     cloud: Cloud
-    health: Health
+    health: DataQuality
 
     @classmethod
     def empty(cls) -> Self:
         """No readings: the identity of ``+``."""
-        return cls(Moments.empty(), Cloud.empty(), Health())
+        return cls(Moments.empty(), Cloud.empty(), DataQuality())
 
     @classmethod
     def of(cls, readings: Samples | ArrayLike, *, side: float | None = None) -> Self:
@@ -70,7 +70,9 @@ class Summary:
             side = natural_side(samples.field)
         if len(samples) <= _STRETCH:
             return cls(
-                Moments.of(samples.field), Cloud.of(samples.field, time=samples.time, side=side), Health.of(samples)
+                Moments.of(samples.field),
+                Cloud.of(samples.field, time=samples.time, side=side),
+                DataQuality.of(samples),
             )
         whole = cls.empty()
         for block in samples.blocks(_STRETCH):

@@ -13,8 +13,8 @@ from flinders.estimators.reference.attitude_independent import (
     COLLAPSED,
     ENOUGH_EXPLAINED,
     Collapsed,
+    ProductSums,
     Reference,
-    Sums,
     Weights,
     beside_consistent,
     check_options,
@@ -143,7 +143,7 @@ class AlonsoShuster:
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
         noise = self._given(reference) or reference.noise
-        sums = Sums.of(reference, noise, self.weights)
+        sums = ProductSums.of(reference, noise, self.weights)
         start = self.start(reference, sums)
         if unseen := sums.unseen(start):
             raise Undetermined(unseen)
@@ -152,13 +152,13 @@ class AlonsoShuster:
             theta = settled(sums, theta, start, self.name)
             b, d = parameters(theta, self.name)
             noise = self._given(reference) or settled_noise(reference, b, d, self.unknowns - 1)
-            sums = Sums.of(reference, noise, self.weights)
+            sums = ProductSums.of(reference, noise, self.weights)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ sums.covariance(theta) @ inverse.T
         found = estimate_of(reference, b, d, covariance, self.name)
         return found if reference.varies else beside_consistent(found, reference)
 
-    def start(self, reference: Reference, sums: Sums) -> Floats:
+    def start(self, reference: Reference, sums: ProductSums) -> Floats:
         """(9,) θ' of step 1 where the strength varies enough, else of the consistent ellipsoid.
 
         Raises
@@ -181,12 +181,12 @@ class AlonsoShuster:
         return None if self.noise is None else self.noise / reference.mean
 
 
-def settled(sums: Sums, theta: Floats, start: Floats, method: str) -> Floats:
+def settled(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Floats:
     """(9,) θ' that minimises the whole cost: step 2.
 
     Parameters
     ----------
-    sums : Sums
+    sums : ProductSums
     theta : (9,) float
         Where to begin.
     start : (9,) float
@@ -214,7 +214,7 @@ def settled(sums: Sums, theta: Floats, start: Floats, method: str) -> Floats:
     raise Collapsed(method, shrunk(theta, start))
 
 
-def _improved(sums: Sums, theta: Floats, step: Floats, cost: float) -> tuple[Floats, float] | None:
+def _improved(sums: ProductSums, theta: Floats, step: Floats, cost: float) -> tuple[Floats, float] | None:
     """Take a step, its half, its quarter …: the first that leaves an ellipsoid and costs less; with what it costs."""
     for _ in range(HALVINGS):
         moved = theta + step

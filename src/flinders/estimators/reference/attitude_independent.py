@@ -12,8 +12,8 @@ centring, and leaves a linear problem [1]_.
 **The strength has to vary for that.** H² = xᵀ(I + E)x − 2c·x + β, so the centred problem asks how H² varies with the
 monomials of x. Where H is one and the same, it does not vary with them: the answer is I + E = 0 and c = 0, D = −I, for
 any readings at all. Where it varies by less than the noise, I + E and c come out too small by the share of its
-variance that the readings explain, `Sums.explained`. The whole problem, with the mean taken in again, has the same
-root at D = −I, |b| = H, beside the right one.
+variance that the readings explain, `ProductSums.explained`. The whole problem, with the mean taken in again, has the
+same root at D = −I, |b| = H, next to the right one.
 
 All is calculated about the mean reading x₀, with strengths in units of their mean H and readings in units of their
 own size R: (I + D) x − b = H [(I + D') x' − b'] with x' = (x − x₀)/R, I + D' = (I + D) R/H and Hb' = b − (I + D) x₀ is
@@ -257,23 +257,23 @@ class Reference:
         """
         if readings.recording is None:
             raise NeedsSamples(method)
-        told = _Told.of(readings)
-        if told.count and field_strength is not None:
+        reported = _ReportedStrength.of(readings)
+        if reported.count and field_strength is not None:
             raise WrongStrength(
                 "the recording tells the field's strength at each reading, and --field-strength another: give one of "
                 "them",
-                mean=told.mean,
+                mean=reported.mean,
                 field_strength=field_strength,
             )
-        spread = told.spread if told.count else 0.0
+        spread = reported.spread if reported.count else 0.0
         try:
             ellipsoid, noise = adjusted(readings)
             size, alike = ellipsoid.radius, ellipsoid
         except NotAnEllipsoid:
             sphere = Sphere().estimate(readings)
             size, noise, alike = sphere.ellipsoid.radius, sphere.noise, None
-        mean = told.mean if told.count else field_strength or size
-        return cls(readings, method, mean, size, spread, bool(told.count), alike, max(noise / size, FINEST))
+        mean = reported.mean if reported.count else field_strength or size
+        return cls(readings, method, mean, size, spread, bool(reported.count), alike, max(noise / size, FINEST))
 
     @property
     def origin(self) -> Floats:
@@ -355,7 +355,7 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
+class _ReportedStrength:
     """Sums of a column of strengths."""
 
     count: int = 0
@@ -410,7 +410,7 @@ def _blocks(readings: Readings) -> Iterator[Samples]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sums:
+class ProductSums:
     """Weighted sums of products of L, z − μ and 1: all that both steps look at.
 
     Attributes
@@ -601,11 +601,11 @@ def estimate_of(
         Only part of the readings was seen: nothing is said of residuals.
     """
     ellipsoid = ellipsoid_of(b, d, reference)
-    told: Literal["", "constant", "varying"] = ""
+    reported: Literal["", "constant", "varying"] = ""
     if reference.is_told:
-        told = "varying" if reference.varies else "constant"
+        reported = "varying" if reference.varies else "constant"
     known = reference.mean if reference.is_told else None
-    found = Estimate(ellipsoid, carried(covariance, b, d, reference), 0.0, method, strength=known, follows=told)
+    found = Estimate(ellipsoid, carried(covariance, b, d, reference), 0.0, method, strength=known, follows=reported)
     if on_the_way:
         return found
     alike = at_one_strength(reference.readings, found)

@@ -14,8 +14,8 @@ from flinders.estimators.reference.attitude_independent import (
     ENOUGH_EXPLAINED,
     MOST,
     Collapsed,
+    ProductSums,
     Reference,
-    Sums,
     beside_consistent,
     check_options,
     estimate_of,
@@ -158,7 +158,7 @@ class Ekf:
         ]
         return reference.convergence(counts, followed)
 
-    def _states(self, readings: Readings, steps: int = 0) -> tuple[Reference, list[int], list[State]]:
+    def _states(self, readings: Readings, steps: int = 0) -> tuple[Reference, list[int], list[FilterState]]:
         """How many readings were seen at each step, of all where no steps are asked for; the start and each state."""
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
@@ -181,13 +181,13 @@ class Ekf:
         count = len(reference.readings)
         noise = reference.noise * float(np.sqrt(count / (count - 9)))
         if reference.varies:
-            sums = Sums.of(reference, noise)
+            sums = ProductSums.of(reference, noise)
             reference.refuse_unrelated(sums.explained)
             if sums.explained >= ENOUGH_EXPLAINED:
                 return settled_noise(reference, *parameters(sums.solved(), self.name), 9)
         return noise
 
-    def _begun(self, reference: Reference) -> State:
+    def _begun(self, reference: Reference) -> FilterState:
         """The start: (b', D') and its covariance."""
         distortion = min(self.spread, MOST_DISTORTION)
         if self.start == "sphere":
@@ -195,19 +195,19 @@ class Ekf:
             gain = reference.size / sphere.radius
             b = (sphere.centre - reference.origin) / sphere.radius
             spreads = np.concatenate([np.full(3, self.spread), np.full(6, distortion * gain)])
-            return State(np.concatenate([b, upper((gain - 1.0) * np.eye(3))]), np.diag(spreads**2))
+            return FilterState(np.concatenate([b, upper((gain - 1.0) * np.eye(3))]), np.diag(spreads**2))
         gain, origin = reference.size / reference.mean, reference.origin / reference.mean
         moved = self.spread * np.eye(9)  # of (b, D), b and D being independent
         moved[:3, 3:] = -distortion * (BASIS @ origin).T
         moved[3:, 3:] = distortion * gain * np.eye(6)
-        return State(np.concatenate([-origin, upper((gain - 1.0) * np.eye(3))]), moved @ moved.T)
+        return FilterState(np.concatenate([-origin, upper((gain - 1.0) * np.eye(3))]), moved @ moved.T)
 
-    def _estimate(self, state: State, reference: Reference, *, on_the_way: bool = False) -> Estimate:
+    def _estimate(self, state: FilterState, reference: Reference, *, on_the_way: bool = False) -> Estimate:
         b, d = state.values[:3], symmetric(state.values[3:])
         return estimate_of(reference, b, d, state.covariance, self.name, on_the_way=on_the_way)
 
 
-class State(NamedTuple):
+class FilterState(NamedTuple):
     """What the filter keeps.
 
     Attributes
@@ -218,7 +218,7 @@ class State(NamedTuple):
 
     Examples
     --------
-    >>> begun = State(np.zeros(9), 0.01 * np.eye(9))
+    >>> begun = FilterState(np.zeros(9), 0.01 * np.eye(9))
     >>> seen = begun.after(np.array([[1.1, 0.0, 0.0], [-0.9, 0.0, 0.0]]), np.ones(2), noise=1e-3)
     >>> seen.values[:3].round(2)
     array([0.1, 0. , 0. ])
@@ -232,7 +232,7 @@ class State(NamedTuple):
         """Smallest gain along any direction, of I + D; 0 where there is none."""
         return max(float(np.linalg.eigvalsh(np.eye(3) + symmetric(self.values[3:]))[0]), 0.0)
 
-    def after(self, field: Floats, strength: Floats, noise: float, *, walk: float = 0.0) -> State:
+    def after(self, field: Floats, strength: Floats, noise: float, *, walk: float = 0.0) -> FilterState:
         """Take (m, 3) readings and (m,) strengths in, one by one."""
         values, covariance = self
         moves = np.concatenate([np.broadcast_to(-np.eye(3), (len(field), 3, 3)), _by_distortion(field)], axis=2)
@@ -249,7 +249,7 @@ class State(NamedTuple):
             values = values + gain * innovation
             kept = _EYE - np.outer(gain, slope)
             covariance = kept @ covariance @ kept.T + variance * np.outer(gain, gain)
-        return State(values, (covariance + covariance.T) / 2.0)
+        return FilterState(values, (covariance + covariance.T) / 2.0)
 
 
 def _by_distortion(field: Floats) -> Floats:

@@ -13,8 +13,8 @@ from flinders.estimators.reference.attitude_independent import (
     ENOUGH_EXPLAINED,
     MOST,
     ConstantStrength,
+    ProductSums,
     Reference,
-    Sums,
     Weights,
     beta,
     check_options,
@@ -164,7 +164,7 @@ class Sequential:
         noise = reference.noise if self.noise is None else self.noise / reference.mean
         explained = 0.0
         if reference.varies and self.find != "offset":
-            sums = Sums.of(reference, noise, self.weights)
+            sums = ProductSums.of(reference, noise, self.weights)
             explained = sums.explained
             reference.refuse_unrelated(explained)
             if self.noise is None and explained >= ENOUGH_EXPLAINED:
@@ -174,18 +174,20 @@ class Sequential:
             raise ConstantStrength(self.name, explained)
         return reference, noise, "all" if enough else "offset"
 
-    def _states(self, reference: Reference, noise: float, found: Find, counts: Sequence[int]) -> list[State | None]:
+    def _states(
+        self, reference: Reference, noise: float, found: Find, counts: Sequence[int]
+    ) -> list[SequentialState | None]:
         """What is known after so many readings each; after all where no counts are given; None before the start."""
         field, strength = reference.thinned(MOST)
         rows, variance = rows_of(field, strength, noise), reference.variances(field, strength, noise, self.weights)
         unknowns = 9 if found == "all" else 3
         regressors, z = rows[:, :9], rows[:, 9]
-        state: State | None = None
+        state: SequentialState | None = None
         at, states = 0, []
         begin = first_batch(regressors[:, :unknowns], variance)
         for count in counts or [len(z)]:
             if state is None and count >= begin > 0:
-                state, at = State.of(regressors[:begin], z[:begin], variance[:begin], unknowns), begin
+                state, at = SequentialState.of(regressors[:begin], z[:begin], variance[:begin], unknowns), begin
             if state is not None:
                 taken = slice(at, count)
                 state = state.after(regressors[taken], z[taken], variance[taken], exact=self.form == "exact")
@@ -193,14 +195,16 @@ class Sequential:
             states.append(state)
         return states
 
-    def _followed(self, state: State | None, reference: Reference, found: Find) -> Estimate | None:
+    def _followed(self, state: SequentialState | None, reference: Reference, found: Find) -> Estimate | None:
         """What the state says on the way; None while it is no ellipsoid."""
         try:
             return None if state is None else self._estimate(state, reference, found, on_the_way=True)
         except NotAnEllipsoid:
             return None
 
-    def _estimate(self, state: State, reference: Reference, found: Find, *, on_the_way: bool = False) -> Estimate:
+    def _estimate(
+        self, state: SequentialState, reference: Reference, found: Find, *, on_the_way: bool = False
+    ) -> Estimate:
         """What the state says."""
         theta, covariance = rescaled(state)
         b, d = parameters(theta, self.name)
@@ -210,7 +214,7 @@ class Sequential:
         return estimate_of(reference, b, d, covariance, named, on_the_way=on_the_way)
 
 
-class State(NamedTuple):
+class SequentialState(NamedTuple):
     """What the recursion keeps: θ', its covariance, and the means.
 
     Attributes
@@ -229,7 +233,7 @@ class State(NamedTuple):
     --------
     >>> rng = np.random.default_rng(1)
     >>> rows, z, variance = rng.normal(size=(50, 9)), rng.normal(size=50), np.ones(50)
-    >>> begun, whole = State.of(rows[:20], z[:20], variance[:20]), State.of(rows, z, variance)
+    >>> begun, whole = SequentialState.of(rows[:20], z[:20], variance[:20]), SequentialState.of(rows, z, variance)
     >>> np.allclose(begun.after(rows[20:], z[20:], variance[20:]).theta, whole.theta, atol=1e-13)
     True
     """
@@ -241,7 +245,7 @@ class State(NamedTuple):
     variance: float
 
     @classmethod
-    def of(cls, rows: Floats, z: Floats, variances: Floats, unknowns: int = 9) -> State:
+    def of(cls, rows: Floats, z: Floats, variances: Floats, unknowns: int = 9) -> SequentialState:
         """The batch solution for (m, 9) rows L, (m,) z − μ and (m,) σ_k², of the first three or all nine of θ'."""
         weights = 1.0 / variances
         variance = float(1.0 / weights.sum())
@@ -250,7 +254,7 @@ class State(NamedTuple):
         covariance = np.linalg.inv((local.T * weights) @ local)
         return cls(covariance @ ((local.T * weights) @ (z - value)), covariance, row, value, variance)
 
-    def after(self, rows: Floats, z: Floats, variances: Floats, *, exact: bool = True) -> State:
+    def after(self, rows: Floats, z: Floats, variances: Floats, *, exact: bool = True) -> SequentialState:
         """Take more readings in, one by one."""
         theta, covariance, row, value, variance = self
         known = len(theta)
@@ -267,7 +271,7 @@ class State(NamedTuple):
             gain = moved / (float(across @ moved) + noise)
             theta = theta + gain * (innovation - float(across @ theta))
             covariance = covariance - np.multiply.outer(gain, moved)
-        return State(theta, (covariance + covariance.T) / 2.0, row, value, variance)
+        return SequentialState(theta, (covariance + covariance.T) / 2.0, row, value, variance)
 
 
 def first_batch(rows: Floats, variances: Floats) -> int:
@@ -283,7 +287,7 @@ def first_batch(rows: Floats, variances: Floats) -> int:
     return 0
 
 
-def rescaled(state: State) -> tuple[Floats, Floats]:
+def rescaled(state: SequentialState) -> tuple[Floats, Floats]:
     """(9,) θ' and its (9, 9) covariance, with the scale that the means say: κc and κ(I + E), where z̄ − L̄θ' + β = μ̄.
 
     Centring leaves the means out, and noise makes c and I + E too small alike; where only the offset was looked for
