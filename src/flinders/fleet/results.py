@@ -60,7 +60,7 @@ UNNAMED: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
 LEVEL: Final = 3
 """Level of compression; settings of the writer are fixed, so that the same rows are the same bytes."""
 
-Key: TypeAlias = tuple[tuple[bool, Any], ...]
+Key: TypeAlias = "tuple[tuple[bool, Any], ...]"
 """Sort key of a row: for each cell of `KEY` whether it is missing, which comes last, and the cell."""
 
 
