@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
     from flinders.fitting.calibrate import fit as fit
-    from flinders.fitting.judged import Judged as Judged
     from flinders.fitting.result import Fit as Fit
     from flinders.fleet import fit_many as fit_many
     from flinders.readers import open_log as open_log
@@ -47,7 +46,6 @@ _HOMES: Final = {
     "Fit": "fitting.result",
     "FitError": "errors",
     "FlindersError": "errors",
-    "Judged": "fitting.judged",
     "Samples": "core.samples",
     "Summary": "summary.summary",
     "Unit": "core.units",
@@ -67,7 +65,7 @@ _HOMES: Final = {
 }
 """Public names and the module each lives in; a module of that name is the thing itself."""
 
-_RENAMED: Final = {"fit_together": "fit_multi"}
+_RENAMED: Final = {"fit_together": "fit_multi", "Judged": "Fit"}
 """Old names, which work for one release."""
 
 __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605

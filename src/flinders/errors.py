@@ -26,6 +26,7 @@
     │   ├── NotAnEllipsoid           not-an-ellipsoid  4    the quadric through the readings is open
     │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
+    │   ├── NeedsRecording           needs-recording   4    a calibration file was given, which keeps no readings
     │   ├── Refused                  refused           4    a fit exists, its verdict is "refused"
     │   └── NotMerged                not-merged        4    calibrations that contradict each other
     ├── NotExportable                not-exportable    4    values that the target cannot hold
@@ -318,6 +319,18 @@ class NeedsSamples(FitError):
             f"{method!r} looks at each reading and was given a Summary: "
             "give it the readings, or use a method that needs only their sums, such as 'consistent'",
             method=method,
+        )
+
+
+class NeedsRecording(FitError):
+    """A fit that was loaded from a file was asked for something of its readings, which a file does not keep."""
+
+    code = "needs-recording"
+
+    def __init__(self, what: str) -> None:
+        super().__init__(
+            f"the calibration file keeps no readings, and {what} are needed: give the recording too, as "
+            "flinders report CALIBRATION RECORDING does, or fit it again"
         )
 
 

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 import flinders
 from flinders import simulate
-from flinders.comparison.merging import Merged, NotMerged, merge
+from flinders.comparison.merging import Merged, NotMerged, merge, rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
-from flinders.fitting.judged import Judged, rescaled, trace_with, without_scale
+from flinders.fitting.result import Fit
 from flinders.geometry.ellipsoid import upper
 
 SENSOR = simulate.Sensor.random(np.random.default_rng(7))
@@ -25,15 +25,14 @@ KNOWN = (None, 50.0)
 
 
 @cache
-def judged(seed: int, *, motion: str = "uniform", field_strength: float | None = None) -> Judged:
+def judged(seed: int, *, motion: str = "uniform", field_strength: float | None = None) -> Fit:
     recording = simulate.tumble(seed=seed, motion=motion, n=600, sensor=SENSOR)
     fit = flinders.fit(recording.samples, field_strength=field_strength)
-    return Judged.from_fit(fit, name=f"{motion} {seed}")
+    return replace(fit, name=f"{motion} {seed}")
 
 
-def in_field(one: Judged, factor: float) -> Judged:
+def in_field(one: Fit, factor: float) -> Fit:
     """The same sensor and noise, in a field that is so many times as strong."""
-    assert one.covariance is not None
     known = one.calibration.field_strength * factor if one.calibration.field_strength_known else None
     stronger = Calibration.from_ellipsoid(
         one.calibration.offset, factor * one.calibration.shape, field_strength=known, raw=one.calibration.raw
@@ -41,8 +40,8 @@ def in_field(one: Judged, factor: float) -> Judged:
     return replace(one, calibration=stronger, covariance=rescaled(one.covariance, factor))
 
 
-def again(merged: Merged, name: str = "merged") -> Judged:
-    return Judged(merged.calibration, merged.covariance, name)
+def again(merged: Merged, name: str = "merged") -> Fit:
+    return replace(Fit.from_document(merged.to_document()), name=name)
 
 
 def same(found: Merged, expected: Merged, rtol: float = 1e-8) -> None:

@@ -37,7 +37,6 @@ from flinders.estimators.reference.attitude_independent import (
 )
 from flinders.estimators.reference.ekf import Ekf
 from flinders.estimators.reference.sequential import Sequential, SequentialState
-from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper
 from flinders.readers import read
@@ -375,7 +374,7 @@ def test_the_filter_claims_what_it_costs(motion: str, n: int, draws: int, ratio:
     for seed in range(1, draws + 1):
         made = simulate.tumble(seed=seed, motion=motion, n=n)
         fit = flinders.fit(made.samples, method="ekf", target_deg=30.0)
-        told = evaluate(Judged.from_fit(fit), simulate.truth.Truth.of(made))
+        told = evaluate(fit, simulate.truth.Truth.of(made))
         assert told.heading_ratio is not None
         squares.append(told.heading_ratio**2)
     assert np.sqrt(np.mean(squares)) == pytest.approx(ratio, abs=0.04)

@@ -102,7 +102,7 @@ def test_a_sensor_that_changed(offset: float, code: int, verdict: str) -> None:
 def test_compare_prints_the_fields_of_the_python_object() -> None:
     found = flinders_("compare", "monday.json", "tuesday.json", "--json", "--dip", "-40", "--target", "2").json
     wanted = flinders.compare(
-        flinders.Judged.load("monday.json"), flinders.Judged.load("tuesday.json"), dip_deg=-40.0, target_deg=2.0
+        flinders.Fit.load("monday.json"), flinders.Fit.load("tuesday.json"), dip_deg=-40.0, target_deg=2.0
     )
     assert list(found) == KEYS
     assert found == json.loads(json.dumps(wanted.as_dict()))
@@ -163,7 +163,7 @@ def test_a_calibration_checked_on_its_own_recording_proves_nothing() -> None:
 
 
 def test_angles_and_shares_that_round_to_nothing_have_no_sign() -> None:
-    found = flinders.compare(flinders.Judged.load("monday.json"), flinders.Judged.load("tuesday.json"))
+    found = flinders.compare(flinders.Fit.load("monday.json"), flinders.Fit.load("tuesday.json"))
     tiny = replace(found, heading_mean_deg=-0.001, scale_difference=-0.00001)
     with StringIO() as out:
         Console(file=out, width=100, color_system=None).print(of_comparison(tiny))

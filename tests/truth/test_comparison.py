@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
-from msgspec import structs
 from scipy import stats
 
 import flinders
@@ -17,11 +16,12 @@ from flinders import simulate
 from flinders.comparison.comparison import Strength, compare
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import PARAMETERS, Fitted, beside_record
+from flinders.core.calibration_file import PARAMETERS, Fitted
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
-from flinders.fitting.judged import Judged
+from flinders.fitting.aiding import Aiding
+from flinders.fitting.result import Fit
 from flinders.summary.pooling import chance_of
 from flinders.targets._autopilot import euler
 
@@ -37,14 +37,14 @@ SENSOR = simulate.Sensor.random(np.random.default_rng(7))
 
 
 @cache
-def judged(seed: int, *, n: int = 400, field_strength: float | None = None, moved: float = 0.0) -> Judged:
+def judged(seed: int, *, n: int = 400, field_strength: float | None = None, moved: float = 0.0) -> Fit:
     """Calibrate a recording of the sensor; its offset moved by so many µT along x."""
     sensor = replace(SENSOR, offset=SENSOR.offset + np.array([moved, 0.0, 0.0]))
     recording = simulate.tumble(seed=seed, motion="uniform", n=n, sensor=sensor)
-    return Judged.from_fit(flinders.fit(recording.samples, field_strength=field_strength))
+    return flinders.fit(recording.samples, field_strength=field_strength)
 
 
-def changed(one: Judged, **changes: Any) -> Judged:
+def changed(one: Fit, **changes: Any) -> Fit:
     return replace(one, calibration=replace(one.calibration, **changes))
 
 
@@ -95,7 +95,7 @@ def test_a_change_of_no_consequence_differs() -> None:
 
 def test_the_heading_difference_is_the_one_of_the_offset() -> None:
     """An offset of δ across a horizontal field of H cos I errs by δ/(H cos I) sin ψ."""
-    one = Judged(Calibration(np.eye(3), np.zeros(3), 50.0))
+    one = Fit(Calibration(np.eye(3), np.zeros(3), 50.0))
     other = changed(one, offset=np.array([0.1, 0.0, 0.0]))
     found = compare(one, other, dip_deg=60.0)
     assert found.heading_difference_deg.worst == pytest.approx(np.rad2deg(0.1 / 25.0), rel=0.01)
@@ -120,12 +120,9 @@ def test_a_rotation_that_one_alone_knows_is_left_out(angles: tuple[float, float,
 def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipsoids() -> None:
     """A sensor that was turned in its mounting by 3°, known to 0.1° about each axis both times."""
     one = judged(0)
-    record = one.record
-    assert record is not None
-    covariance = np.deg2rad(0.1) ** 2 * np.eye(3)
-    aided = structs.replace(record, beside=beside_record(rotation_covariance=covariance))
+    aiding = Aiding(rotation_covariance=np.deg2rad(0.1) ** 2 * np.eye(3))
     first, second, alike = (
-        replace(changed(one, matrix=euler(0, 0, yaw) @ one.calibration.matrix, rotation="estimated"), record=aided)
+        replace(changed(one, matrix=euler(0, 0, yaw) @ one.calibration.matrix, rotation="estimated"), aiding=aiding)
         for yaw in (5.0, 8.0, 5.1)
     )
     found = compare(first, second)
@@ -134,13 +131,13 @@ def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipso
     assert found.rotation.angle_sigma_deg == pytest.approx(0.1 * np.sqrt(2.0))
     assert (found.verdict, found.is_turned) == ("agree", True)
     assert not compare(first, alike).is_turned
-    bare = [Judged(each.calibration) for each in (first, second)]
+    bare = [Fit(each.calibration) for each in (first, second)]
     assert (compare(*bare).verdict, compare(bare[0], bare[0]).verdict) == ("contradict", "agree")
 
 
 def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
     """Where the heading no longer goes round, the difference is all angles, not a mean to be taken off."""
-    one = Judged(Calibration(np.eye(3), np.zeros(3), 50.0))
+    one = Fit(Calibration(np.eye(3), np.zeros(3), 50.0))
     for far in (200.0, 1e200):
         found = compare(one, changed(one, offset=np.array([far, 0.0, 0.0])))
         assert found.heading_difference_deg.rms > 60.0
@@ -191,7 +188,7 @@ def test_it_makes_no_difference_but_of_sign_which_comes_first() -> None:
 
 
 def test_a_calibration_agrees_with_itself() -> None:
-    for one in (judged(0), replace(judged(0), covariance=None)):
+    for one in (judged(0), replace(judged(0), covariance=np.zeros((9, 9)))):
         found = compare(one, one)
         assert found.verdict == "agree"
         assert found.heading_difference_deg.worst < 1e-9
@@ -202,7 +199,7 @@ def test_a_calibration_agrees_with_itself() -> None:
 
 def test_a_calibration_without_a_covariance_is_exact() -> None:
     first, second = judged(0), judged(1)
-    bare = [replace(one, covariance=None) for one in (first, second)]
+    bare = [replace(one, covariance=np.zeros((9, 9))) for one in (first, second)]
     both, half, none = compare(first, second), compare(first, bare[1]), compare(*bare)
     assert both.chi_square is not None
     assert half.chi_square is not None
@@ -221,7 +218,7 @@ def test_calibrations_that_claim_little_agree_and_do_not_tell() -> None:
 def test_what_both_methods_hold_is_no_degree_of_freedom() -> None:
     recordings = [simulate.tumble(seed=seed, motion="uniform", sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2)]
     fits = [flinders.fit(recording.samples, method="sphere", field_strength=50.0) for recording in recordings]
-    assert compare(*map(Judged.from_fit, fits)).freedom == 4
+    assert compare(*fits).freedom == 4
 
 
 # doors and gates
@@ -230,19 +227,18 @@ def test_what_both_methods_hold_is_no_degree_of_freedom() -> None:
 def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
     fit = flinders.fit(simulate.tumble(seed=3, motion="uniform", sensor=SENSOR).samples)
     fit.save(tmp_path / "a.json")
-    loaded, kept = Judged.load(tmp_path / "a.json"), Judged.from_fit(fit)
+    loaded, kept = Fit.load(tmp_path / "a.json"), fit
     npt.assert_array_equal(loaded.covariance, kept.covariance)
     assert compare(loaded, judged(0)).as_dict() == compare(kept, judged(0)).as_dict()
 
 
 def test_the_covariance_of_a_file_is_found_by_its_names() -> None:
     one = judged(0)
-    assert one.covariance is not None
     order = [3, 4, 5, 6, 7, 8, 2, 1, 0]
     names = [PARAMETERS[row] for row in order]
     rows = tuple(map(tuple, one.covariance[np.ix_(order, order)].tolist()))
     fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=tuple(names))
-    found = Judged.from_document(one.calibration.to_document(fit=fitted))
+    found = Fit.from_document(one.calibration.to_document(fit=fitted))
     npt.assert_array_equal(found.covariance, one.covariance)
 
 
@@ -258,7 +254,7 @@ def test_a_covariance_that_is_none(covariance: Floats, message: str) -> None:
     rows = tuple(map(tuple, covariance.tolist()))
     fitted = Fitted(method="x", samples=1, covariance=rows, covariance_of=PARAMETERS[: len(rows)])
     with pytest.raises(DocumentError, match=message):
-        Judged.from_document(judged(0).calibration.to_document(fit=fitted), name="a.json")
+        Fit.from_document(judged(0).calibration.to_document(fit=fitted), name="a.json")
 
 
 def test_what_cannot_be_compared() -> None:
@@ -285,13 +281,13 @@ def test_the_strength_of_readings_adds() -> None:
     assert (Strength().mean, Strength().spread) == (0.0, 0.0)
 
 
-def level_and_all_round(seed: int, axes: str = "x,y,z") -> tuple[Judged, Judged]:
+def level_and_all_round(seed: int, axes: str = "x,y,z") -> tuple[Fit, Fit]:
     """A sensor tumbled, and turned level on another day; `axes` turns it over."""
     sensor = simulate.Sensor.random(np.random.default_rng(seed), noise=0.5)
     tumble = simulate.tumble(seed=seed, motion="uniform", n=1000, sensor=sensor)
     turn = simulate.tumble(seed=seed + 1000, motion="level", n=400, sensor=sensor)
     fits = (flinders.fit(Samples.of(one.samples.field, unit="uT", axes=axes)) for one in (tumble, turn))
-    return tuple(Judged.from_fit(fit) for fit in fits)  # type: ignore[return-value]
+    return tuple(fit for fit in fits)  # type: ignore[return-value]
 
 
 def test_a_level_turn_is_held_against_a_calibration_in_the_plane_that_it_knows(trials: Choose) -> None:

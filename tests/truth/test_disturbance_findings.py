@@ -21,8 +21,7 @@ from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressor_noise import noise_of
 from flinders.estimators.static_bench import still
 from flinders.findings import CATALOGUE
-from flinders.fitting.judged import Judged
-from flinders.fitting.result import Refused
+from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import of_column, of_noisy
 from flinders.simulate import table
 from flinders.simulate.truth import Truth
@@ -190,7 +189,7 @@ def test_noisy_meters_of_motors_that_go_together_are_in_the_claim(trials: Choose
         assert fit.disturbances_covariance is not None
         error = np.concatenate([disturbance.per_unit for disturbance in fit.calibration.disturbances]) - ARMS.ravel()
         nees.append(error @ np.linalg.solve(fit.disturbances_covariance[9:, 9:], error) / len(error))
-        ratios.append(evaluate(Judged.from_fit(fit), Truth.of(flight)).heading_ratio)
+        ratios.append(evaluate(fit, Truth.of(flight)).heading_ratio)
     assert np.mean(nees) < 1.6**claim.widening
     assert np.sqrt(np.mean(np.square(np.array(ratios, float)))) < 1.5**claim.widening
 

@@ -103,7 +103,7 @@ def test_the_file_of_such_a_fit_holds_what_it_claims_of_the_driver() -> None:
     covariance = np.array(document.fit.covariance)
     assert covariance.shape == (12, 12)
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
-    npt.assert_array_equal(flinders.Judged.from_document(document).covariance, fit.covariance)
+    npt.assert_array_equal(flinders.Fit.from_document(document).covariance, fit.covariance)
 
 
 def test_a_lag_is_found_only_where_there_is_one() -> None:
@@ -534,7 +534,7 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
     saved = str(tmp_path / "calibration.json")
     made = CliRunner().invoke(main, ["calibrate", str(tmp_path / "flight.csv"), "--with", "currents", "-o", saved])
     assert made.exit_code == 0, made.output
-    judged = flinders.Judged.load(saved)
+    judged = flinders.Fit.load(saved)
     assert [disturbance.name for disturbance in judged.calibration.disturbances] == [
         "current1",
         "current2",

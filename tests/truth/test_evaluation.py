@@ -17,7 +17,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UnitError, UsageError
 from flinders.fitting import calibrate
-from flinders.fitting.judged import Judged
+from flinders.fitting.result import Fit
 from flinders.simulate import Sensor, tumble
 from flinders.simulate.truth import Truth
 
@@ -29,8 +29,8 @@ RECORDING = tumble(seed=3, motion="uniform", n=400)
 TRUTH = Truth.of(RECORDING)
 
 
-def calibration(matrix: Floats, offset: Floats, **options: object) -> Judged:
-    return Judged(Calibration(matrix, offset, 50.0, raw=MICROTESLA, **options))  # type: ignore[arg-type]
+def calibration(matrix: Floats, offset: Floats, **options: object) -> Fit:
+    return Fit(Calibration(matrix, offset, 50.0, raw=MICROTESLA, **options))  # type: ignore[arg-type]
 
 
 def test_the_truth_itself_has_no_error_and_claims_nothing() -> None:
@@ -79,14 +79,14 @@ def test_fits_are_as_wrong_as_they_claim(motion: str) -> None:
     tellings = []
     for seed in range(30):
         recording = tumble(seed, motion=motion, n=300)
-        tellings.append(evaluate(Judged.from_fit(calibrate.fit(recording.samples)), Truth.of(recording)))
+        tellings.append(evaluate(calibrate.fit(recording.samples), Truth.of(recording)))
     ratios = np.array([told.heading_ratio for told in tellings], dtype=float)
     assert 0.75 < np.sqrt(np.mean(ratios**2)) < 1.25
     assert sum(told.verdict == "worse than claimed" for told in tellings) <= 2
 
 
 def test_one_that_claims_too_much_is_found_out() -> None:
-    found = Judged.from_fit(calibrate.fit(RECORDING.samples))
+    found = calibrate.fit(RECORDING.samples)
     moved = replace(
         found, calibration=replace(found.calibration, offset=found.calibration.offset + np.array([3.0, 0.0, 0.0]))
     )
@@ -98,9 +98,9 @@ def test_one_that_claims_too_much_is_found_out() -> None:
 
 def test_mapped_axes_are_held_against_the_mapped_truth() -> None:
     """As if the axes had been recorded so: a sensor turned over is as good as before."""
-    plain = evaluate(Judged.from_fit(calibrate.fit(RECORDING.samples)), TRUTH, dip_deg=60)
+    plain = evaluate(calibrate.fit(RECORDING.samples), TRUTH, dip_deg=60)
     samples = Samples.of(RECORDING.samples.field, unit="uT", axes="x,-y,-z")
-    over = evaluate(Judged.from_fit(calibrate.fit(samples)), TRUTH, dip_deg=-60)
+    over = evaluate(calibrate.fit(samples), TRUTH, dip_deg=-60)
     npt.assert_allclose(over.offset_error, np.array([1, -1, -1]) * plain.offset_error, atol=1e-6)
     assert over.freed_direction_error_deg[0] == pytest.approx(plain.freed_direction_error_deg[0], rel=1e-3)
     assert over.heading_error_deg.rms == pytest.approx(plain.heading_error_deg.rms, rel=1e-3)
@@ -108,11 +108,11 @@ def test_mapped_axes_are_held_against_the_mapped_truth() -> None:
 
 def test_axes_of_a_mirrored_log_can_be_put_right() -> None:
     mirrored = Calibration(np.eye(3), np.zeros(3), 50.0, raw=MICROTESLA, axes=Axes.of("x,y,-z"))
-    assert evaluate(Judged(mirrored), Truth.of(tumble(n=10, sensor=Sensor()))).heading_error_deg.worst < 1e-7
+    assert evaluate(Fit(mirrored), Truth.of(tumble(n=10, sensor=Sensor()))).heading_error_deg.worst < 1e-7
 
 
 def test_another_unit_and_an_impossible_target_are_refused() -> None:
-    counts = Judged(Calibration(np.eye(3), np.zeros(3), 50.0), name="calibration.json")
+    counts = Fit(Calibration(np.eye(3), np.zeros(3), 50.0), name="calibration.json")
     with pytest.raises(UnitError, match=r"calibration\.json is for readings in counts, the truth is in µT"):
         evaluate(counts, TRUTH)
     with pytest.raises(UsageError, match="target is 0°"):

@@ -20,7 +20,6 @@ from flinders.cli import main
 from flinders.comparison.comparison import compare
 from flinders.comparison.pairs import EllipsoidPairs, differences
 from flinders.errors import DocumentError, UsageError
-from flinders.fitting.judged import Judged
 from flinders.fleet.aggregate import overview_of
 from flinders.fleet.change_points import change_points, interval_tests
 from flinders.fleet.drift import drift_of
@@ -66,7 +65,7 @@ def test_a_pair_of_a_fleet_has_the_numbers_of_compare() -> None:
     all_of_them = EllipsoidPairs.of_columns(rows.offset, rows.matrix, rows.covariance, rows.radius)
     found = differences(all_of_them[:-1], all_of_them[1:], dip_deg=-40.0)
     for place, (one, two) in enumerate(pairwise(fits)):
-        alone = compare(Judged.from_fit(one), Judged.from_fit(two), dip_deg=-40.0)
+        alone = compare(one, two, dip_deg=-40.0)
         assert alone.claimed_deg is not None
         assert alone.chi_square is not None
         expected = [

@@ -22,7 +22,7 @@ from flinders.core.calibration_file import Fitted, beside_record
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting.calibrate import fit
-from flinders.fitting.judged import Judged
+from flinders.fitting.result import Fit
 from flinders.geometry.angles import folded
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.compass import Compass
@@ -455,8 +455,8 @@ def test_a_swing_from_a_recording_finds_the_iron_that_is_left(home: Path) -> Non
 
 def test_a_swing_says_what_its_calibration_claims_and_whether_that_holds(home: Path) -> None:
     calibrated(400)
-    judged = Judged.load("calibration.json")
-    assert judged.covariance is not None
+    judged = Fit.load("calibration.json")
+    assert judged.states_uncertainty
     write("log.csv", swinging(STOPS))
     told = flinders_("swing", "calibration.json", "log.csv", *KNOWN, "--json").json["calibration"]
     claimed = deviation_covariance(judged.ellipsoid, judged.covariance, dip_deg=told["dip_deg"])
@@ -603,8 +603,9 @@ def test_the_bias_of_the_accelerometer_that_the_calibration_found_is_taken_off(h
     for gravity in (9.80665, 1.0):
         force = body @ np.array([0.0, 0.0, -gravity])
         samples = Samples.of(body @ FIELD, unit="uT", acceleration=force + bias * gravity / 9.80665)
-        judged = Judged.from_document(calibration.to_document(fit=fitted))
-        compass = Compass(judged.calibration, acceleration_bias=judged.acceleration_bias, gravity=gravity)
+        loaded = Fit.from_document(calibration.to_document(fit=fitted))
+        assert loaded.aiding is not None
+        compass = Compass(loaded.calibration, acceleration_bias=loaded.aiding.acceleration_bias, gravity=gravity)
         apart = folded(compass.read(samples).magnetic_deg - headings)
         assert np.abs(apart).max() < 0.01
         assert np.abs(folded(Compass(calibration).read(samples).magnetic_deg - headings)).max() > 1.0

@@ -11,7 +11,7 @@ import pytest
 import flinders
 from flinders.comparison.level_plane import Levelled, compare_turned
 from flinders.core.samples import Samples
-from flinders.fitting.judged import Judged
+from flinders.fitting.result import Fit
 from flinders.targets._autopilot import euler
 
 if TYPE_CHECKING:
@@ -40,16 +40,16 @@ def level_turn(n: int = 1500, sway_deg: float = 0.0) -> Floats:
 
 
 @cache
-def known(mounting: tuple[float, float, float]) -> Judged:
+def known(mounting: tuple[float, float, float]) -> Fit:
     """The calibration from a tumble of the same sensor."""
     directions = np.random.default_rng(1).normal(size=(3000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return Judged.from_fit(flinders.fit(reading(directions, mounting, 2)))
+    return flinders.fit(reading(directions, mounting, 2))
 
 
-def turned(samples: Samples) -> Judged:
+def turned(samples: Samples) -> Fit:
     """A fresh fit to a level turn, which is one of x and y alone."""
-    fresh = Judged.from_fit(flinders.fit(samples))
+    fresh = flinders.fit(samples)
     assert fresh.plane == "xy"
     return fresh
 
@@ -91,6 +91,6 @@ def test_what_moved_in_the_plane_of_the_turn_is_found_and_what_moved_across_it_i
 
 def test_a_calibration_that_is_taken_as_exact_adds_nothing_to_the_claim() -> None:
     samples = reading(level_turn(), (0.0, 0.0, 0.0), 6)
-    exact = Judged(known((0.0, 0.0, 0.0)).calibration)
+    exact = Fit(known((0.0, 0.0, 0.0)).calibration)
     held = Levelled.of(exact, turned(samples), samples)
-    assert (held.known.covariance, held.fresh.covariance is None) == (None, False)
+    assert (held.known.states_uncertainty, held.fresh.states_uncertainty) == (False, True)

@@ -27,7 +27,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration_file import loads
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
-from flinders.fitting.judged import Judged
+from flinders.fitting.result import Fit
 from flinders.live import motioncal
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name
 from flinders.live.feeds import RecordedFeed, Replay
@@ -431,7 +431,7 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
             assert "not-recorded" in str(json.loads(socket.receive_text())["state"]["reasons"])
         bench.path.write_text("t_s,mx,my,mz\n", encoding="utf-8")
         document = loads(bench.client.get("/calibration.json").content, source="the page")
-    found = Judged.from_document(document, name="the page").calibration
+    found = Fit.from_document(document, name="the page").calibration
     npt.assert_allclose(found.offset, calibrate.fit(samples).calibration.offset, rtol=1e-6)
     bench.sink.close()
 

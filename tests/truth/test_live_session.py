@@ -16,7 +16,6 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.fitting import calibrate
-from flinders.fitting.judged import Judged
 from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SessionState, SetGoal, SetTarget, SourceState
@@ -197,7 +196,7 @@ def test_advice_speaks_of_a_vehicle_where_its_axes_are_known() -> None:
 def test_the_calibration_from_before_agrees_or_does_not() -> None:
     sensor = simulate.Sensor(offset=np.array([20.0, -10.0, 5.0]), noise=0.5)
     moved = simulate.Sensor(offset=np.array([23.0, -10.0, 5.0]), noise=0.5)
-    before = Judged.from_fit(calibrate.fit(simulate.tumble(seed=2, sensor=sensor).samples), name="monday.json")
+    before = replace(calibrate.fit(simulate.tumble(seed=2, sensor=sensor).samples), name="monday.json")
     for now, word, low, high in ((sensor, "agrees", 0.0, 0.3), (moved, "contradicts", 4.0, 9.0)):
         session = after(simulate.tumble(seed=3, sensor=now).samples)
         session = fitted(step(session, GotPrevious(61.0, before))[0])
@@ -210,7 +209,7 @@ def test_the_calibration_from_before_agrees_or_does_not() -> None:
 
 def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
     counts = replace(simulate.tumble(seed=2).samples, unit=Unit.of("counts"))
-    before = Judged.from_fit(calibrate.fit(counts), name="monday.json")
+    before = replace(calibrate.fit(counts), name="monday.json")
     session = after(simulate.tumble(seed=3).samples)
     shown = session_state(fitted(step(session, GotPrevious(61.0, before))[0])).previous
     assert shown is not None

@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 import numpy.testing as npt
 import pytest
@@ -20,10 +19,10 @@ from flinders.cli import main
 from flinders.comparison.merging import NotMerged, merge
 from flinders.core import calibration_file
 from flinders.core.axes import Axes
-from flinders.core.calibration_file import FindingRecord
 from flinders.core.units import Unit
 from flinders.errors import AxesError, UnitError, UsageError
-from flinders.fitting.judged import Judged
+from flinders.findings import Finding
+from flinders.fitting.result import Fit
 from flinders.geometry.ellipsoid import upper
 from flinders.summary.pooling import chi_square_of
 
@@ -47,9 +46,9 @@ def moved(by: float) -> simulate.Sensor:
 @cache
 def judged(
     seed: int, name: str = "", *, n: int = 1000, motion: str = "uniform", by: float = 0.0, method: str = "auto"
-) -> Judged:
+) -> Fit:
     recording = simulate.tumble(seed=seed, motion=motion, n=n, sensor=moved(by))
-    return Judged.from_fit(flinders.fit(recording.samples, method=method), name=name or f"{motion} {seed}")
+    return replace(flinders.fit(recording.samples, method=method), name=name or f"{motion} {seed}")
 
 
 def parameters(calibration: Calibration) -> Floats:
@@ -75,7 +74,7 @@ def test_it_is_as_good_as_it_claims(known: bool, fields: tuple[float, float], mo
                 seed=2 * trial + part, sensor=sensor, motion=motion, n=500, field_strength=field
             ).samples
             fit = flinders.fit(samples, field_strength=field if known else None)
-            parts.append(Judged.from_fit(fit, name=f"part {part}"))
+            parts.append(replace(fit, name=f"part {part}"))
         merged = merge(parts)
         assert merged.calibration.field_strength_known is known
         turn, gains, _ = np.linalg.svd(sensor.matrix)
@@ -100,7 +99,7 @@ def test_two_halves_merged_are_the_joint_fit(field_strength: float | None) -> No
     for seed in range(12):
         recording = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=SENSOR)
         whole, parts = halves(recording.samples, field_strength=field_strength)
-        merged = merge([Judged.from_fit(part, name=name) for part, name in zip(parts, "ab", strict=True)])
+        merged = merge([replace(part, name=name) for part, name in zip(parts, "ab", strict=True)])
         sigma = np.sqrt(np.diag(whole.covariance))
         off = parameters(merged.calibration) - parameters(whole.calibration)
         if any(part.independent_samples < part.samples for part in parts):
@@ -125,7 +124,7 @@ def test_unlike_fields_of_unknown_strength_merge_well() -> None:
     parts = []
     for seed, field in enumerate((25.0, 50.0, 65.0)):
         samples = simulate.tumble(seed=seed, motion="uniform", sensor=SENSOR, field_strength=field).samples
-        parts.append(Judged.from_fit(flinders.fit(samples), name=f"{field:g} µT"))
+        parts.append(replace(flinders.fit(samples), name=f"{field:g} µT"))
     merged = merge(parts)
     assert merged.verdict == "good"
     assert merged.repeats.p_value > 0.01
@@ -178,10 +177,8 @@ def test_what_they_differ_by_is_in_the_heading_error() -> None:
 # what limits them limits the result
 
 
-def limited_by(one: Judged, code: str) -> Judged:
-    assert one.record is not None
-    finding = FindingRecord(code=code, severity="limits", number=0.5, limit=0.1, advice=f"{code} it is")
-    return replace(one, record=msgspec.structs.replace(one.record, findings=(finding,)))
+def limited_by(one: Fit, code: str) -> Fit:
+    return replace(one, findings=(Finding(code, "limits", 0.5, 0.1, f"{code} it is"),))
 
 
 def test_what_one_lacks_another_makes_up_for() -> None:
@@ -206,7 +203,7 @@ def test_fewer_than_two() -> None:
             merge(parts)
 
 
-def turned(one: Judged) -> Judged:
+def turned(one: Fit) -> Fit:
     angle = np.deg2rad(5.0)
     about_z = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     return replace(
@@ -214,13 +211,12 @@ def turned(one: Judged) -> Judged:
     )
 
 
-def with_(**changes: Any) -> Callable[[Judged], Judged]:
+def with_(**changes: Any) -> Callable[[Fit], Fit]:
     return lambda one: replace(one, calibration=replace(one.calibration, **changes))
 
 
-def refused(one: Judged) -> Judged:
-    assert one.record is not None
-    return replace(one, record=msgspec.structs.replace(one.record, verdict="refused"))
+def refused(one: Fit) -> Fit:
+    return replace(one, stated_verdict="refused")
 
 
 @pytest.mark.parametrize(
@@ -232,11 +228,10 @@ def refused(one: Judged) -> Judged:
         (with_(matrix=np.diag([1.0, 1.0, -1.0])), UsageError, "other mirrors an axis"),
         (turned, UsageError, "other holds a rotation"),
         (refused, UsageError, "other was refused"),
-        (lambda one: replace(one, covariance=None), UsageError, "other states no uncertainty"),
         (lambda one: replace(one, covariance=np.zeros((9, 9))), UsageError, "other states no uncertainty"),
     ],
 )
-def test_what_cannot_be_merged(change: Callable[[Judged], Judged], error: type[Exception], message: str) -> None:
+def test_what_cannot_be_merged(change: Callable[[Fit], Fit], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message):
         merge([judged(1, "monday"), change(judged(2, "other"))])
 
@@ -255,7 +250,7 @@ def test_a_simpler_method_is_not_weighted_as_exact() -> None:
         flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples, method=method)
         for seed, method in ((1, "auto"), (2, "sphere"))
     ]
-    parts = [Judged.from_fit(fit, name=fit.method) for fit in fits]
+    parts = [replace(fit, name=fit.method) for fit in fits]
     with pytest.raises(UsageError, match=r"sphere leaves \d of 8 parameters free"):
         merge(parts)
 
@@ -270,7 +265,7 @@ def test_two_level_turns_are_as_limited_as_each() -> None:
         merge([judged(seed, motion="level", method="level") for seed in (1, 2)])
     recordings = [simulate.tumble(seed=seed, motion="level", sensor=SENSOR).samples for seed in (1, 2)]
     fits = [flinders.fit(recording, method="level", field_strength=50.0) for recording in recordings]
-    merged = merge([Judged.from_fit(fit, name=f"turn {number}") for number, fit in enumerate(fits)])
+    merged = merge([replace(fit, name=f"turn {number}") for number, fit in enumerate(fits)])
     assert merged.verdict == "limited"
     assert "level-plane" in [finding.code for finding in merged.findings]
     assert merged.heading_error_deg.worst < min(part.claimed_deg for part in merged.repeats.parts)
@@ -281,7 +276,7 @@ def test_the_scale_is_known_only_where_all_know_it() -> None:
         flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=SENSOR).samples, field_strength=field)
         for seed, field in ((1, 50.0), (2, 50.0), (3, None))
     ]
-    parts = [Judged.from_fit(fit, name=f"{seed}") for seed, fit in enumerate(fits)]
+    parts = [replace(fit, name=f"{seed}") for seed, fit in enumerate(fits)]
     known, mixed = merge(parts[:2]), merge(parts)
     assert known.calibration.field_strength_known
     assert known.calibration.field_strength == pytest.approx(50.0)
@@ -304,13 +299,13 @@ def test_numbers_out_of_range() -> None:
 
 
 def test_the_dip_is_that_of_the_calibrations() -> None:
-    def at(dip: float, seed: int) -> Judged:
+    def at(dip: float, seed: int) -> Fit:
         samples = simulate.tumble(seed=seed, motion="uniform", sensor=SENSOR).samples
-        return Judged.from_fit(flinders.fit(samples, dip_deg=dip), name=f"dip {dip:g}")
+        return replace(flinders.fit(samples, dip_deg=dip), name=f"dip {dip:g}")
 
     assert merge([at(50.0, 1), at(70.0, 2)]).heading_error_deg.dip_deg == 70.0
     assert merge([at(50.0, 1), at(70.0, 2)], dip_deg=40.0).heading_error_deg.dip_deg == 40.0
-    bare = [replace(one, record=None) for one in (judged(1), judged(2))]
+    bare = [Fit(one.calibration, covariance=one.covariance, name=one.name) for one in (judged(1), judged(2))]
     found = merge(bare)
     assert (found.heading_error_deg.dip_deg, found.samples, found.noise) == (60.0, 0, None)
 

@@ -21,7 +21,7 @@ from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, TooFewSample
 from flinders.estimators import Readings
 from flinders.estimators.reference.minmax import MinMax
 from flinders.fitting.axis_extremes import from_extremes
-from flinders.fitting.judged import Judged
+from flinders.fitting.result import Fit
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.summary.summary import Summary
@@ -274,9 +274,8 @@ def test_typed_extremes_claim_nothing_and_are_never_good(tmp_path: Path) -> None
         fields = found.as_dict()
         assert (fields["heading_error_deg"], fields["noise"], fields["covariance"]) == (None, None, None)
         found.save(tmp_path / "typed.json", force=True)
-        judged = Judged.load(tmp_path / "typed.json")
-        assert judged.covariance is None
-        assert (judged.samples, judged.record.verdict if judged.record else "") == (0, "limited")
+        loaded = Fit.load(tmp_path / "typed.json")
+        assert (loaded.states_uncertainty, loaded.samples, loaded.verdict) == (False, 0, "limited")
     assert found.findings[0].number == 0.0
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import pytest
 
 import flinders
 from flinders import simulate
 from flinders.deprecation import renamed_keywords
 from flinders.findings import CATALOGUE, current
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 FLIGHT = simulate.tumble(seed=1, n=300).samples
 
@@ -51,6 +56,16 @@ def test_functions_and_attributes_of_calibrations_have_their_old_names_too() -> 
         assert flinders.fit_together is flinders.fit_multi
     with pytest.warns(DeprecationWarning, match="disturbances"):
         assert flinders.fit(FLIGHT).calibration.drivers == ()
+
+
+def test_judged_is_a_fit_and_still_loads(tmp_path: Path) -> None:
+    fit = flinders.fit(FLIGHT)
+    fit.save(tmp_path / "monday.json")
+    with pytest.warns(DeprecationWarning, match="Fit"):
+        judged: Any = flinders.Judged
+    assert judged.load(tmp_path / "monday.json").name == str(tmp_path / "monday.json")
+    with pytest.warns(DeprecationWarning, match="replace"):
+        assert judged.from_fit(fit, name="monday").name == "monday"
 
 
 def test_former_codes_of_findings_name_rows_of_today() -> None:

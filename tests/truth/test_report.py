@@ -22,8 +22,7 @@ from flinders.core.samples import Joined, Samples
 from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import FitError, TooFewSamples
 from flinders.fitting import calibrate
-from flinders.fitting.judged import Judged
-from flinders.fitting.result import Refused
+from flinders.fitting.result import Fit, Refused
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import script
@@ -39,7 +38,6 @@ from flinders.report.view import tile_errors_deg
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from flinders.fitting.result import Fit
 
 LARGEST = 1_500_000
 """Bytes of a report of ten thousand readings."""
@@ -238,13 +236,13 @@ def test_projections_hold_the_readings_and_the_outline_of_the_ellipsoid() -> Non
 def test_a_calibration_that_was_written_gives_the_same_report_numbers() -> None:
     for motion in ("hand", "tilted", "level"):
         fit, samples = fitted(motion)
-        again = restored(Judged.from_fit(fit), samples)
+        again = restored(Fit.from_document(fit.to_document()), samples)
         assert again.verdict == fit.verdict
         assert again.plane == fit.plane
         npt.assert_allclose(again.heading_error_deg.worst, fit.heading_error_deg.worst, rtol=1e-6)
         npt.assert_allclose(again.heading_error_deg.rms, fit.heading_error_deg.rms, rtol=1e-6)
         npt.assert_allclose(again.noise, fit.noise)
-        assert not doubts(Judged.from_fit(fit), samples)
+        assert not doubts(fit.calibration, samples)
 
 
 @pytest.mark.parametrize("known", ["shown", "elsewhere", "open"])
@@ -254,7 +252,7 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
     turned = replace(samples, acceleration=None if known == "open" else felt)
     fit = calibrate.fit(turned, site=Site(50.0, 60.0))
     fit.save(tmp_path / "calibration.json")
-    again = restored(Judged.load(tmp_path / "calibration.json"), turned)
+    again = restored(Fit.load(tmp_path / "calibration.json"), turned)
     assert again.z_down is fit.z_down is {"shown": True, "elsewhere": False, "open": None}[known]
     advice = next(finding.advice for finding in fit.findings if finding.code == "level-plane")
     assert advice[1:].rstrip(".") in Page.of(page(again, turned)).words
@@ -265,14 +263,14 @@ def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
     bent = replace(
         fit, distortion=0.3, heading_error_deg=fit.heading_error_deg.beside(replace(fit, distortion=0.3).structure_deg)
     )
-    again = restored(Judged.from_fit(bent), samples)
+    again = restored(Fit.from_document(bent.to_document()), samples)
     npt.assert_allclose(again.distortion, 0.3, rtol=1e-6)
     npt.assert_allclose(again.attitude_limit_deg, bent.attitude_limit_deg, rtol=1e-6)
 
 
 def test_a_calibration_without_uncertainty_claims_nothing() -> None:
     fit, samples = fitted()
-    found = Page.of(page(restored(Judged(fit.calibration), samples), samples))
+    found = Page.of(page(restored(Fit(fit.calibration), samples), samples))
     assert "Of unknown quality" in found.words
     assert "states no uncertainty" in found.words
     assert "Worst heading off by" not in found.words
@@ -282,7 +280,7 @@ def test_a_calibration_without_uncertainty_claims_nothing() -> None:
 def test_a_calibration_of_another_sensor_is_doubted() -> None:
     fit, _ = fitted()
     other = simulate.tumble(seed=9, n=500).samples
-    assert "another sensor" in " ".join(doubts(Judged.from_fit(fit), other))
+    assert "another sensor" in " ".join(doubts(fit.calibration, other))
 
 
 def driven() -> tuple[Fit, Samples]:
@@ -365,9 +363,9 @@ def test_without_times_of_one_recording_or_with_few_readings_no_path_is_drawn() 
 
 def test_of_a_recording_that_does_not_go_with_the_calibration_no_path_is_drawn() -> None:
     other = simulate.tumble(seed=9, n=500).samples
-    for judged in (Judged.from_fit(fitted()[0]), Judged(fitted()[0].calibration), Judged.from_fit(fitted("level")[0])):
+    for judged in (fitted()[0], Fit(fitted()[0].calibration), fitted("level")[0]):
         assert CONSTANT not in page(restored(judged, other), other)
-    assert CONSTANT in page(restored(Judged(fitted()[0].calibration), fitted()[1]), fitted()[1])
+    assert CONSTANT in page(restored(Fit(fitted()[0].calibration), fitted()[1]), fitted()[1])
 
 
 def test_the_path_of_an_offset_is_drawn_for_the_axes_that_were_seen() -> None:

@@ -22,7 +22,7 @@ from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, T
 from flinders.estimators import Readings
 from flinders.estimators.ellipse import Ellipse
 from flinders.estimators.two_axis import TwoAxisRecipe
-from flinders.fitting.judged import Judged
+from flinders.fitting.result import Fit
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
 from flinders.report.polar_chart import drawing
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import HeadingErrorRecord
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
+    from flinders.heading.error_propagation import HeadingError
 
 COMPASS: Final = TwoAxis((1.1, 0.9), (10.0, -5.0), 4.0)
 NOISY: Final = TwoAxis((1.0, 1.0), (10.0, -5.0), 0.0, 0.25)
@@ -442,11 +442,9 @@ def test_three_sweeps_are_as_good_as_they_claim_together() -> None:
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
-def composed(
-    sensor: simulate.Sensor, planes: tuple[Plane, ...], rng: Generator, method: str = "two-axis"
-) -> list[Judged]:
+def composed(sensor: simulate.Sensor, planes: tuple[Plane, ...], rng: Generator, method: str = "two-axis") -> list[Fit]:
     """Sweep plane after plane, and what stands in the file after each."""
-    loaded: list[Judged] = []
+    loaded: list[Fit] = []
     for plane in planes:
         raw = sensor.read(50.0 * sweep(plane, 60.0), rng)
         first = loaded[-1] if loaded else None
@@ -454,15 +452,13 @@ def composed(
         strength = None if first is None else first.calibration.field_strength
         fit = flinders.fit(readings, method=method, plane=plane, field_strength=strength, target_deg=50.0)
         found = fit if first is None else Composed.of(first, fit)
-        loaded.append(Judged.from_document(found.to_document()))
+        loaded.append(Fit.from_document(found.to_document()))
     return loaded
 
 
-def claimed(loaded: Judged) -> HeadingErrorRecord:
+def claimed(loaded: Fit) -> HeadingError:
     """What the file says of a level heading."""
-    assert loaded.record is not None
-    assert loaded.record.heading_error_deg is not None
-    return loaded.record.heading_error_deg
+    return loaded.heading_error_deg
 
 
 @pytest.mark.parametrize(
@@ -509,12 +505,9 @@ def test_a_composition_has_findings_of_its_own() -> None:
     """And none of the last turn, which is about one plane alone."""
     _, second, third = composed(iron(1, 0.1), PLANES, np.random.default_rng(0))
     for step in (second, third):
-        assert step.record is not None
-        assert [finding.code for finding in step.record.findings] == ["composed", "scale-unknown"]
-        assert (step.record.verdict, step.plane, step.covariance) == ("limited", None, None)
-    assert second.record is not None
-    assert third.record is not None
-    assert "(xy, then yz); not turned yet in zx" in second.record.findings[0].advice
+        assert [finding.code for finding in step.findings] == ["composed", "scale-unknown"]
+        assert (step.verdict, step.plane, step.states_uncertainty) == ("limited", None, False)
+    assert "(xy, then yz); not turned yet in zx" in second.findings[0].advice
     assert (second.samples, third.samples) == (72, 108)
 
 
@@ -531,7 +524,7 @@ def test_raw_turns_are_told_from_loaded_ones() -> None:
     assert (loaded_refused, raw_refused) == (0, 77)
 
 
-def is_refused(first: Judged, plane: Plane, field: Floats) -> bool:
+def is_refused(first: Fit, plane: Plane, field: Floats) -> bool:
     """Whether a turn is taken for one that was made without a calibration loaded."""
     points = field[:, list(order_of(plane)[:2])]
     try:
@@ -543,7 +536,7 @@ def is_refused(first: Judged, plane: Plane, field: Floats) -> bool:
 
 def test_a_sensor_that_was_calibrated_all_round_may_be_put_into_a_vehicle() -> None:
     """The iron of the vehicle is what the turn is for, however far it is."""
-    bench = Judged.from_fit(flinders.fit(simulate.tumble(seed=3).samples))
+    bench = flinders.fit(simulate.tumble(seed=3).samples)
     sensor = simulate.Sensor(np.eye(3), np.array([80.0, -30.0, 0.0]), 0.1)
     points = sensor.read(50.0 * sweep("xy", 60.0), np.random.default_rng(1))
     strength = bench.calibration.field_strength
@@ -606,11 +599,10 @@ def test_three_planes_through_the_command_compose() -> None:
     npt.assert_allclose(loaded.matrix, wanted.matrix, atol=1e-7)
     npt.assert_allclose(loaded.offset, wanted.offset, atol=1e-6)
     assert loaded.rotation == "composed"
-    judged_file = flinders.Judged.load("2.json")
-    assert judged_file.covariance is None
-    assert judged_file.record is not None
-    assert judged_file.record.method == "two-axis xy, then two-axis yz, then two-axis zx"
-    assert [file.name for file in judged_file.files] == ["sweep.csv"] * 3
+    fit = flinders.Fit.load("2.json")
+    assert not fit.states_uncertainty
+    assert fit.method == "two-axis xy, then two-axis yz, then two-axis zx"
+    assert [file.name for file in fit.files] == ["sweep.csv"] * 3
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Samples
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.heading.compass import Compass, Headings, Voyage
 
 ENOUGH_TO_JUDGE: Final = 1000
@@ -34,7 +35,7 @@ class HeadingLog:
 
     Attributes
     ----------
-    judged : Judged
+    fit : Fit
         The calibration and what it claims.
     recording : Recording
         In its unit and axes.
@@ -46,7 +47,7 @@ class HeadingLog:
         What takes off that which drives their offset, before that.
     """
 
-    judged: Judged
+    fit: Fit
     recording: Recording
     compass: Compass
     site: SiteField | None
@@ -100,7 +101,7 @@ class Watch:
         from flinders.heading.compass import Voyage
 
         self.log, self.voyage = log, Voyage()
-        self.corrector = Corrector(log.judged.calibration, log.recording.source)
+        self.corrector = Corrector(log.fit.calibration, log.recording.source)
         self._site_dip = log.site.inclination_deg if log.site else dip_deg
         self._next = ENOUGH_TO_JUDGE
 
@@ -173,22 +174,22 @@ def open_log(
     turned = Axes.of(accelerometer.acceleration_axes)
     if place.place is not None and place.date is not None:
         site_of(place.place, place.date)  # what is wrong with them is said before anything is read
-    judged, settler = _disturbances.settler_of(load(command, calibration, [recording]), fixed)
+    fit, settler = _disturbances.settler_of(load(command, calibration, [recording]), fixed)
     if is_calibration(recording):
         raise UsageError(f"{recording} is a calibration too: give a recording after it")
-    opened = open_recording(recording, axes=str(judged.calibration.axes), once=True, **options)
+    opened = open_recording(recording, axes=str(fit.calibration.axes), once=True, **options)
     if acceleration is not None:
         if not isinstance(opened, TextRecording):
             raise UsageError(f"{recording} is no text: its columns are known, leave --acceleration out")
         opened.name_acceleration(acceleration)
-    agree(judged.calibration, opened)
+    agree(fit.calibration, opened)
     site = None if place.place is None else site_of(place.place, place.date, opened)
     declination = declination_deg if site is None else site.declination_deg
-    bias = None if is_level else judged.acceleration_bias
+    bias = None if is_level or fit.aiding is None else fit.aiding.acceleration_bias
     if bias is not None:
         say(f"{bias_words(bias)}, by {calibration}: taken off")
-    compass = Compass(judged.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
-    return HeadingLog(judged, opened, compass, site, settler=settler)
+    compass = Compass(fit.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
+    return HeadingLog(fit, opened, compass, site, settler=settler)
 
 
 def site_dip(log: HeadingLog, voyage: Voyage, given: float | None = None) -> tuple[float, str]:
@@ -214,21 +215,16 @@ def _own_dip(log: HeadingLog) -> float | None:
     """The dip that the calibration of a level turn rests on: level headings are as good as that says, and no better."""
     from flinders.heading.compass import LEVEL
 
-    record = log.judged.record
-    if log.compass.formula != LEVEL or record is None or record.plane != "xy" or record.heading_error_deg is None:
-        return None
-    return record.heading_error_deg.dip_deg
+    dip_deg = log.fit.heading_error_deg.dip_deg
+    return dip_deg if log.compass.formula == LEVEL and log.fit.plane == "xy" and not math.isnan(dip_deg) else None
 
 
 def down(log: HeadingLog, voyage: Voyage) -> Floats:
     """(3,) which way is down when the vehicle is level, in the axes of the calibration's ellipsoid."""
     import numpy as np
 
-    calibration = log.judged.calibration
-    # a rotation, where one was estimated
-    turned = calibration.matrix @ log.judged.ellipsoid.shape / calibration.field_strength
-    found: Floats = turned.T @ np.array([0.0, 0.0, -1.0 if voyage.is_z_up else 1.0])
-    return found
+    down: Floats = log.fit.calibration.rotation_matrix.T @ np.array([0.0, 0.0, -1.0 if voyage.is_z_up else 1.0])
+    return down
 
 
 def _refuse_contradictions(

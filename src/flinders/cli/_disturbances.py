@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from flinders.core.compensation import Compensator
     from flinders.core.samples import Recording
     from flinders.estimators.static_bench import Still
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
 
 def values_of(fixed: Iterable[str]) -> dict[str, float]:
@@ -48,12 +48,12 @@ def values_of(fixed: Iterable[str]) -> dict[str, float]:
     return values
 
 
-def settler_of(judged: Judged, fixed: Iterable[str]) -> tuple[Judged, Compensator]:
+def settler_of(fit: Fit, fixed: Iterable[str]) -> tuple[Fit, Compensator]:
     """A calibration of settled readings, and what settles them; at fixed values where ``--fix`` says so."""
     from flinders.core.compensation import Compensator
 
-    settler = Compensator(holding(judged.calibration, fixed))
-    return replace(judged, calibration=settler.calibration.at()), settler
+    settler = Compensator(holding(fit.calibration, fixed))
+    return replace(fit, calibration=settler.calibration.at()), settler
 
 
 def holding(calibration: Calibration, fixed: Iterable[str]) -> Calibration:
@@ -84,20 +84,20 @@ def say_beyond(settler: Compensator | None) -> dict[str, Any]:
     return {"findings": [finding.as_dict() for finding in findings]}
 
 
-def say_references(judged: Judged) -> None:
+def say_references(fit: Fit) -> None:
     """Say where a calibration is taken that follows something, for a command that looks at offset and matrix only."""
-    for disturbance in judged.calibration.disturbances:
-        cost = figures(min(judged.calibration.disturbance_deg(disturbance), 180.0))
+    for disturbance in fit.calibration.disturbances:
+        cost = figures(min(fit.calibration.disturbance_deg(disturbance), 180.0))
         say(
-            f"{judged.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
+            f"{fit.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
             f"what it follows is up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
         )
 
 
-def say_difference(a: Judged, b: Judged) -> None:
+def say_difference(a: Fit, b: Fit) -> None:
     """Say where two calibrations are compared that follow something, and how far apart what they follow is."""
-    for judged in (a, b):
-        say_references(judged)
+    for fit in (a, b):
+        say_references(fit)
     theirs = {disturbance.name: disturbance for disturbance in b.calibration.disturbances}
     for disturbance in a.calibration.disturbances:
         other = theirs.get(disturbance.name)
@@ -124,7 +124,7 @@ def bench(recording: Recording, disturbances: tuple[str, ...], previous: str, ou
     from flinders.core.units import label
     from flinders.errors import NotTurned
     from flinders.estimators.static_bench import described, still
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.fitting.verdict import of_alike, of_column, of_noisy
 
     parts = list(singles(recording))
@@ -133,7 +133,7 @@ def bench(recording: Recording, disturbances: tuple[str, ...], previous: str, ou
         raise NotTurned(0.0 if found is None else found.noise, " and ".join(disturbances))
     unit = label(recording.unit.inside)
     say(described(found, unit))
-    known = Judged.load(previous)
+    known = Fit.load(previous)
     refuse_other_axes(known.calibration, parts, previous)
     calibration = found.onto(known.calibration)
     alone = "; it alone running" if len(found.disturbances) > 1 else ""
@@ -191,7 +191,7 @@ def _left_deg(found: Still, calibration: Calibration, name: str) -> float:
     return float(np.rad2deg(away / np.cos(np.deg2rad(60.0))))
 
 
-def _save(calibration: Calibration, known: Judged, outputs: Outputs) -> None:
+def _save(calibration: Calibration, known: Fit, outputs: Outputs) -> None:
     """Write a calibration with the disturbances it follows now, and all else that is known of it."""
     from flinders.core.calibration_file import dumps, read
 

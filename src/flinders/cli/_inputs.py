@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance, SourceFile
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Joined, Recording, Samples, Skipped
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.readers import Choice
     from flinders.readers._source import File
 
@@ -215,7 +215,7 @@ def opened_with(
     return Joined(tuple(map(Counted, parts)))
 
 
-def load(command: str, calibration: str, recordings: Sequence[str]) -> Judged:
+def load(command: str, calibration: str, recordings: Sequence[str]) -> Fit:
     """Load the calibration, and see whether the files were given the other way round.
 
     Raises
@@ -225,12 +225,12 @@ def load(command: str, calibration: str, recordings: Sequence[str]) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
     if calibration == "-":
         raise UsageError(f"the calibration must be a file: flinders {command} calibration.json -")
     try:
-        return Judged.load(calibration)
+        return Fit.load(calibration)
     except DocumentError:
         for path in recordings:
             if is_calibration(path):
@@ -240,7 +240,7 @@ def load(command: str, calibration: str, recordings: Sequence[str]) -> Judged:
         raise
 
 
-def for_use(command: str, path: str) -> Judged:
+def for_use(command: str, path: str) -> Fit:
     """Load a calibration that is about to be used.
 
     Raises
@@ -253,29 +253,29 @@ def for_use(command: str, path: str) -> Judged:
         For one that was refused.
     """
     try:
-        judged = load(command, path, [])
+        fit = load(command, path, [])
     except DocumentError:
         if is_recording(path):
             raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
         raise
-    if judged.record is not None and judged.record.verdict == "refused":
+    if fit.verdict == "refused":
         raise NotExportable(
             f"{path} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
         )
-    return judged
+    return fit
 
 
-def refuse_on_top(judged: Judged, autopilot: str) -> None:
+def refuse_on_top(fit: Fit, autopilot: str) -> None:
     """Refuse a calibration of corrected readings for an autopilot, whose own it would replace and not complete.
 
     Raises
     ------
     NotExportable
     """
-    logged = [file.name for file in judged.files if file.as_logged]
+    logged = [file.name for file in fit.files if file.as_logged]
     if logged:
         raise NotExportable(
-            f"{judged.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
+            f"{fit.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
             f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again without "
             "--as-logged",
             beyond=(),
@@ -283,13 +283,13 @@ def refuse_on_top(judged: Judged, autopilot: str) -> None:
         )
 
 
-def known_of(judged: Judged, autopilot: str, what: str) -> set[int]:
+def known_of(fit: Fit, autopilot: str, what: str) -> set[int]:
     """What is known of the compasses of an autopilot that a calibration was made from: ``compass`` or ``device_id``."""
-    values = (getattr(file, what) for file in judged.files if file.autopilot == autopilot)
+    values = (getattr(file, what) for file in fit.files if file.autopilot == autopilot)
     return {value for value in values if value is not None}
 
 
-def only(judged: Judged, known: set[int], what: str, option: str) -> int | None:
+def only(fit: Fit, known: set[int], what: str, option: str) -> int | None:
     """The one number or device id that is known, or nothing where none is.
 
     Raises
@@ -299,7 +299,7 @@ def only(judged: Judged, known: set[int], what: str, option: str) -> int | None:
     """
     if len(known) > 1:
         raise UsageError(
-            f"{judged.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say with {option} which one "
+            f"{fit.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say with {option} which one "
             "it is for, or calibrate each by itself"
         )
     return min(known, default=None)

@@ -77,8 +77,8 @@ def command(
 
     outputs = Outputs.of(("corrected readings", output), force=force, as_json=as_json)
     outputs.check([calibration, recording])
-    judged, settler = _disturbances.settler_of(load("apply", calibration, [recording]), fixed)
-    correction = judged.calibration
+    loaded, settler = _disturbances.settler_of(load("apply", calibration, [recording]), fixed)
+    correction = loaded.calibration
     with progress("correcting") as watch:
         wanted = choice(correction, sensor)
         source = open_recording(
@@ -98,8 +98,8 @@ def command(
                 file.write(line)
     left_out = getattr(source, "skipped", ())
     say(f"{source.source}: {read_and_left_out(corrector.strength.readings, left_out)}; {corrector}")
-    if judged.record is not None and judged.record.tilt_words:
-        say(f"! {judged.record.tilt_words}")
+    if loaded.tilt_words:
+        say(f"! {loaded.tilt_words}")
     if smoother is not None:
         say(str(smoother))
     extrapolated = _disturbances.say_beyond(settler)

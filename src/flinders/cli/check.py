@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import click
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
     from flinders.core.samples import Joined
     from flinders.diagnostics.random_walk import RandomWalk
-    from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit, Refused
 
 
@@ -80,7 +80,7 @@ def command(
         recording = cast("Joined", settled(as_recorded, settler.calibration))
         extrapolated = _disturbances.say_beyond(_disturbances.seen(as_recorded, settler))
         found = _strength(known.calibration, recording)
-        if known.covariance is None:
+        if not known.states_uncertainty:
             say(f"{calibration} states no uncertainty: it is taken as exact")
         try:
             with saying_what_was_skipped(as_recorded.recordings):
@@ -123,17 +123,16 @@ def command(
     return GOOD if holds else LIMITED
 
 
-def _compared(known: Judged, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
+def _compared(known: Fit, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
     """Hold them against each other; where the recording is a level turn, in the plane that was turned."""
     from flinders.comparison.comparison import compare
     from flinders.comparison.level_plane import compare_turned
-    from flinders.fitting.judged import Judged
 
-    found = Judged.from_fit(fresh, name="fresh fit")
-    if found.plane == "xy" and known.plane is None:
-        return compare_turned(known, found, recording, target_deg=target_deg)
+    fresh = replace(fresh, name="fresh fit")
+    if fresh.plane == "xy" and known.plane is None:
+        return compare_turned(known, fresh, recording, target_deg=target_deg)
     dip = _dip(known.calibration, recording, fresh)
-    return compare(known, found, dip_deg=dip, target_deg=target_deg)
+    return compare(known, fresh, dip_deg=dip, target_deg=target_deg)
 
 
 def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
@@ -152,7 +151,7 @@ def _walked(recording: Joined, fresh: Fit) -> RandomWalk:
     return walk_through(recording, fresh.ellipsoid, plane=fresh.plane, dip_deg=fresh.heading_error_deg.dip_deg)
 
 
-def _walked_anyhow(recording: Joined, known: Judged, dip_deg: float) -> RandomWalk | None:
+def _walked_anyhow(recording: Joined, known: Fit, dip_deg: float) -> RandomWalk | None:
     """How it moved where no fit is fit for use: by the calibration itself; None where nothing can be followed."""
     from flinders.diagnostics.random_walk import walk_through
 

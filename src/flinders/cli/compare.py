@@ -13,7 +13,7 @@ from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
 
 @_options.command(
@@ -49,7 +49,7 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     a, b = _load(first, second), _load(second, first)
     comparison = compare(a, b, dip_deg=dip_deg, target_deg=target_deg)
     for one in (a, b):
-        if one.covariance is None:
+        if not one.states_uncertainty:
             say(f"{one.name} states no uncertainty: it is taken as exact")
     _disturbances.say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
@@ -64,7 +64,7 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     return GOOD if comparison.verdict == "agree" and firm else LIMITED
 
 
-def _load(path: str, other: str) -> Judged:
+def _load(path: str, other: str) -> Fit:
     """Load a calibration, and see whether a recording was given in its place.
 
     Raises
@@ -74,10 +74,10 @@ def _load(path: str, other: str) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
     try:
-        return Judged.load(path)
+        return Fit.load(path)
     except DocumentError:
         if is_calibration(other) and is_recording(path):
             raise UsageError(f"{path} is a recording: flinders check {other} {path}") from None

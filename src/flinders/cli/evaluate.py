@@ -14,7 +14,7 @@ from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.errors import UnreadableInput, UsageError
 
 if TYPE_CHECKING:
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.simulate.truth import Truth
 
 
@@ -50,7 +50,7 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     found, known = _load(calibration, truth)
     _disturbances.say_references(found)
     evaluation = evaluate(found, known, dip_deg=dip_deg, target_deg=target_deg)
-    if found.covariance is None:
+    if not found.states_uncertainty:
         say(f"{calibration} states no uncertainty: there is no claim to hold against the truth")
     if as_json:
         print_json(evaluation.as_dict())
@@ -60,7 +60,7 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     return (GOOD, LIMITED, REFUSED)[faults]
 
 
-def _load(calibration: str, truth: str) -> tuple[Judged, Truth]:
+def _load(calibration: str, truth: str) -> tuple[Fit, Truth]:
     """Read both, and see whether they were given the other way round.
 
     Raises

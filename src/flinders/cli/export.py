@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from flinders.cli import _options, targets
-from flinders.cli._inputs import for_use, known_of, only, refuse_on_top
+from flinders.cli._inputs import for_use, known_of, only, provenance, refuse_on_top
 from flinders.cli._options import option
 from flinders.cli._output import Outputs, print_json, say
 from flinders.errors import FlindersError, UsageError, figures
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.calibration_file import SourceFile
-    from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit
     from flinders.targets import Export, Target
 
@@ -83,8 +83,8 @@ def command(
     path = output or "-"
     outputs = Outputs.of(("the text", path), force=force, as_json=as_json and path == output)
     outputs.check([calibration])
-    judged = for_use("export --to TARGET", calibration)
-    export, notes = rendered(judged, row, compass=compass, lossy=lossy, name=name)
+    fit = for_use("export --to TARGET", calibration)
+    export, notes = rendered(fit, row, compass=compass, lossy=lossy, name=name)
     if path != "-":
         save(export, path, force=force)
     if as_json:
@@ -92,7 +92,7 @@ def command(
     elif path == "-":
         show(export)
     if path != "-" or as_json or not export.has_comments:
-        _say_notes(export, judged)
+        _say_notes(export, fit)
     for line in notes:
         say(line if compass is None else f"! {line}")
     outputs.say_written()
@@ -118,7 +118,7 @@ def _taking(target: str, *, compass: int | None, name: str | None) -> Target:
 
 
 def rendered(
-    judged: Judged, row: Target, *, compass: int | None = None, lossy: bool = False, name: str | None = None
+    fit: Fit, row: Target, *, compass: int | None = None, lossy: bool = False, name: str | None = None
 ) -> tuple[Export, list[str]]:
     """Write a calibration for a target, and what to say of the compass that it is for.
 
@@ -130,22 +130,22 @@ def rendered(
     from flinders.targets import ExportOptions
 
     if row.compasses:
-        refuse_on_top(judged, row.name)
-    number, told = placed(judged, row, compass)
+        refuse_on_top(fit, row.name)
+    number, told = placed(fit, row, compass)
     asked = ExportOptions(compass=number, lossy=lossy, name=name)
-    return row.render(judged.calibration, about=[*about(judged), *told], asked=asked), told
+    return row.render(fit.calibration, about=[*about(fit), *told], asked=asked), told
 
 
-def _say_notes(export: Export, judged: Judged) -> None:
+def _say_notes(export: Export, fit: Fit) -> None:
     """Say what is known of it; what stands in the file already is left out."""
     say(export.checked)
     for note in () if export.has_comments else export.fields["notes"]:
         say(note)
-    for warning in (*_limits(judged), *export.warnings):
+    for warning in (*_limits(fit), *export.warnings):
         say(f"! {warning}")
 
 
-def placed(judged: Judged, row: Target, asked: int | None = None) -> tuple[int | None, list[str]]:
+def placed(fit: Fit, row: Target, asked: int | None = None) -> tuple[int | None, list[str]]:
     """Which compass of a vehicle a calibration goes to, that of the log unless another is asked, and what to say of it.
 
     Nothing is said where the compass is not known, or is the one that was asked for.
@@ -157,12 +157,12 @@ def placed(judged: Judged, row: Target, asked: int | None = None) -> tuple[int |
     """
     if not row.compasses:
         return None, []
-    known, devices = (known_of(judged, row.family, what) for what in ("compass", "device_id"))
+    known, devices = (known_of(fit, row.family, what) for what in ("compass", "device_id"))
     if not known - {asked}:
         return asked, []
     device = f" (device id {min(devices)})" if len(devices) == 1 else ""
     if asked is None:
-        number = only(judged, known, "compass", "--compass")
+        number = only(fit, known, "compass", "--compass")
         return number, [f"for compass {number} of the vehicle{device}"]
     there = " and ".join(map(str, sorted(known)))
     return asked, [f"for compass {asked}, as asked; it was made from compass {there} of the vehicle{device}"]
@@ -199,13 +199,11 @@ def export_fit(
         Where a target cannot hold it, nobody knows for which compass it is, or it cannot be written; the gravest, once
         all were tried. What has become of the calibration, which is written by then, is said before.
     """
-    from flinders.fitting.judged import Judged
-
-    judged = replace(Judged.from_fit(fit, name=", ".join(file.name for file in files)), files=tuple(files))
+    fit = replace(fit, name=", ".join(file.name for file in files), provenance=provenance(files=files))
     failed: list[FlindersError] = []
     for target, path in exports:
         try:
-            _export_to(judged, target, path, force=force)
+            _export_to(fit, target, path, force=force)
         except FlindersError as error:
             say(f"! nothing was written for {target}; {_kept(calibration)}")
             failed.append(error)
@@ -217,11 +215,11 @@ def export_fit(
         raise gravest
 
 
-def _export_to(judged: Judged, target: str, path: str, *, force: bool) -> None:
+def _export_to(fit: Fit, target: str, path: str, *, force: bool) -> None:
     """Write it for one target, and say what that costs; raises as `export_fit`."""
     from flinders.targets import find
 
-    export, notes = rendered(judged, find(target))
+    export, notes = rendered(fit, find(target))
     if path == "-":
         show(export)
     else:
@@ -269,18 +267,17 @@ def show(export: Export) -> None:
     click.echo(export.data, nl=False)
 
 
-def about(judged: Judged) -> list[str]:
+def about(fit: Fit) -> list[str]:
     """Tell where the numbers come from, and what is claimed of them."""
-    sensor = f", sensor {judged.calibration.sensor}" if judged.calibration.sensor else ""
-    told = [f"from {judged.name}{sensor}"]
-    if judged.record is not None and judged.record.verdict is not None:
-        error = judged.record.heading_error_deg
-        worst = f": worst heading good to {figures(error.worst)}° (1 σ)" if error is not None else ""
-        told.append(f"the calibration is {judged.record.verdict}{worst}")
-    return [*told, *_limits(judged)]
+    sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
+    told = [f"from {fit.name}{sensor}"]
+    if fit.is_described:
+        worst_deg = fit.heading_error_deg.worst
+        worst = "" if math.isnan(worst_deg) else f": worst heading good to {figures(worst_deg)}° (1 σ)"
+        told.append(f"the calibration is {fit.verdict}{worst}")
+    return [*told, *_limits(fit)]
 
 
-def _limits(judged: Judged) -> list[str]:
+def _limits(fit: Fit) -> list[str]:
     """What the calibration is not good for, as its file says."""
-    findings = judged.record.findings if judged.record is not None else ()
-    return [f"limited: {finding.advice}" for finding in findings if finding.severity == "limits"]
+    return [f"limited: {finding.advice}" for finding in fit.findings if finding.severity == "limits"]

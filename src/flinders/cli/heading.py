@@ -99,8 +99,8 @@ def command(
     extrapolated = _disturbances.say_beyond(opened.settler)
     claimed = claims(opened, watched.voyage, dip_deg=dip_deg)
     _tell(opened, watched.voyage, claimed, plausible=watched.corrector.is_plausible)
-    if opened.judged.record is not None and opened.judged.record.tilt_words:
-        say(f"! {opened.judged.record.tilt_words}")
+    if opened.fit.tilt_words:
+        say(f"! {opened.fit.tilt_words}")
     outputs.say_written()
     if as_json:
         skipped = [str(entry) for entry in left_out]
@@ -150,10 +150,9 @@ def claims(log: _compass.HeadingLog, voyage: Voyage, *, dip_deg: float | None) -
 
     dip, source = _compass.site_dip(log, voyage, dip_deg)
     told: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "tilted": None}
-    covariance = log.judged.covariance
-    if covariance is None:
+    if not log.fit.states_uncertainty:
         return told
-    ellipsoid, down = log.judged.ellipsoid, _compass.down(log, voyage)
+    ellipsoid, covariance, down = log.fit.ellipsoid, log.fit.covariance, _compass.down(log, voyage)
     told["level"] = level_error(ellipsoid, covariance, dip_deg=dip, down=down)
     if voyage.tilt_deg >= 1.0:
         told["tilted"] = tilted_error(ellipsoid, covariance, dip_deg=dip, tilt_deg=voyage.tilt_deg, down=down)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from flinders.core.axes import Axes
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.live.access import Tokens
     from flinders.live.buffer import Timeline
     from flinders.live.feeds import Feed
@@ -119,12 +119,12 @@ def command(
     from flinders.live.server import application
 
     turned = Axes.of(axes)
-    judged = None if previous is None else _loaded(previous)
+    loaded = None if previous is None else _loaded(previous)
     listener = listening(host, web_port)
     with contextlib.ExitStack() as stack:
         stack.callback(listener.close)
         supply, session, timeline = _begun(stack, source, turned, output, resume)
-        session = _as_asked(session, target_deg, dip_deg, judged)
+        session = _as_asked(session, target_deg, dip_deg, loaded)
         number = listener.getsockname()[1]
         gate = Gate.of(host, number, _own_names())
         tokens = Tokens() if gate.is_open else None
@@ -139,10 +139,10 @@ def command(
         print_json(_ended(hub.session, str(supply.path) if is_there else None))
 
 
-def _loaded(previous: str) -> Judged:
-    from flinders.fitting.judged import Judged
+def _loaded(previous: str) -> Fit:
+    from flinders.fitting.result import Fit
 
-    return Judged.load(previous)
+    return Fit.load(previous)
 
 
 def _ended(session: Session, recording: str | None) -> dict[str, Any]:
@@ -379,7 +379,7 @@ def _continued(path: Path | None, edits: Edits, axes: Axes, reading: dict[str, A
     return session, timeline
 
 
-def _as_asked(session: Session, target_deg: float | None, dip_deg: float | None, previous: Judged | None) -> Session:
+def _as_asked(session: Session, target_deg: float | None, dip_deg: float | None, previous: Fit | None) -> Session:
     """What was typed goes before what the file says."""
     asked = {"target_deg": target_deg, "dip_deg": dip_deg, "previous": previous}
     return replace(session, **{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]

@@ -15,7 +15,7 @@ from flinders.errors import DocumentError, UsageError
 
 if TYPE_CHECKING:
     from flinders.comparison.merging import NotMerged
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
 
 @_options.command(
@@ -76,7 +76,7 @@ def command(
     return GOOD if merged.verdict == "good" else LIMITED
 
 
-def _load(path: str) -> Judged:
+def _load(path: str) -> Fit:
     """Load a calibration, and see whether a recording was given in its place.
 
     Raises
@@ -86,12 +86,12 @@ def _load(path: str) -> Judged:
     DocumentError
         For what is no calibration file.
     """
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
     if path == "-":
         raise UsageError("calibrations are told from each other by their names: give files, not -")
     try:
-        return Judged.load(path)
+        return Fit.load(path)
     except DocumentError:
         if is_recording(path):
             raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Joined, Recording
     from flinders.errors import FitError
-    from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit
     from flinders.report.html import Listing
 
@@ -110,7 +109,7 @@ def command(
     path = output or (None if pdf else "report.html")
     outputs = Outputs.of(("the report", path), ("its PDF", pdf, "--pdf"), force=force, as_json=as_json)
     program = _check(outputs, path, pdf, (calibration, *recordings))
-    judged, recording, fit, notes = pictured("report", calibration, recordings, target_deg, dip_deg, reading)
+    loaded, recording, fit, notes = pictured("report", calibration, recordings, target_deg, dip_deg, reading)
     provenance: Provenance | None = read(calibration).provenance
     asked = {"target_deg": target_deg, "dip_deg": dip_deg, **reading}
     text = page(
@@ -118,7 +117,7 @@ def command(
         recording,
         provenance=provenance,
         asked={"Calibration file": calibration, **as_typed(asked)},
-        listings=listings(judged),
+        listings=listings(loaded),
         notes=notes,
     )
     outputs.write(text, path)
@@ -138,7 +137,7 @@ def pictured(
     target_deg: float | None,
     dip_deg: float | None,
     reading: dict[str, Any],
-) -> tuple[Judged, Joined, Fit, list[str]]:
+) -> tuple[Fit, Joined, Fit, list[str]]:
     """Open a calibration and recordings, and put them together; and what is odd about the pair.
 
     Raises
@@ -151,19 +150,18 @@ def pictured(
     from flinders.core.compensation import settled
     from flinders.report.from_file import doubts, restored
 
-    judged = load(name, calibration, recordings)
+    loaded = load(name, calibration, recordings)
     with progress("reading") as watch:
-        as_recorded = opened_with(calibration, judged.calibration, recordings, progress=watch, **reading)
-        recording = settled(as_recorded, judged.calibration)
-        fit = restored(judged, recording, target_deg=target_deg, dip_deg=dip_deg)
+        as_recorded = opened_with(calibration, loaded.calibration, recordings, progress=watch, **reading)
+        recording = settled(as_recorded, loaded.calibration)
+        fit = restored(loaded, recording, target_deg=target_deg, dip_deg=dip_deg)
         own = made_from(calibration, as_recorded.recordings)
-        plain = replace(judged, calibration=judged.calibration.at())
-        notes = [] if len(own) == len(as_recorded.recordings) else doubts(plain, recording)
-    if judged.files and len(own) < len(as_recorded.recordings):
+        notes = [] if len(own) == len(as_recorded.recordings) else doubts(loaded.calibration.at(), recording)
+    if loaded.files and len(own) < len(as_recorded.recordings):
         notes.append(OTHER)
     for note in notes:
         say(f"! {note}")
-    return judged, as_recorded, fit, notes
+    return loaded, as_recorded, fit, notes
 
 
 def _check(outputs: Outputs, path: str | None, pdf: str | None, inputs: tuple[str, ...]) -> str | None:
@@ -200,15 +198,13 @@ def write(
         Where it cannot be written.
     """
     from flinders.core.files import write_text
-    from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit
     from flinders.report.html import page
 
     listed: list[Listing] = []
     if isinstance(outcome, Fit):
         name = ", ".join(file.name for file in provenance.files)
-        judged = replace(Judged.from_fit(outcome, name=name), files=tuple(provenance.files))
-        listed = listings(judged)
+        listed = listings(replace(outcome, name=name, provenance=provenance))
     text = page(outcome, recording, provenance=provenance, asked=as_typed(asked), listings=listed)
     write_text(text, path, force=force)
 
@@ -226,23 +222,23 @@ def as_typed(asked: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def listings(judged: Judged) -> list[Listing]:
+def listings(fit: Fit) -> list[Listing]:
     """The calibration for each target that can hold it and whose file is text, code first."""
     from flinders.cli.export import about, rendered
     from flinders.report.html import Listing
     from flinders.targets import registry
 
-    if judged.record is not None and judged.record.verdict == "refused":
+    if fit.verdict == "refused":
         return []
     found = []
     for name in sorted(registry(), key=lambda name: name not in FIRST):
         row = registry()[name]
         try:
-            export, _ = rendered(judged, row)
+            export, _ = rendered(fit, row)
         except FlindersError:
             continue
         if export.data is None:
-            notes = () if export.has_comments else tuple(about(judged))
+            notes = () if export.has_comments else tuple(about(fit))
             found.append(Listing(row.use, f"{name}{row.suffix}", export.text, (*notes, *export.warnings)))
     return found
 

@@ -17,7 +17,7 @@ from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError,
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.live.mavlink import Vehicle
     from flinders.live.mavlink_parameters import ParameterChange, ParameterPlan
     from flinders.live.transports import ByteSource
@@ -91,13 +91,13 @@ def command(
             raise UsageError(f"{', '.join(wrong)} goes with --mavlink: a board on --port has one compass")
         _to_board(for_use("send", calibration), port, baud, dry_run=dry_run, as_json=as_json)
         return
-    judged = for_use("send", calibration)
-    refuse_on_top(judged, "the vehicle")
+    fit = for_use("send", calibration)
+    refuse_on_top(fit, "the vehicle")
     with contextlib.ExitStack() as stack:
         source = opened(str(mavlink), baud)
         stack.callback(source.close)
         _to_vehicle(
-            judged,
+            fit,
             source,
             system=system,
             compass=compass,
@@ -127,14 +127,14 @@ def _render(calibration: Calibration, target: str) -> Export:
 # boards
 
 
-def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: bool) -> None:
+def _to_board(fit: Fit, port: str, baud: int, *, dry_run: bool, as_json: bool) -> None:
     """Send MotionCal's packet and wait for the echo."""
     from flinders.live import motioncal
     from flinders.live.transports import Serial
     from flinders.targets.motioncal import MotionCalPacket
 
-    export = _render(judged.calibration, "motioncal")
-    packet = MotionCalPacket.of(judged.calibration)
+    export = _render(fit.calibration, "motioncal")
+    packet = MotionCalPacket.of(fit.calibration)
     fields: dict[str, Any] = {
         "port": port,
         "packet": packet.encode().hex(),
@@ -142,7 +142,7 @@ def _to_board(judged: Judged, port: str, baud: int, *, dry_run: bool, as_json: b
         "field_uT": packet.strength,
         "matrix": packet.matrix,
     }
-    axes = judged.calibration.axes
+    axes = fit.calibration.axes
     for warning in (
         *export.warnings,
         *[f"it acts in the sensor's own axes: go on mapping them to {axes} afterwards"] * (not axes.is_identity),
@@ -208,7 +208,7 @@ def opened(address: str, baud: int) -> ByteSource:
 
 
 def _to_vehicle(
-    judged: Judged,
+    fit: Fit,
     source: ByteSource,
     *,
     system: int | None,
@@ -229,12 +229,12 @@ def _to_vehicle(
     vehicle = Vehicle.find(source, system=system)
     say(f"{vehicle.name}, {'ARMED' if vehicle.armed else 'disarmed'}")
     target = "px4" if vehicle.autopilot == PX4 else "ardupilot"
-    warnings = _render(judged.calibration, target).warnings
+    warnings = _render(fit.calibration, target).warnings
     if device_id is None:
-        device_id = only(judged, known_of(judged, target, "device_id"), "the compasses with device id", "--device-id")
+        device_id = only(fit, known_of(fit, target, "device_id"), "the compasses with device id", "--device-id")
     if device_id is None and compass is None:
-        compass = only(judged, known_of(judged, target, "compass"), "compass", "--compass")
-    plan = ParameterPlan.of(vehicle, judged.calibration, compass=compass, device_id=device_id)
+        compass = only(fit, known_of(fit, target, "compass"), "compass", "--compass")
+    plan = ParameterPlan.of(vehicle, fit.calibration, compass=compass, device_id=device_id)
     path = backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.param{'s' * (plan.autopilot == PX4)}"
     for note in (*plan.notes, *warnings):
         say(f"! {note}")

@@ -273,11 +273,11 @@ def _expected(log: _compass.HeadingLog, voyage: Voyage) -> Expected | None:
     from flinders.heading.deviation import Expected
     from flinders.heading.error_propagation import deviation_covariance
 
-    if log.judged.covariance is None:
+    if not log.fit.states_uncertainty:
         return None
     dip, source = _compass.site_dip(log, voyage)
     down = _compass.down(log, voyage)
-    covariance = deviation_covariance(log.judged.ellipsoid, log.judged.covariance, dip_deg=dip, down=down)
+    covariance = deviation_covariance(log.fit.ellipsoid, log.fit.covariance, dip_deg=dip, down=down)
     return Expected(covariance, dip, source)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from flinders.cli._options import ReadingOptions
     from flinders.comparison.composition import Composed
     from flinders.core.samples import Recording
-    from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
     from flinders.summary.summary import Summary
@@ -164,7 +164,7 @@ def _check(recording: str, after: str | None, files: PlaneFiles) -> None:
         raise UsageError(f"{recording} is a calibration: give the recording of a turn, and the calibration to --after")
 
 
-def _loaded(context: click.Context, after: str, reading: ReadingOptions, options: dict[str, Any]) -> Judged:
+def _loaded(context: click.Context, after: str, reading: ReadingOptions, options: dict[str, Any]) -> Fit:
     """Load the calibration that the turn was recorded with, and let it say what it knows: scale, axes and dip.
 
     Raises
@@ -174,31 +174,31 @@ def _loaded(context: click.Context, after: str, reading: ReadingOptions, options
     DocumentError
         For what is no calibration file.
     """
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
     if after == "-":
         raise UsageError("--after needs a file: standard input is for the recording")
-    first = Judged.load(after)
+    first = Fit.load(after)
     if reading.axes != "x,y,z":
         raise UsageError(f"readings made with {after} loaded are in its axes already: leave --axes out")
     if options["field_strength"] is not None:
         raise UsageError(f"{after} has set how long corrected readings are: leave --field-strength out")
-    error = first.record.heading_error_deg if first.record else None
-    dip = None if error is None else error.dip_deg
+    dip = first.heading_error_deg.dip_deg
+    is_known = not math.isnan(dip)
     is_given = context.get_parameter_source("dip_deg") is click.core.ParameterSource.COMMANDLINE
-    if dip is not None and is_given and abs(abs(dip) - abs(options["dip_deg"])) > 1e-6:
+    if is_known and is_given and abs(abs(dip) - abs(options["dip_deg"])) > 1e-6:
         raise UsageError(
             f"--dip says {options['dip_deg']:g}°, and {after} was made for {dip:g}°: record all planes at one place, "
             "and leave --dip out"
         )
-    if dip is not None and not is_given:
+    if is_known and not is_given:
         options["dip_deg"] = dip
     return first
 
 
 def _opened(
     recording: str,
-    first: Judged | None,
+    first: Fit | None,
     watch: Any,  # noqa: ANN401 - progress
     reading: ReadingOptions,
     options: dict[str, Any],
@@ -271,7 +271,7 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - as above
         say(f"! the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}")
 
 
-def _fit(source: Recording, turn: Turn, first: Judged | None, options: dict[str, Any], *, as_json: bool) -> Fit:
+def _fit(source: Recording, turn: Turn, first: Fit | None, options: dict[str, Any], *, as_json: bool) -> Fit:
     """Fit by the method that was asked for; where that is refused, say how the points are spaced.
 
     Raises

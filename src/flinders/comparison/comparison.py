@@ -3,9 +3,8 @@
 >>> from dataclasses import replace
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
->>> from flinders.fitting.judged import Judged
 >>> monday, tuesday = (simulate.tumble(seed=seed, sensor=simulate.Sensor(noise=0.5)) for seed in (1, 2))
->>> first, second = (Judged.from_fit(calibrate.fit(day.samples)) for day in (monday, tuesday))
+>>> first, second = (calibrate.fit(day.samples) for day in (monday, tuesday))
 >>> compare(first, second).verdict
 'agree'
 >>> moved = replace(second, calibration=replace(second.calibration, offset=second.calibration.offset + [5, 0, 0]))
@@ -22,10 +21,11 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 import numpy as np
 
 from flinders.comparison.pairs import EllipsoidPairs, Pairs
+from flinders.core.calibration import Calibration
 from flinders.core.units import label
-from flinders.errors import UsageError
-from flinders.fitting.judged import refuse_unlike
+from flinders.errors import AxesError, UnitError, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.equator import equator, to_equator
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import HeadingError
 from flinders.simulate import fibonacci
@@ -33,8 +33,7 @@ from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
 Agreement = Literal["agree", "differ", "contradict"]
 
@@ -74,13 +73,14 @@ class RotationDifference:
     covariance: Floats | None = None
 
     @classmethod
-    def of(cls, a: Judged, b: Judged) -> Self | None:
+    def of(cls, a: Fit, b: Fit) -> Self | None:
         """Take b's rotation after a's is undone; None unless both know one."""
         if "symmetric" in (a.calibration.rotation, b.calibration.rotation):
             return None
-        both = (a.rotation_covariance, b.rotation_covariance)
+        both = [_rotation_covariance(fit) for fit in (a, b)]
         covariance = None if both[0] is None or both[1] is None else np.rad2deg(np.rad2deg(both[0] + both[1]))
-        return cls(np.rad2deg(_rotation_vector(b.rotation @ a.rotation.T)), covariance)
+        between = b.calibration.rotation_matrix @ a.calibration.rotation_matrix.T
+        return cls(np.rad2deg(_rotation_vector(between)), covariance)
 
     @property
     def angle_deg(self) -> float:
@@ -332,7 +332,7 @@ class Strength:
         return f"Strength(mean={self.mean:.3f}, spread={self.spread:.1%}, readings={self.readings:,})"
 
 
-def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
+def compare(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
     """Say how far two calibrations of one sensor are apart, and whether that is more than chance.
 
     Each corrects the readings that the other expects of a vehicle that turns, and what comes out is held against
@@ -352,8 +352,8 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
 
     Parameters
     ----------
-    a, b : Judged
-        In the same unit and axes. One without a covariance is taken as exact.
+    a, b : Fit
+        Fitted or loaded from their files, in the same unit and axes. One that states no uncertainty is taken as exact.
     dip_deg : float
         Inclination of the field at the site, positive where it points along +z of the sensor's mapped axes.
     target_deg : float
@@ -370,18 +370,18 @@ def compare(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 
     """
     if "xy" in (a.plane, b.plane):
         refuse_unlike(a, b)
-        held = compare_level(a.level(dip_deg), b.level(dip_deg), dip_deg=dip_deg, target_deg=target_deg)
+        comparison = compare_level(_level(a, dip_deg), _level(b, dip_deg), dip_deg=dip_deg, target_deg=target_deg)
     else:
-        held = _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
-    return replace(held, rotation=RotationDifference.of(a, b), left_out_deg=_left_out_deg(a, b))
+        comparison = _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
+    return replace(comparison, rotation=RotationDifference.of(a, b), left_out_deg=_left_out_deg(a, b))
 
 
-def compare_level(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
-    """Say how far two calibrations are apart of which both are the ellipse of a level turn, as `Judged.level` gives it.
+def compare_level(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
+    """Say how far two calibrations are apart of which both are the ellipse of a level turn, as an ellipsoid's equator.
 
     Parameters
     ----------
-    a, b : Judged
+    a, b : Fit
     dip_deg : float
         Inclination of the field at the turn, in degrees; said, and in both ellipses already.
     target_deg : float
@@ -390,7 +390,7 @@ def compare_level(a: Judged, b: Judged, *, dip_deg: float = 60.0, target_deg: fl
     return _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=True)
 
 
-def _compared(a: Judged, b: Judged, *, dip_deg: float, target_deg: float, is_flat: bool) -> Comparison:
+def _compared(a: Fit, b: Fit, *, dip_deg: float, target_deg: float, is_flat: bool) -> Comparison:
     """Compare two calibrations, whatever they rest on; `is_flat`: both are ellipses of a level turn."""
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
@@ -399,7 +399,7 @@ def _compared(a: Judged, b: Judged, *, dip_deg: float, target_deg: float, is_fla
     rms, worst, mean = (float(each[0]) for each in pair.heading_deg(turn_dip_deg))
     claimed = [float(each[0]) for each in pair.sigmas_deg(turn_dip_deg)]
     chi_square, freedom = pair.chi_square(IN_PLANE if is_flat else range(9))
-    stated = a.covariance is not None or b.covariance is not None
+    stated = a.states_uncertainty or b.states_uncertainty
     return Comparison(
         heading_difference_deg=HeadingError(rms, worst, float(dip_deg)),
         heading_mean_deg=mean,
@@ -417,12 +417,39 @@ def _compared(a: Judged, b: Judged, *, dip_deg: float, target_deg: float, is_fla
     )
 
 
-def _left_out_deg(a: Judged, b: Judged) -> float | None:
+def _left_out_deg(a: Fit, b: Fit) -> float | None:
     """The angle of the rotation that one of both alone knows."""
     knowing = [one for one in (a, b) if one.calibration.rotation != "symmetric"]
     if len(knowing) != 1:
         return None
-    return float(np.rad2deg(np.linalg.norm(_rotation_vector(knowing[0].rotation))))
+    return float(np.rad2deg(np.linalg.norm(_rotation_vector(knowing[0].calibration.rotation_matrix))))
+
+
+def _rotation_covariance(fit: Fit) -> Floats | None:
+    """(3, 3) rad², about the axes of the body; None where it is not known."""
+    covariance = None if fit.aiding is None else fit.aiding.rotation_covariance
+    return covariance if covariance is not None and np.isfinite(covariance).all() else None
+
+
+def _level(fit: Fit, dip_deg: float) -> Fit:
+    """What a fit says of a turn in x and y, and nothing else: an ellipsoid whose equator is the ellipse of that turn.
+
+    One that rests on a level turn has its own dip.
+    """
+    if fit.plane is not None and math.isfinite(fit.heading_error_deg.dip_deg):
+        dip_deg = fit.heading_error_deg.dip_deg
+    calibration = fit.calibration
+    flat, rows = equator(fit.ellipsoid, "xy", dip_deg=dip_deg), to_equator("xy", dip_deg=dip_deg)
+    level_strength = calibration.field_strength * math.cos(math.radians(dip_deg))
+    levelled = Calibration.from_ellipsoid(
+        flat.centre,
+        flat.shape,
+        field_strength=level_strength if calibration.field_strength_known else None,
+        raw=calibration.raw,
+        axes=calibration.axes,
+        frame=calibration.frame,
+    )
+    return replace(fit, calibration=levelled, covariance=rows @ fit.covariance @ rows.T)
 
 
 def _rotation_vector(rotation: Floats) -> Floats:
@@ -437,7 +464,7 @@ def _rotation_vector(rotation: Floats) -> Floats:
     return np.array(vector) * (angle / sine if sine > 0.0 else 2.0)
 
 
-def _pair(a: Judged, b: Judged) -> tuple[Pairs, bool]:
+def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
     """Both as a pair of one size, without rotations, and whether their field strengths are known."""
     refuse_unlike(a, b)
     known = a.calibration.field_strength_known and b.calibration.field_strength_known
@@ -445,8 +472,29 @@ def _pair(a: Judged, b: Judged) -> tuple[Pairs, bool]:
     return Pairs.of(_one(a), _one(b), strengths if known else None), known
 
 
-def _one(calibration: Judged) -> EllipsoidPairs:
-    """A calibration as a batch of one; without a covariance it is exact."""
-    ellipsoid = calibration.ellipsoid
-    covariance = np.zeros((9, 9)) if calibration.covariance is None else calibration.covariance
-    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], covariance[np.newaxis])
+def _one(fit: Fit) -> EllipsoidPairs:
+    """A fit as a batch of one; without a covariance it is exact."""
+    ellipsoid = fit.ellipsoid
+    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], fit.covariance[np.newaxis])
+
+
+def refuse_unlike(a: Fit, b: Fit) -> None:
+    """Refuse calibrations whose numbers cannot be held against each other.
+
+    Raises
+    ------
+    UnitError
+        Where one is in µT and the other in counts.
+    AxesError
+        Where their axes are mapped in different ways.
+    """
+    if a.calibration.unit != b.calibration.unit:
+        raise UnitError(
+            f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
+            "calibrate both with one unit (counts need --scale)"
+        )
+    for what in ("axes", "frame"):
+        ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
+        if ours != theirs:
+            how = "with the same --axes" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
+            raise AxesError(f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}")

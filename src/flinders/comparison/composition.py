@@ -26,7 +26,6 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
-from flinders.fitting.judged import Judged
 from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.plane import PLANES, order_of
@@ -125,7 +124,7 @@ def _made(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
         yield matrix @ (sensor + iron)
 
 
-def refuse_unloaded(first: Judged, turn: Turn, *, dip_deg: float, source: str) -> None:
+def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> None:
     """Refuse a turn that was not recorded with a calibration loaded.
 
     Along the axes that the calibration knows, a loaded turn goes as far up and down as the level part of its field,
@@ -133,7 +132,7 @@ def refuse_unloaded(first: Judged, turn: Turn, *, dip_deg: float, source: str) -
 
     Parameters
     ----------
-    first : Judged
+    first : Fit
         What should have been loaded.
     turn : Turn
     dip_deg : float
@@ -147,7 +146,7 @@ def refuse_unloaded(first: Judged, turn: Turn, *, dip_deg: float, source: str) -
         Where the readings are larger or smaller by three, lie nearer to the offset of the calibration than to zero,
         or, after other turns, far from zero.
     """
-    turns = turns_of(first.record.method) if first.record else ("",)
+    turns = turns_of(first.method)
     known = "xyz" if "" in turns else "".join(turns)
     seen = [place for place, axis in enumerate(turn.plane) if axis in known]
     if not seen:
@@ -197,7 +196,7 @@ class Composed(Outcome):
     rotation_deg : float
         What the rotation of the matrix costs at the worst level heading.
     findings : tuple of Finding
-    before : Judged
+    before : Fit
         What was loaded.
 
     Examples
@@ -205,7 +204,7 @@ class Composed(Outcome):
     >>> from flinders import simulate
     >>> from flinders.fitting import calibrate
     >>> sweep = simulate.tumble(seed=1, motion="sweep-xy")
-    >>> first = Judged.from_fit(calibrate.fit(sweep.samples, method="ellipse"))
+    >>> first = calibrate.fit(sweep.samples, method="ellipse")
     >>> loaded = replace(sweep.samples, field=first.calibration.apply(sweep.samples.field))
     >>> second = calibrate.fit(loaded, method="ellipse", field_strength=first.calibration.field_strength)
     >>> composed = Composed.of(first, second)      # the same turn once more, which changes nothing
@@ -219,12 +218,12 @@ class Composed(Outcome):
     heading_error_deg: HeadingError
     rotation_deg: float
     findings: tuple[Finding, ...]
-    before: Judged
+    before: Fit
 
     @classmethod
-    def of(cls, first: Judged, fit: Fit) -> Composed:
+    def of(cls, first: Fit, fit: Fit) -> Composed:
         """Compose what was loaded with the fit of a turn in a plane."""
-        before = turns_of(first.record.method) if first.record else ("",)
+        before = turns_of(first.method)
         turns, dip = (*before, fit.plane or ""), fit.heading_error_deg.dip_deg
         known = first.calibration.field_strength_known
         calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
@@ -237,7 +236,7 @@ class Composed(Outcome):
     @property
     def ellipsoid(self) -> Ellipsoid:
         """The ellipsoid that it makes a sphere."""
-        return Judged(self.calibration).ellipsoid
+        return self.calibration.ellipsoid
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: the calibration, what is claimed of it, and what is open."""
@@ -253,10 +252,10 @@ class Composed(Outcome):
     def to_document(self, provenance: Provenance | None = None) -> Document:
         """The calibration file: without a covariance, as offset and matrix of several turns hang together."""
         own = self.fit.to_document().fit
-        before = self.before.record
+        before = self.before.method if self.before.is_described else "a calibration"
         record = msgspec.structs.replace(
             cast("Fitted", own),
-            method=f"{before.method if before else 'a calibration'}{THEN}{self.fit.method}",
+            method=f"{before}{THEN}{self.fit.method}",
             samples=self.before.samples + self.fit.samples,
             covariance=None,
             verdict=self.verdict,
@@ -267,19 +266,19 @@ class Composed(Outcome):
         return self.calibration.to_document(fit=record, provenance=provenance)
 
 
-def _claimed(first: Judged, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:
+def _claimed(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:
     """What is claimed of a level heading; the rotation of the matrix counts as it is now, not as it was before."""
-    own, told = fit.heading_error_deg, first.record.heading_error_deg if first.record else None
+    own, stated = fit.heading_error_deg, first.heading_error_deg
     if fit.plane == "xy":
         return own
-    if told is None or not {"xy", ""} & set(turns[:-1]):
+    if math.isnan(stated.worst) or not {"xy", ""} & set(turns[:-1]):
         return HeadingError(ANY_ANGLE, ANY_ANGLE, own.dip_deg)
     before = rotation_error(first.calibration.matrix, turns[:-1], dip_deg=own.dip_deg)
     rms, worst = (
         math.sqrt(max(was**2 - gone**2, 0.0) + now**2 + new**2)
         for was, gone, now, new in (
-            (told.rms, before.rms, own.rms, left.rms),
-            (told.worst, before.worst, own.worst, left.worst),
+            (stated.rms, before.rms, own.rms, left.rms),
+            (stated.worst, before.worst, own.worst, left.worst),
         )
     )
     return HeadingError(rms, worst, own.dip_deg)

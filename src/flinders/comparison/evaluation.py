@@ -2,11 +2,9 @@
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
->>> from flinders.fitting.judged import Judged
 >>> recording = simulate.tumble(seed=1)
->>> found = Judged.from_fit(calibrate.fit(recording.samples))
->>> told = evaluate(found, simulate.truth.Truth.of(recording))
->>> told.verdict, told.heading_error_deg.worst < 0.2
+>>> evaluation = evaluate(calibrate.fit(recording.samples), simulate.truth.Truth.of(recording))
+>>> evaluation.verdict, evaluation.heading_error_deg.worst < 0.2
 ('as claimed', True)
 """
 
@@ -35,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.calibration import Calibration
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
     from flinders.simulate.truth import Truth
 
 Outcome = Literal["as claimed", "worse than claimed", "unclaimed"]
@@ -183,15 +181,13 @@ class Evaluation:
         )
 
 
-def evaluate(
-    found: Judged, truth: Truth, *, dip_deg: float | None = None, target_deg: float = TARGET_DEG
-) -> Evaluation:
+def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg: float = TARGET_DEG) -> Evaluation:
     """Hold a calibration against what is true of its sensor.
 
     Parameters
     ----------
-    found : Judged
-        In the unit of the truth. Where its axes are mapped, the truth is mapped alike.
+    fit : Fit
+        Fitted or loaded from its file, in the unit of the truth. Where its axes are mapped, the truth is mapped alike.
     truth : Truth
     dip_deg : float, optional
         Inclination of the field for headings; that of the truth unless another is given.
@@ -207,17 +203,17 @@ def evaluate(
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
-    if found.calibration.unit != truth.unit:
+    if fit.calibration.unit != truth.unit:
         raise UnitError(
-            f"{found.name} is for readings in {label(found.calibration.unit)}, the truth is in {label(truth.unit)}: "
+            f"{fit.name} is for readings in {label(fit.calibration.unit)}, the truth is in {label(truth.unit)}: "
             "calibrate with the unit of the recording (counts need --scale)"
         )
     dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
-    met = _Met(found.calibration, *mapped(truth, found.calibration.axes), truth.field.strength)
+    met = _Met(fit.calibration, *mapped(truth, fit.calibration.axes), truth.field.strength)
     errors, mean = met.heading_errors(dip_deg)
     seen = met.corrected(DIRECTIONS)
     rotation = best_rotation(seen.T, DIRECTIONS.T)
-    claims = None if found.covariance is None else _Claims.of(found, found.covariance, dip_deg, errors)
+    claims = _Claims.of(fit, dip_deg, errors) if fit.states_uncertainty else None
     return Evaluation(
         heading_error_deg=HeadingError(*_rms_and_worst(np.rad2deg(errors)), float(dip_deg)),
         heading_mean_deg=math.degrees(mean),
@@ -226,10 +222,10 @@ def evaluate(
         freed_direction_error_deg=_angles_deg(rotation @ seen),
         claimed_direction_deg=claims.direction_deg if claims else None,
         rotation_deg=_angle_deg(rotation),
-        offset_error=np.asarray(found.calibration.offset - met.offset),
+        offset_error=np.asarray(fit.calibration.offset - met.offset),
         offset_sigma=claims.offset_sigma if claims else None,
         matrix_error=met.matrix_error,
-        scale_error=met.scale_error if found.calibration.field_strength_known else None,
+        scale_error=met.scale_error if fit.calibration.field_strength_known else None,
         chi_square=claims.chi_square if claims else None,
         freedom=claims.freedom if claims else 0,
         p_value=chance_of(claims.chi_square, claims.freedom) if claims else None,
@@ -302,20 +298,20 @@ class _Claims:
     freedom: int
 
     @classmethod
-    def of(cls, found: Judged, covariance: Floats, dip_deg: float, errors: Floats) -> _Claims:
-        """Take it out of a covariance (9, 9); errors (72,) in rad.
+    def of(cls, fit: Fit, dip_deg: float, errors: Floats) -> _Claims:
+        """Take it out of the covariance of a fit; errors (72,) in rad.
 
         A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of
         eight: the first two harmonics are all there is to first order, and are held against their covariance.
         """
         heading, _ = level_turn(dip_deg)
         waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
-        gradient = waves @ level_gradients(found.ellipsoid, dip_deg=dip_deg)
-        chi_square, freedom = chi_square_of(waves @ errors, gradient @ covariance @ gradient.T)
+        gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg)
+        chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.covariance @ gradient.T)
         return cls(
-            level_error(found.ellipsoid, covariance, dip_deg=dip_deg),
-            direction_error_deg(found.ellipsoid, covariance),
-            np.sqrt(np.diag(covariance)[:3]),
+            level_error(fit.ellipsoid, fit.covariance, dip_deg=dip_deg),
+            direction_error_deg(fit.ellipsoid, fit.covariance),
+            fit.offset_sigma,
             chi_square,
             freedom,
         )

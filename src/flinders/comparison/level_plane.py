@@ -19,7 +19,7 @@ since the plane of the readings shows where d is: the antisymmetric part of X, a
 >>> from flinders.fitting import calibrate
 >>> sensor = simulate.Sensor.random(np.random.default_rng(4))
 >>> tumbled, turned = (simulate.tumble(seed=1, motion=how, sensor=sensor) for how in ("hand", "level"))
->>> known, fresh = (Judged.from_fit(calibrate.fit(each.samples)) for each in (tumbled, turned))
+>>> known, fresh = (calibrate.fit(each.samples) for each in (tumbled, turned))
 >>> held = Levelled.of(known, fresh, turned.samples)
 >>> compare_level(held.known, held.fresh, dip_deg=held.dip_deg).verdict
 'agree'
@@ -38,7 +38,7 @@ from flinders.core.calibration import Calibration
 from flinders.core.samples import singles
 from flinders.estimators.autocorrelation import Residuals, time_of
 from flinders.estimators.known_dip import Heights
-from flinders.fitting.judged import Judged
+from flinders.fitting.result import Fit
 from flinders.geometry.equator import equator, to_equator
 from flinders.geometry.plane import root
 from flinders.heading.error_propagation import upright
@@ -58,25 +58,25 @@ class Levelled:
 
     Attributes
     ----------
-    known, fresh : Judged
+    known, fresh : Fit
         In axes whose z is the vertical of the turn, as equators of ellipsoids.
     dip_deg : float
         Inclination of the field as the calibration sees it, positive where it points along +z of the mapped axes.
     """
 
-    known: Judged
-    fresh: Judged
+    known: Fit
+    fresh: Fit
     dip_deg: float
 
     @classmethod
-    def of(cls, known: Judged, fresh: Judged, recording: Recording) -> Self:
+    def of(cls, known: Fit, fresh: Fit, recording: Recording) -> Self:
         """Find the plane of the turn, and take both there.
 
         Parameters
         ----------
-        known : Judged
+        known : Fit
             Of all attitudes.
-        fresh : Judged
+        fresh : Fit
             Of a level turn, `plane` xy.
         recording : Recording
             The turn, in the unit and axes of both.
@@ -93,7 +93,7 @@ class Levelled:
         )
 
 
-def compare_turned(known: Judged, fresh: Judged, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
+def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: float = 1.0) -> Comparison:
     """Say how far a calibration is from a level turn, as `flinders.compare` does for two calibrations.
 
     Parameters
@@ -113,30 +113,27 @@ class _Turn:
 
     Attributes
     ----------
-    known : Judged
+    known : Fit
     numbers : (8,) float
         Middle (2) and shape (S₁₁, S₂₂, S₁₂) of the ellipse in the sensor's x and y; height and slopes of its plane.
     covariance : (8, 8) float
     """
 
-    known: Judged
+    known: Fit
     numbers: Floats
     covariance: Floats
 
     @classmethod
-    def of(cls, known: Judged, fresh: Judged, recording: Recording) -> Self:
+    def of(cls, known: Fit, fresh: Fit, recording: Recording) -> Self:
         """Lay a plane through the readings."""
-        record = fresh.record
-        error = None if record is None else record.heading_error_deg
-        dip_deg = 60.0 if error is None or error.dip_deg is None else error.dip_deg
+        dip_deg = fresh.heading_error_deg.dip_deg if math.isfinite(fresh.heading_error_deg.dip_deg) else 60.0
         ellipse = equator(fresh.ellipsoid, "xy", dip_deg=dip_deg)
-        noise = 0.0 if record is None or record.noise is None else record.noise
+        noise = fresh.noise if math.isfinite(fresh.noise) else 0.0
         heights = _heights(recording, ellipse.centre[:2], noise)
         numbers = np.concatenate([ellipse.parameters[list(IN_PLANE)], [heights.height], heights.slopes])
         covariance = np.zeros((8, 8))
-        if fresh.covariance is not None:
-            rows = to_equator("xy", dip_deg=dip_deg)[list(IN_PLANE)]
-            covariance[:5, :5] = rows @ fresh.covariance @ rows.T
+        rows = to_equator("xy", dip_deg=dip_deg)[list(IN_PLANE)]
+        covariance[:5, :5] = rows @ fresh.covariance @ rows.T
         covariance[5:, 5:] = heights.covariance
         return cls(known, numbers, covariance)
 
@@ -172,11 +169,8 @@ class _Turn:
         middle, shape, _ = self.seen(numbers)
         return np.array([*middle, shape[0, 0], shape[1, 1], shape[0, 1]])
 
-    def expected_covariance(self, dip: float) -> Floats | None:
+    def expected_covariance(self, dip: float) -> Floats:
         """(5, 5) of middle and shape that the calibration expects, as it claims."""
-        claimed = self.known.covariance
-        if claimed is None:
-            return None
         levelling = self.levelling(self.numbers[6:])
         turn = levelling @ self.inverse
         rows = np.zeros((5, 9))
@@ -186,7 +180,7 @@ class _Turn:
             bent = (bent + bent.T) / 2.0
             rows[:2, 3 + place] = 2.0 * math.sin(dip) * bent[:2, 2]
             rows[2:, 3 + place] = math.cos(dip) * np.array([bent[0, 0], bent[1, 1], bent[0, 1]])
-        covariance: Floats = rows @ claimed @ rows.T
+        covariance: Floats = rows @ self.known.covariance @ rows.T
         return covariance
 
 
@@ -214,7 +208,7 @@ def _heights(recording: Recording, middle: Floats, noise: float) -> Heights:
     return replace(found, covariance=alike * found.covariance)
 
 
-def _flat(one: Judged, middle: Floats, shape: Floats, covariance: Floats | None) -> Judged:
+def _flat(one: Fit, middle: Floats, shape: Floats, covariance: Floats) -> Fit:
     """The ellipse as the equator of an ellipsoid, whose third semi-axis is the mean of the two."""
     whole = np.zeros((3, 3))
     whole[:2, :2], whole[2, 2] = shape, np.trace(shape) / 2.0
@@ -224,5 +218,4 @@ def _flat(one: Judged, middle: Floats, shape: Floats, covariance: Floats | None)
     calibration = Calibration.from_ellipsoid(
         np.append(middle, 0.0), whole, raw=one.calibration.raw, axes=one.calibration.axes, frame=one.calibration.frame
     )
-    widened = None if covariance is None else spread @ covariance @ spread.T
-    return Judged(calibration, widened, one.name, files=one.files)
+    return Fit(calibration, covariance=spread @ covariance @ spread.T, name=one.name)

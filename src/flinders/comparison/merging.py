@@ -8,7 +8,7 @@ other are not averaged: the merger is limited or refused, and says which of them
 >>> from flinders.fitting import calibrate
 >>> sensor = simulate.Sensor.random(np.random.default_rng(7))
 >>> monday, tuesday = (
-...     Judged.from_fit(calibrate.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples), name=name)
+...     replace(calibrate.fit(simulate.tumble(seed=seed, sensor=sensor, motion="uniform").samples), name=name)
 ...     for seed, name in ((1, "monday"), (2, "tuesday"))
 ... )
 >>> merged = merge([monday, tuesday])
@@ -25,19 +25,20 @@ which is not chance: something magnetic changed in between; use recordings made 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
+from flinders.comparison.comparison import refuse_unlike
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import FitError, UsageError, counted, figures
-from flinders.findings import CATALOGUE, Finding, Record, by_severity, current
-from flinders.fitting.judged import Judged, refuse_unlike, rescaled, trace_with, without_scale
+from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import contradiction, of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.repeatability import Repeats
+    from flinders.findings import Finding
+    from flinders.fitting.result import Fit
 
 METHOD: Final = "merged"
 
@@ -181,7 +184,7 @@ class NotMerged(FitError):
         )
 
 
-def merge(parts: Sequence[Judged], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Merged:
+def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Merged:
     """Put several calibrations of one sensor together.
 
     The mean over offset and shape is weighted with the inverse covariances, and minimises
@@ -197,8 +200,9 @@ def merge(parts: Sequence[Judged], *, target_deg: float = 1.0, dip_deg: float | 
 
     Parameters
     ----------
-    parts : sequence of Judged
-        Two or more, from recordings of their own, in the same unit and axes, each with its covariance.
+    parts : sequence of Fit
+        Two or more, fitted or loaded from their files, from recordings of their own, in the same unit and axes, each
+        with its covariance.
     target_deg : float
         Worst heading error that is good enough, in degrees.
     dip_deg : float, optional
@@ -265,7 +269,7 @@ class _Field:
     log_variance: float
 
     @classmethod
-    def of(cls, parts: Sequence[Judged]) -> _Field:
+    def of(cls, parts: Sequence[Fit]) -> _Field:
         known = all(part.calibration.field_strength_known for part in parts)
         sizes = np.array([part.calibration.field_strength if known else _radius(part) for part in parts])
         strength = float(np.exp(np.log(sizes).mean()))
@@ -283,7 +287,7 @@ class _Field:
         log_variance = 0.0 if known else float(np.sum(variances)) / len(parts) ** 2
         return cls(strength, known, np.mean(shapes, axis=0), log_variance)
 
-    def bring(self, part: Judged) -> RecordingFit:
+    def bring(self, part: Fit) -> RecordingFit:
         """Bring a calibration to the field: its shape by a factor, its covariance without the scale unless known."""
         shape = (part.calibration.shape + part.calibration.shape.T) / 2.0
         if self.is_known:
@@ -304,7 +308,7 @@ class _Field:
         return settled, rescaled(covariance, factor) + self.log_variance * np.outer(scale, scale)
 
 
-def _refuse(parts: Sequence[Judged]) -> None:
+def _refuse(parts: Sequence[Fit]) -> None:
     """Refuse what cannot be put together, before anything is computed."""
     if len(parts) < 2:
         raise UsageError(f"{counted(len(parts), 'calibration')}: need two or more to merge")
@@ -315,16 +319,16 @@ def _refuse(parts: Sequence[Judged]) -> None:
         _refuse_pair(a, b)
 
 
-def _radius(part: Judged) -> float:
+def _radius(part: Fit) -> float:
     """Geometric mean of the semi-axes: the length of readings about the offset."""
     _, log_gain = np.linalg.slogdet(part.calibration.matrix)
     with np.errstate(over="ignore", under="ignore"):
         return float(np.exp(np.log(part.calibration.field_strength) - log_gain / 3.0))
 
 
-def _claim(part: Judged) -> Floats:
+def _claim(part: Fit) -> Floats:
     """(9, 9) the covariance that a calibration is weighted with."""
-    if part.covariance is None or not np.any(part.covariance):
+    if not part.states_uncertainty:
         raise UsageError(
             f"{part.name} states no uncertainty, and cannot be weighted: calibrate again from its recording, "
             "or leave it out"
@@ -332,7 +336,7 @@ def _claim(part: Judged) -> Floats:
     return part.covariance
 
 
-def _refuse_alone(part: Judged) -> None:
+def _refuse_alone(part: Fit) -> None:
     """Refuse a calibration that cannot be merged with any other."""
     _claim(part)
     if names := [disturbance.name for disturbance in part.calibration.disturbances]:
@@ -357,11 +361,11 @@ def _refuse_alone(part: Judged) -> None:
             f"{part.name} is not of a magnetometer: its radius is {radius:.2g}, its offset {offset:.2g}, known to "
             f"{finest:.2g}, and one axis reads {gains[2] / gains[0]:.2g} times as much as another"
         )
-    if part.record is not None and part.record.verdict == "refused":
+    if part.verdict == "refused":
         raise UsageError(f"{part.name} was refused when it was made, and is not fit for use: leave it out")
 
 
-def _refuse_pair(a: Judged, b: Judged) -> None:
+def _refuse_pair(a: Fit, b: Fit) -> None:
     """Refuse two that are not of one sensor, or not independent of each other."""
     ours, theirs = a.calibration, b.calibration
     if None not in (ours.sensor, theirs.sensor) and ours.sensor != theirs.sensor:
@@ -391,7 +395,7 @@ def _refuse_pair(a: Judged, b: Judged) -> None:
             f"{a.name} and {b.name} were both made from {' and '.join(same)}: readings that are counted twice seem "
             "better than they are, leave one out"
         )
-    turns = [one.record is not None and one.record.plane is not None for one in (a, b)]
+    turns = [one.plane is not None for one in (a, b)]
     if turns[0] != turns[1]:
         level, other = (a, b) if turns[0] else (b, a)
         raise UsageError(
@@ -414,23 +418,22 @@ def _refuse_held(parts: Sequence[RecordingFit]) -> None:
             )
 
 
-def _dip(parts: Sequence[Judged]) -> float:
+def _dip(parts: Sequence[Fit]) -> float:
     """The steepest dip that a calibration was judged for, with its sign."""
-    errors = [part.record.heading_error_deg for part in parts if part.record is not None]
-    dips = [error.dip_deg for error in errors if error is not None and error.dip_deg is not None]
+    dips = [part.heading_error_deg.dip_deg for part in parts if math.isfinite(part.heading_error_deg.dip_deg)]
     return max(dips, key=lambda dip: (abs(dip), dip), default=60.0)
 
 
-def _noise(parts: Sequence[Judged]) -> float | None:
+def _noise(parts: Sequence[Fit]) -> float | None:
     """Root mean square over all readings of which it is known."""
-    known = [part.record for part in parts if part.record is not None and part.record.noise is not None]
+    known = [part for part in parts if math.isfinite(part.noise)]
     if not known:
         return None
-    weights = [max(record.samples, 1) for record in known]
-    return float(np.sqrt(np.average([float(record.noise or 0.0) ** 2 for record in known], weights=weights)))
+    weights = [max(part.samples, 1) for part in known]
+    return float(np.sqrt(np.average([part.noise**2 for part in known], weights=weights)))
 
 
-def _calibration(parts: Sequence[Judged], ellipsoid: Ellipsoid, field: _Field) -> Calibration:
+def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> Calibration:
     """The merged correction, recorded as the parts are."""
     first = parts[0].calibration
     units = [part.calibration.raw for part in parts]
@@ -446,11 +449,36 @@ def _calibration(parts: Sequence[Judged], ellipsoid: Ellipsoid, field: _Field) -
     return replace(found, frame=first.frame)
 
 
+def rescaled(covariance: Floats, factor: float) -> Floats:
+    """(9, 9) covariance of (b, S) once the shape S was multiplied by `factor`."""
+    factors = np.repeat([1.0, factor], [3, 6])
+    return covariance * np.outer(factors, factors)
+
+
+def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
+    """(9, 9) covariance of (b, S) once S was brought to the size of a reference R (3, 3), tr(R⁻¹S) = 3.
+
+    For S about R, that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, given
+    as `shape` after it was brought there. Whatever its scale was, the row of R⁻¹ is free of it, so that several
+    covariances are singular in the same direction.
+    """
+    jacobian = np.eye(9)
+    jacobian[3:, 3:] -= np.outer(upper(shape), trace_with(reference)) / 3.0
+    projected: Floats = jacobian @ covariance @ jacobian.T
+    return projected
+
+
+def trace_with(reference: Floats) -> Floats:
+    """(6,) coefficients of tr(R⁻¹S) in the entries of S that `upper` takes."""
+    relative: Floats = upper(np.linalg.inv(reference)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    return relative
+
+
 def _by_name(file: SourceFile) -> tuple[str, str]:
     return file.name, file.sha256
 
 
-def _judged(merged: Merged, parts: Sequence[Judged]) -> tuple[Finding, ...]:
+def _judged(merged: Merged, parts: Sequence[Fit]) -> tuple[Finding, ...]:
     """Say what there is to know, gravest first."""
     apart = list(contradiction(merged.repeats, merged.target_deg, label(merged.calibration.unit)))
     is_said = any(finding.severity == "refuses" for finding in apart)
@@ -478,7 +506,7 @@ def _accuracy(merged: Merged) -> Iterator[Finding]:
         yield finding
 
 
-def _carried(merged: Merged, parts: Sequence[Judged]) -> Iterator[Finding]:
+def _carried(merged: Merged, parts: Sequence[Fit]) -> Iterator[Finding]:
     """What limits the calibrations limits what is merged of them, unless another makes up for it."""
     limits = [[one for one in _limits(part) if one.code not in RENEWED] for part in parts]
     lacks = [[one for one in found if one.code in LACKING] for found in limits]
@@ -493,9 +521,6 @@ def _carried(merged: Merged, parts: Sequence[Judged]) -> Iterator[Finding]:
                 yield replace(limit, advice=f"{part.name}: {limit.advice}")
 
 
-def _limits(part: Judged) -> Iterator[Finding]:
+def _limits(part: Fit) -> Iterator[Finding]:
     """What a calibration says that it is limited by."""
-    for record in part.record.findings if part.record is not None else ():
-        if record.severity == "limits":
-            number, limit = (0.0 if value is None else value for value in (record.number, record.limit))
-            yield Finding(current(record.code), "limits", number, limit, record.advice)
+    return (finding for finding in part.findings if finding.severity == "limits")

@@ -25,7 +25,6 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.cache import concatenated
 from flinders.findings import VERDICTS
 from flinders.fitting.calibrate import estimator_of, fit
-from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import Coverage
@@ -241,7 +240,7 @@ def compare_methods(
             entry = replace(entry, coarser=math.sqrt(stride))
         reference = next((other.fit for other in entries if other.fit is not None), None)
         if entry.fit is not None and reference is not None:
-            apart = compare(Judged.from_fit(reference), Judged.from_fit(entry.fit), dip_deg=facing)
+            apart = compare(reference, entry.fit, dip_deg=facing)
             entry = replace(entry, apart_deg=apart.heading_difference_deg)
         entries.append(entry)
     if all(entry.fit is None for entry in entries) and entries[0].refusal is not None:

@@ -37,6 +37,7 @@ from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
 from flinders.deprecation import renamed_attribute
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     import os
@@ -178,6 +179,20 @@ class Calibration:
     def shape(self) -> Floats:
         """(3, 3), in `unit`: maps unit directions of the field to readings about the offset, ``F matrix⁻¹``."""
         return self.field_strength * floats(np.linalg.inv(self.matrix))
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """The ellipsoid that it makes a sphere, in the magnetometer's own axes: an ellipsoid knows no rotation."""
+        shape = self.shape
+        squares, axes = np.linalg.eigh(shape @ shape.T)
+        return Ellipsoid(self.offset, (axes * np.sqrt(squares)) @ axes.T)
+
+    @property
+    def rotation_matrix(self) -> Floats:
+        """(3, 3) from the magnetometer's own axes to those it corrects to; unity where it knows no rotation."""
+        left, _, right = np.linalg.svd(self.matrix @ self.ellipsoid.shape / self.field_strength)  # rounding off
+        turned: Floats = left @ right
+        return turned
 
     @property
     def is_identity(self) -> bool:

@@ -239,26 +239,6 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     findings: tuple[FindingRecord, ...] = ()
     beside: BesideRecord | UnsetType = UNSET
 
-    @property
-    def plane(self) -> Literal["xy", "yz", "zx"] | None:
-        """The plane of the one turn that it rests on, beside the dip of the field; None for all attitudes."""
-        if not any(finding.code == "level-plane" for finding in self.findings):
-            return None
-        named: tuple[Literal["xy", "yz", "zx"], ...] = ("xy", "yz", "zx")
-        return next((plane for plane in named if self.method.endswith(f" {plane}")), "xy")
-
-    @property
-    def tilt_words(self) -> str:
-        """Up to which tilt one that rests on a level turn is within its target; nothing for any other."""
-        limit = next((finding.number for finding in self.findings if finding.code == "level-plane"), None)
-        if limit is None:
-            return ""
-        error = self.heading_error_deg
-        within = "within its target" if error is None or error.target_deg is None else f"within {error.target_deg:g}°"
-        return f"it rests on a level turn: {within} up to {limit:.0f}° of tilt" if limit >= 1.0 else (
-            "it rests on a level turn: for a level vehicle only"
-        )  # fmt: skip
-
     def __post_init__(self) -> None:
         """Refuse a covariance that does not belong to its names; called when a file is read."""
         size = len(self.covariance_of)

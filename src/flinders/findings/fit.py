@@ -6,6 +6,16 @@ from typing import Final
 
 from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
+Z_ELSEWHERE: Final = (
+    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
+    "that it does (--axes)"
+)
+Z_OPEN: Final = (
+    "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
+    "accelerometer as well, or map the axes so that z points down (--axes, x,y,z where it does already)"
+)
+"""What the finding ``level-plane`` says of z, by which a file that is loaded tells it again."""
+
 ROWS: Final = (
     CatalogueRow(
         code="one-plane",

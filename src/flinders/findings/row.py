@@ -18,6 +18,7 @@ array([False,  True, False])
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from operator import ge, gt, lt
 from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
@@ -67,8 +68,9 @@ class Finding:
     advice: str
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready fields."""
-        return {name: getattr(self, name) for name in self.__slots__}
+        """JSON-ready fields; a number that there is none of is None."""
+        number, limit = (None if math.isnan(value) else value for value in (self.number, self.limit))
+        return {"code": self.code, "severity": self.severity, "number": number, "limit": limit, "advice": self.advice}
 
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+from msgspec import UNSET
 
 from flinders.core.calibration_file import beside_record
 
@@ -66,7 +67,7 @@ class Aiding:
     mistakes : tuple of Mistake
     """
 
-    each: tuple[AidingSensor, ...]
+    each: tuple[AidingSensor, ...] = ()
     rotation: Floats | None = None
     rotation_covariance: Floats | None = None
     gyro_bias: Floats | None = None
@@ -90,6 +91,15 @@ class Aiding:
         x, y, z = np.diag(self.rotation_covariance).tolist()
         return float(np.rad2deg(np.sqrt(z + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x + y))))
 
+    @classmethod
+    def from_record(cls, record: BesideRecord) -> Self:
+        """What a calibration file keeps of it."""
+        return cls(
+            rotation_covariance=_array(record.rotation_covariance),
+            acceleration_bias=_array(record.acceleration_bias),
+            acceleration_bias_sigma=_array(record.acceleration_bias_sigma),
+        )
+
     def to_record(self) -> BesideRecord | UnsetType:
         """What the calibration file keeps of it."""
         return beside_record(
@@ -107,3 +117,8 @@ class Aiding:
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg", "creep")},
         }
+
+
+def _array(value: object) -> Floats | None:
+    """An array of what a file states; None where it does not."""
+    return None if value is UNSET else np.asarray(value, float)

@@ -1,51 +1,72 @@
-"""`Fit` is the only result: a calibration with what is known of it, and what to know about it.
+"""`Fit` is the only result: a calibration, how far to trust it, and what to know about it.
 
->>> Finding("noise", "limits", 0.08, 0.05, "record away from iron").as_dict()["code"]
-'noise'
+It is made by `flinders.fit` and read back from its calibration file, which keeps the numbers and no readings: what a
+file does not state is NaN, None or empty, and what needs the readings raises `NeedsRecording`.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> fit = calibrate.fit(simulate.tumble(seed=1).samples)
+>>> loaded = Fit.from_document(fit.to_document(), name="monday.json")
+>>> loaded
+Fit(good, likelihood, heading error 0.059° rms, 0.066° worst, noise 0.498 µT, 3,000 readings)
+>>> loaded.coverage.counts
+Traceback (most recent call last):
+flinders.errors.NeedsRecording: the calibration file keeps no readings, and the directions of the readings are needed: \
+give the recording too, as flinders report CALIBRATION RECORDING does, or fit it again
 """
 
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+import math
+import os
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 import numpy as np
 from msgspec import UNSET
 
-from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, write
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, read, write
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
-from flinders.deprecation import renamed_attribute
-from flinders.errors import FitError, counted, figures
-from flinders.findings import VERDICTS, Finding, Verdict
-from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.plane import down_of
+from flinders.deprecation import renamed_attribute, warn
+from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
+from flinders.findings import VERDICTS, Finding, Verdict, current
+from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
+from flinders.fitting.aiding import Aiding
+from flinders.geometry.plane import PLANES, down_of
 from flinders.heading.error_propagation import (
+    STEEPEST_DIP_DEG,
     DirectionError,
+    HeadingError,
     attitude_limit_deg,
     direction_error_deg,
+    level_error,
     raw_error,
     tilted_error,
 )
-from flinders.summary.coverage import CELLS
+from flinders.summary.coverage import CELLS, Coverage
 
 if TYPE_CHECKING:
-    import os
+    from collections.abc import Iterable
 
     from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import Document, Provenance
+    from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.drift import Drift
     from flinders.diagnostics.repeatability import Repeats
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators.outliers import Outlier
     from flinders.estimators.regressors import DisturbanceEstimate
-    from flinders.fitting.aiding import Aiding
+    from flinders.findings import Severity
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
-    from flinders.heading.error_propagation import HeadingError
-    from flinders.summary.coverage import Coverage
+
+NOT_STATED: Final = "not stated"
+"""Method of a calibration of which the file says nothing, as of one that was imported."""
+
+NO_ERROR: Final = HeadingError(math.nan, math.nan, math.nan)
 
 TILTS: Final = (10.0, 30.0, 90.0)
 """Degrees of tilt at which it is said how much worse headings get."""
@@ -91,9 +112,17 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
-def error_record(error: HeadingError, target_deg: float) -> HeadingErrorRecord:
-    """A heading error as it stands in a file."""
-    return HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=error.dip_deg, target_deg=target_deg)
+def error_record(error: HeadingError, target_deg: float) -> HeadingErrorRecord | None:
+    """A heading error as it stands in a file; None where none is stated."""
+    if math.isnan(error.worst):
+        return None
+    dip_deg = _stated(error.dip_deg)
+    return HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=dip_deg, target_deg=target_deg)
+
+
+def _stated(number: float) -> float | None:
+    """A number as it stands in a file, where there is no NaN."""
+    return None if math.isnan(number) else number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,18 +133,19 @@ class Fit(Outcome):
     ----------
     calibration : Calibration
     method : str
-        What was run in the end.
+        What was run in the end; ``not stated`` where a file says nothing but the calibration.
     covariance : (9, 9) float
         Of the offset b and the shape S = F W⁻¹, in the order b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the
-        square of the calibration's unit. Singular where the method holds some of them.
+        square of the calibration's unit. Singular where the method holds some of them; zeros where no uncertainty is
+        stated, see `states_uncertainty`.
     noise : float
-        Standard deviation of the readings' distance from the ellipsoid, in the calibration's unit.
+        Standard deviation of the readings' distance from the ellipsoid, in the calibration's unit; NaN if not stated.
     samples : int
-        Readings used.
+        Readings used; 0 if not stated.
     coverage : Coverage
-        Directions seen.
+        Directions seen. Of a loaded fit only its numbers are known, not the readings of each direction.
     heading_error_deg : HeadingError
-        Expected of a level vehicle, 1 σ.
+        Expected of a level vehicle, 1 σ; NaN if not stated.
     target_deg : float
         The worst heading error that was asked for.
     dip_deg : float
@@ -164,15 +194,21 @@ class Fit(Outcome):
         that dip was used and neither an accelerometer nor anybody says which way z points.
     findings : tuple of Finding
         Gravest first.
+    name : str
+        What messages call it: the path of a file that was loaded.
+    provenance : Provenance, optional
+        Release, date and recordings that a loaded file states.
+    stated_verdict : str, optional
+        Verdict that a file states and its findings do not explain.
     """
 
     calibration: Calibration
-    method: str
-    covariance: Floats
-    noise: float
-    samples: int
-    coverage: Coverage
-    heading_error_deg: HeadingError
+    method: str = NOT_STATED
+    covariance: Floats = field(default_factory=lambda: np.zeros((9, 9)))
+    noise: float = math.nan
+    samples: int = 0
+    coverage: Coverage = field(default_factory=Coverage)
+    heading_error_deg: HeadingError = NO_ERROR
     target_deg: float = 1.0
     dip_deg: float = 60.0
     held: float = 0.0
@@ -195,6 +231,9 @@ class Fit(Outcome):
     aiding: Aiding | None = None
     z_down: bool | None = True
     findings: tuple[Finding, ...] = ()
+    name: str = "fit"
+    provenance: Provenance | None = None
+    stated_verdict: Verdict | None = None
 
     strays = renamed_attribute("strays", "outliers")
     slip = renamed_attribute("slip", "axis_swap")
@@ -203,18 +242,93 @@ class Fit(Outcome):
     noise_undriven = renamed_attribute("noise_undriven", "noise_uncompensated")
     aids = renamed_attribute("aids", "aiding")
 
+    def __post_init__(self) -> None:
+        """Refuse a covariance of another shape.
+
+        Raises
+        ------
+        ArrayError
+        """
+        if np.shape(self.covariance) != (9, 9):
+            raise ArrayError(f"covariance has shape {np.shape(self.covariance)}: need (9, 9), of offset and shape")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Fit:
+        """Read a calibration file.
+
+        Raises
+        ------
+        DocumentError
+            For a file that cannot be opened or understood, or whose covariance is none of offset and shape.
+        """
+        return cls.from_document(read(path), name=os.fspath(path))
+
+    @classmethod
+    def from_document(cls, document: Document, *, name: str = "calibration") -> Fit:
+        """Take the fit out of the content of a calibration file; `name` is what messages call it.
+
+        Raises
+        ------
+        DocumentError
+            As `load`.
+        """
+        fit = cls(Calibration.from_document(document, source=name), name=name, provenance=document.provenance)
+        return fit if document.fit is None else _with_record(fit, document.fit)
+
+    @classmethod
+    def from_fit(cls, fit: Fit, *, name: str = "fit") -> Fit:
+        """Name a fit; what `flinders.Judged.from_fit` was."""
+        warn("Judged.from_fit(fit, name=...) is dataclasses.replace(fit, name=...) now: it goes with the next release")
+        return replace(fit, name=name)
+
+    @property
+    def verdict(self) -> Verdict:
+        """``good``, ``limited`` or ``refused``: what the gravest finding says, or the file; limited if none does."""
+        undescribed: Verdict | None = None if self.is_described else "limited"
+        verdicts = {self.stated_verdict, undescribed, Outcome.verdict.__get__(self)}
+        return next(verdict for verdict in VERDICTS.values() if verdict in verdicts)
+
+    @property
+    def is_described(self) -> bool:
+        """Whether it says how it was found; an imported calibration does not."""
+        return self.method != NOT_STATED
+
+    @property
+    def states_uncertainty(self) -> bool:
+        """Whether it has a covariance; an imported calibration, or one composed of several turns, has none."""
+        return bool(self.covariance.any())
+
+    @property
+    def files(self) -> tuple[SourceFile, ...]:
+        """The recordings that it came from, where a file states them."""
+        return self.provenance.files if self.provenance else ()
+
     @property
     def is_flat(self) -> bool:
         """The readings lie in one plane: there is no sphere to have seen a part of, and no number to trust."""
         return any(finding.code == "one-plane" for finding in self.findings)
 
     @property
+    def tilt_words(self) -> str:
+        """Up to which tilt a fit that rests on a level turn is within its target; nothing for any other."""
+        limit = next((finding.number for finding in self.findings if finding.code == "level-plane"), None)
+        if limit is None:
+            return ""
+        if not limit >= 1.0:
+            return "it rests on a level turn: for a level vehicle only"
+        within = "its target" if math.isnan(self.heading_error_deg.worst) else f"{self.target_deg:g}°"
+        return f"it rests on a level turn: within {within} up to {limit:.0f}° of tilt"
+
+    @property
     def ellipsoid(self) -> Ellipsoid:
         """The ellipsoid that the calibration makes a sphere, in the magnetometer's own axes: it knows no rotation."""
-        if self.calibration.rotation == "symmetric":
-            return Ellipsoid(self.calibration.offset, self.calibration.shape)
-        squares, axes = np.linalg.eigh(self.calibration.shape @ self.calibration.shape.T)
-        return Ellipsoid(self.calibration.offset, (axes * np.sqrt(squares)) @ axes.T)
+        return self.calibration.ellipsoid
+
+    @property
+    def known_dip_deg(self) -> float:
+        """Inclination of the field with the sign that the recording shows; that of the site where none is stated."""
+        dip_deg = self.heading_error_deg.dip_deg
+        return self.dip_deg if math.isnan(dip_deg) else dip_deg
 
     @property
     def offset_sigma(self) -> Floats:
@@ -228,15 +342,14 @@ class Fit(Outcome):
 
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
-        dip = self.heading_error_deg.dip_deg
-        down = down_of(self.plane)
+        dip, down = self.known_dip_deg, down_of(self.plane)
         error = tilted_error(self.ellipsoid, self.covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
         return error.beside(self.structure_deg)
 
     @property
     def structure_deg(self) -> float:
         """Heading error (1 σ) from what belongs to the direction: as much across the field as it shows along it."""
-        level = np.cos(np.deg2rad(self.heading_error_deg.dip_deg))
+        level = np.cos(np.deg2rad(self.known_dip_deg))
         return float(np.rad2deg(self.distortion / (self.ellipsoid.radius * level)))
 
     @property
@@ -245,7 +358,7 @@ class Fit(Outcome):
         left = self.target_deg**2 - self.structure_deg**2
         if left <= 0.0:
             return 0.0
-        dip, down = self.heading_error_deg.dip_deg, down_of(self.plane)
+        dip, down = self.known_dip_deg, down_of(self.plane)
         limit = float(np.sqrt(left))
         return attitude_limit_deg(self.ellipsoid, self.covariance, dip_deg=dip, limit_deg=limit, down=down)
 
@@ -257,7 +370,7 @@ class Fit(Outcome):
     @property
     def uncorrected_heading_error_deg(self) -> HeadingError:
         """What the heading of the same vehicle errs by without the calibration, if the calibration is right."""
-        return raw_error(self.ellipsoid, dip_deg=self.heading_error_deg.dip_deg, down=down_of(self.plane))
+        return raw_error(self.ellipsoid, dip_deg=self.known_dip_deg, down=down_of(self.plane))
 
     @property
     def uncorrected_strength(self) -> tuple[float, float]:
@@ -278,10 +391,12 @@ class Fit(Outcome):
             "verdict": self.verdict,
             "method": self.method,
             "calibration": self.calibration.as_dict(),
-            "heading_error_deg": {
+            "heading_error_deg": None
+            if math.isnan(self.heading_error_deg.worst)
+            else {
                 "rms": self.heading_error_deg.rms,
                 "worst": self.heading_error_deg.worst,
-                "dip_deg": self.heading_error_deg.dip_deg,
+                "dip_deg": _stated(self.heading_error_deg.dip_deg),
                 "target_deg": self.target_deg,
             },
             "uncorrected_heading_error_deg": _rms_and_worst(self.uncorrected_heading_error_deg),
@@ -293,7 +408,7 @@ class Fit(Outcome):
             "bias_deg": self.bias_deg,
             "held": self.held,
             "unseen": self.unseen,
-            "noise": self.noise,
+            "noise": _stated(self.noise),
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),
             "autocorrelation": self.autocorrelation,
@@ -308,7 +423,8 @@ class Fit(Outcome):
             "findings": [finding.as_dict() for finding in self.findings],
         }
         untrusted = _ON_A_SURFACE if self.is_flat else _REFUSED if self.verdict == "refused" else ()
-        return {**fields, **dict.fromkeys(untrusted)}
+        unstated = () if self.states_uncertainty else _OF_THE_COVARIANCE
+        return {**fields, **dict.fromkeys((*untrusted, *unstated))}
 
     def _driven_as_dict(self) -> dict[str, Any]:
         """What is known of the disturbances; no key where it follows none."""
@@ -330,45 +446,55 @@ class Fit(Outcome):
         return (*PARAMETERS, *named, *growth)
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
-        """The calibration file with all of this in it."""
-        fitted = Fitted(
+        """The calibration file with all of this in it; of a loaded fit by default with the provenance it has."""
+        return self.calibration.to_document(fit=self._record(), provenance=provenance or self.provenance)
+
+    def _record(self) -> Fitted | None:
+        """What a calibration file keeps of it beside the calibration."""
+        if not self.is_described:
+            return None
+        covariance = tuple(tuple(row) for row in self._covariance.tolist()) if self.states_uncertainty else None
+        return Fitted(
             method=self.method,
             samples=self.samples,
-            noise=self.noise,
-            covariance_of=self._parameters,
-            covariance=tuple(tuple(row) for row in self._covariance.tolist()),
+            noise=_stated(self.noise),
+            covariance_of=self._parameters if covariance else PARAMETERS,
+            covariance=covariance,
             verdict=self.verdict,
             heading_error_deg=error_record(self.heading_error_deg, self.target_deg),
             coverage=self.coverage.as_dict(),
             findings=self.finding_records,
             beside=UNSET if self.aiding is None else self.aiding.to_record(),
         )
-        return self.calibration.to_document(fit=fitted, provenance=provenance)
 
     def __repr__(self) -> str:
         error = self.heading_error_deg
-        noise = f"{figures(self.noise, 3)} {label(self.calibration.unit)}"
+        if not self.is_described or math.isnan(error.worst):
+            return f"Fit({self.verdict}, {self.method}, no heading error stated)"
+        noise = "" if math.isnan(self.noise) else f"noise {figures(self.noise, 3)} {label(self.calibration.unit)}, "
         return (
             f"Fit({self.verdict}, {self.method}, heading error {error.rms:.2g}° rms, {error.worst:.2g}° worst, "
-            f"noise {noise}, {counted(self.samples, 'reading')})"
+            f"{noise}{counted(self.samples, 'reading')})"
         )
 
     def _repr_html_(self) -> str:
         """What a notebook shows; of a refused fit no number of the calibration."""
-        title = f"{SIGNS[self.verdict]} {self.verdict}: {self.method}, {counted(self.samples, 'reading')}"
+        title = f"{SIGNS[self.verdict]} {self.verdict}: "
+        title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
         told = [finding for finding in self.findings if finding.severity != "note"]
         words = [f"{SIGNS[finding.severity]} {finding.advice}" for finding in told]
         if self.verdict == "refused":
             return refusal(title, words)
         error, calibration = self.heading_error_deg, self.calibration
         good = f"worst heading good to {figures(error.worst)}° (1 σ; the target is {self.target_deg:g}°), held level"
+        good = "no heading error stated" if math.isnan(error.worst) else good
         return correction(
             calibration.matrix.tolist(),
             calibration.offset.tolist(),
             label(calibration.unit),
             title=title,
             words=[good, *words],
-            offset_sigma=self.offset_sigma.tolist(),
+            offset_sigma=self.offset_sigma.tolist() if self.states_uncertainty else None,
         )
 
 
@@ -380,6 +506,114 @@ _ON_A_SURFACE: Final = (
     "direction_error_deg", "bias_deg", "coverage",
 )  # fmt: skip
 """Keys that are None where the readings are flat."""
+
+
+_OF_THE_COVARIANCE: Final = (
+    "tilted_heading_error_deg", "attitude_limit_deg", "direction_error_deg", "bias_deg", "covariance",
+)  # fmt: skip
+"""Keys that are None where no uncertainty is stated."""
+
+
+def _with_record(fit: Fit, record: Fitted) -> Fit:
+    """A calibration with what its file states of the fit."""
+    findings = tuple(_finding(each) for each in record.findings)
+    error = record.heading_error_deg
+    plane = _plane(record.method) if any(finding.code == "level-plane" for finding in findings) else None
+    loaded = replace(
+        fit,
+        method=record.method,
+        noise=math.nan if record.noise is None else record.noise,
+        samples=record.samples,
+        coverage=Coverage.from_dict(record.coverage),
+        plane=plane,
+        z_down=_z_down(findings),
+        aiding=None if record.beside is UNSET else Aiding.from_record(record.beside),
+        findings=findings,
+    )
+    if error is not None:
+        dip_deg = math.nan if error.dip_deg is None else error.dip_deg
+        stated = HeadingError(error.rms, error.worst, dip_deg)
+        known_dip_deg = fit.dip_deg if error.dip_deg is None else abs(error.dip_deg)
+        target_deg = error.target_deg or fit.target_deg
+        loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg, dip_deg=known_dip_deg)
+    if record.covariance is not None:
+        loaded = _with_covariance(loaded, record.covariance_of, np.array(record.covariance))
+    return loaded if record.verdict == loaded.verdict else replace(loaded, stated_verdict=record.verdict or "limited")
+
+
+def _with_covariance(fit: Fit, names: tuple[str, ...], whole: Floats) -> Fit:
+    """Give a fit the covariance (K, K) of its file, and the distortion that its heading error has besides.
+
+    Raises
+    ------
+    DocumentError
+        Unless it is a covariance of offset and shape.
+    """
+    missing = [parameter for parameter in PARAMETERS if parameter not in names]
+    if missing:
+        raise DocumentError(f"{fit.name}: fit.covariance lacks {', '.join(missing)}: need offset and shape, all nine")
+    rows = [names.index(parameter) for parameter in PARAMETERS]
+    covariance = whole[np.ix_(rows, rows)]
+    _refuse_no_covariance(covariance, fit.name)
+    is_whole = len(names) > len(PARAMETERS) and names == fit._parameters
+    return replace(
+        fit,
+        covariance=covariance,
+        disturbances_covariance=whole if is_whole else None,
+        distortion=_distortion(replace(fit, covariance=covariance)),
+    )
+
+
+def _refuse_no_covariance(covariance: Floats, name: str) -> None:
+    """Refuse a matrix (9, 9) that is no covariance.
+
+    Raises
+    ------
+    DocumentError
+    """
+    largest = float(np.abs(covariance).max())
+    lack = float(np.abs(covariance - covariance.T).max())
+    if lack > 1e-6 * largest:
+        raise DocumentError(
+            f"{name}: fit.covariance is not symmetric: entries across the diagonal differ by up to {lack:.3g}"
+        )
+    lowest = float(np.linalg.eigvalsh(covariance)[0])
+    if lowest < -1e-6 * largest:
+        raise DocumentError(f"{name}: fit.covariance has the eigenvalue {lowest:.3g}: no variance is negative")
+
+
+def _distortion(fit: Fit) -> float:
+    """What belongs to the direction, which a file does not state: what its heading error has beside the covariance."""
+    stated = fit.heading_error_deg
+    if not abs(stated.dip_deg) <= STEEPEST_DIP_DEG:
+        return 0.0
+    try:
+        with np.errstate(all="ignore"):
+            explained = level_error(fit.ellipsoid, fit.covariance, dip_deg=stated.dip_deg, down=down_of(fit.plane))
+    except np.linalg.LinAlgError:  # numbers of no magnetometer, which is for those to say who use them
+        return 0.0
+    left = stated.worst**2 - explained.worst**2
+    if not left > (1e-6 * stated.worst) ** 2:
+        return 0.0
+    return math.radians(math.sqrt(left)) * fit.ellipsoid.radius * math.cos(math.radians(stated.dip_deg))
+
+
+def _finding(record: FindingRecord) -> Finding:
+    """A finding of a file, by its code of today."""
+    number, limit = (math.nan if value is None else value for value in (record.number, record.limit))
+    severity = record.severity if record.severity in ("note", "limits", "refuses") else "note"
+    return Finding(current(record.code), cast("Severity", severity), number, limit, record.advice)
+
+
+def _plane(method: str) -> Plane:
+    """The plane of the one turn that a fit rests on, at the end of the method's name."""
+    return next((plane for plane in PLANES if method.endswith(f" {plane}")), "xy")
+
+
+def _z_down(findings: Iterable[Finding]) -> bool | None:
+    """What was known of z at a level turn, which stands in the file in words."""
+    words = " ".join(finding.advice for finding in findings)
+    return None if Z_OPEN in words else Z_ELSEWHERE not in words
 
 
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:

@@ -53,15 +53,6 @@ UNSAID: Final = 0.5
 STRAIGHT: Final = "current"
 """A field goes in proportion to the current that makes it, and may be extrapolated."""
 
-Z_ELSEWHERE: Final = (
-    "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
-    "that it does (--axes)"
-)
-Z_OPEN: Final = (
-    "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
-    "accelerometer as well, or map the axes so that z points down (--axes, x,y,z where it does already)"
-)
-
 
 def judge(found: Fit, summary: Summary) -> tuple[Finding, ...]:
     """Say what there is to know about a fit, the most severe first.
@@ -203,7 +194,7 @@ def _plane_words(found: Fit) -> dict[str, Callable[[], str]]:
         "plane_axes": lambda: " and ".join(str(found.plane)),
         "how": lambda: f"and in {letter} by the site's field" if placed else "only",
         "assumed": lambda: f" (with {side}the floor level unless an accelerometer was recorded)" if placed else "",
-        "up": lambda: "" if found.z_down else Z_OPEN if found.z_down is None else Z_ELSEWHERE,
+        "up": lambda: "" if found.z_down else fit.Z_OPEN if found.z_down is None else fit.Z_ELSEWHERE,
         "mounting": lambda: "say how well the mounting is known (--alignment-sigma), or " if placed and skewed else "",
     }
 

@@ -13,6 +13,7 @@ The same snapshot gives the same, in whichever thread, so that the server may ru
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import msgspec
@@ -24,7 +25,6 @@ from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import FitError, FlindersError, counted, figures
 from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit as fit_samples
-from flinders.fitting.judged import Judged
 from flinders.fitting.result import Refused
 from flinders.live.guidance import guided
 from flinders.live.messages import PreviousState, Reason
@@ -233,7 +233,7 @@ def _compared(fit: Fit | None, snapshot: Snapshot) -> PreviousState | None:
         return PreviousState(previous.name, None, "nothing to compare with yet")
     try:
         apart = compare(
-            previous, Judged.from_fit(fit, name="this one"), dip_deg=snapshot.dip_deg, target_deg=snapshot.target_deg
+            previous, replace(fit, name="this one"), dip_deg=snapshot.dip_deg, target_deg=snapshot.target_deg
         )
     except FlindersError as error:
         return PreviousState(previous.name, None, str(error))

@@ -316,7 +316,7 @@ async def _saved(request: Request, path: Path) -> int | None:
 async def _previous(request: Request) -> Response:
     """Take a calibration file to compare with."""
     from flinders.core.calibration_file import loads
-    from flinders.fitting.judged import Judged
+    from flinders.fitting.result import Fit
 
     hub: Hub = request.app.state.hub
     name = shown_name(request.query_params.get("name", ""))
@@ -326,10 +326,10 @@ async def _previous(request: Request) -> Response:
         if len(content) > CALIBRATION_BYTES:
             return _answer(f"{name} is larger than {CALIBRATION_BYTES >> 20} MB: that is no calibration file", 413)
     try:
-        judged = Judged.from_document(loads(content, source=name), name=name)
+        previous = Fit.from_document(loads(content, source=name), name=name)
     except DocumentError as error:
         return _refused(error)
-    hub.take(GotPrevious(hub.now, judged))
+    hub.take(GotPrevious(hub.now, previous))
     return JSONResponse({"words": f"compared with {name}"})
 
 

@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fitting.judged import Judged
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
     from flinders.live.messages import Link, PreviousState, Reason
@@ -99,7 +98,7 @@ class Snapshot:
     target_deg, dip_deg : float
     goal, frame : str
         As in `flinders.heading.guidance`.
-    previous : Judged, optional
+    previous : Fit, optional
     is_followed : bool
         Somebody turns the sensor just now, and may be led.
     """
@@ -111,7 +110,7 @@ class Snapshot:
     dip_deg: float = 60.0
     goal: Goal = "heading"
     frame: Frame = "sensor"
-    previous: Judged | None = None
+    previous: Fit | None = None
     is_followed: bool = False
 
 
@@ -210,7 +209,7 @@ class GotPrevious:
     """A calibration to compare with."""
 
     at: float
-    previous: Judged
+    previous: Fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,7 +283,7 @@ class Session:
         Shown in its place, and by what name.
     target_deg, dip_deg, goal
         What the calibration is compared with.
-    previous : Judged, optional
+    previous : Fit, optional
     recording : str
     unrecorded : str
         Why what arrives cannot be written down; nothing where it can.
@@ -310,7 +309,7 @@ class Session:
     target_deg: float = 1.0
     dip_deg: float = 60.0
     goal: Goal = "heading"
-    previous: Judged | None = None
+    previous: Fit | None = None
     recording: str = ""
     unrecorded: str = ""
     has_board: bool = False

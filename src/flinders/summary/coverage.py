@@ -11,11 +11,12 @@ Directions need the centre, so they cannot be counted while readings stream by: 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.errors import NeedsRecording
 from flinders.geometry.ellipsoid import centred
 
 if TYPE_CHECKING:
@@ -76,17 +77,20 @@ class Coverage:
 
     Attributes
     ----------
-    counts : (100,) float
-        Readings in each of `CELLS`.
+    by_cell : (100,) float, optional
+        Readings in each of `CELLS`; None where the numbers come from a calibration file, which keeps no readings.
     hole : (3,) float
         Unit vector, corrected sensor axes: the middle of the largest gap.
     hole_deg : float
         Angle from there to the nearest reading.
+    stated_fraction : float
+        `fraction` where a file states it; NaN where it is not known.
     """
 
-    counts: Floats
-    hole: Floats
-    hole_deg: float
+    by_cell: Floats | None = None
+    hole: Floats = field(default_factory=lambda: np.full(3, math.nan))
+    hole_deg: float = math.nan
+    stated_fraction: float = math.nan
 
     @classmethod
     def of(cls, directions: Floats, counts: Floats | None = None) -> Self:
@@ -95,6 +99,16 @@ class Coverage:
         nearest = np.max(CELLS @ directions.T, axis=1)
         emptiest = int(np.argmin(nearest))
         return cls(seen, CELLS[emptiest], float(np.rad2deg(np.arccos(np.clip(nearest[emptiest], -1.0, 1.0)))))
+
+    @classmethod
+    def from_dict(cls, numbers: dict[str, float]) -> Self:
+        """Take the numbers of a calibration file, as `as_dict` gives them; what is missing is NaN.
+
+        >>> Coverage.from_dict({"fraction": 0.5, "hole_deg": 40.0}).as_dict()["fraction"]
+        0.5
+        """
+        hole = np.array([numbers.get(f"hole_{axis}", math.nan) for axis in "xyz"])
+        return cls(None, hole, numbers.get("hole_deg", math.nan), numbers.get("fraction", math.nan))
 
     @classmethod
     def through(cls, cloud: Cloud, ellipsoid: Ellipsoid, *, within: float = np.inf) -> Self:
@@ -111,9 +125,22 @@ class Coverage:
         return cls.of(directions_of(means, ellipsoid), counts)
 
     @property
+    def counts(self) -> Floats:
+        """(100,) readings in each of `CELLS`.
+
+        Raises
+        ------
+        NeedsRecording
+            Where the numbers come from a calibration file.
+        """
+        if self.by_cell is None:
+            raise NeedsRecording("the directions of the readings")
+        return self.by_cell
+
+    @property
     def fraction(self) -> float:
         """Share of the sphere's cells that hold a reading."""
-        return float(np.count_nonzero(self.counts)) / 100.0
+        return self.stated_fraction if self.by_cell is None else float(np.count_nonzero(self.by_cell)) / 100.0
 
     @property
     def readings(self) -> float:
@@ -148,7 +175,9 @@ class Coverage:
         return (facing,) if is_clear or not leans else (dip_deg, -dip_deg)
 
     def as_dict(self) -> dict[str, float]:
-        """JSON-ready numbers."""
+        """JSON-ready numbers; none where they are not known."""
+        if math.isnan(self.fraction):
+            return {}
         x, y, z = (round(float(part), 4) for part in self.hole)
         return {"fraction": self.fraction, "hole_deg": round(self.hole_deg, 3), "hole_x": x, "hole_y": y, "hole_z": z}
 
