@@ -474,11 +474,11 @@ def page(summary: RunSummary) -> RenderableType:
     """Lay out a run: what was read, verdicts, why rows have no calibration, and findings."""
     from rich.console import Group
 
-    held = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
+    content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
     verdicts = _table("verdict", "recordings", "share")
     for verdict, count in summary.verdicts.items():
         verdicts.add_row(verdict, f"{count:,}", percent(count, summary.rows), style=COLOURS[verdict])
-    parts = [f"{counted(summary.files, 'file')}: {', '.join(held)}", "", verdicts]
+    parts = [f"{counted(summary.files, 'file')}: {', '.join(content)}", "", verdicts]
     for title, counts in (("no calibration because", summary.codes), ("findings", summary.findings)):
         if counts:
             parts += ["", _most_frequent(title, counts)]
