@@ -15,6 +15,7 @@ row group   from a row group of a Parquet file to a row of the table: ``fleet``
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 import tempfile
 import threading
@@ -31,6 +32,8 @@ from flinders.cli import main as program
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import FrameType
+
+    from flinders.arrays import Floats
 
 ROOT: Final = Path(flinders.__file__).parent
 PASSING: Final = {"<module>", "__getattr__"}
@@ -68,12 +71,18 @@ def a_reading(folder: Path) -> None:
     _command("export", str(result), "--to", "arduino", "-o", str(header))
 
 
+@functools.cache
+def _three_tumbles() -> Floats:
+    """(900, 3) readings; made in the run that is not traced, as no part of the walk."""
+    return np.concatenate([simulate.tumble(seed=seed, n=300).samples.field for seed in range(3)])
+
+
 def a_row_group(folder: Path) -> None:
     """From a row group of a Parquet file to a row of the table."""
     import pyarrow as pa
     from pyarrow import parquet
 
-    field = np.concatenate([simulate.tumble(seed=seed, n=300).samples.field for seed in range(3)])
+    field = _three_tumbles()
     columns = {"unit": np.repeat(["A1", "A2", "A3"], 300)}
     columns |= {f"m{axis}_uT": field[:, place] for place, axis in enumerate("xyz")}
     parquet.write_table(pa.table(columns), folder / "units.parquet", row_group_size=300)

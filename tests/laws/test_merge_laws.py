@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from flinders.errors import OutputError
 from flinders.fleet import UnitResult, UnitResults
 from flinders.fleet import results as merging
-from flinders.fleet.progress import Counts
+from flinders.fleet.progress import TableCounts
 from flinders.fleet.results import merge, named_rows
 
 pytest.importorskip("pyarrow")
@@ -68,17 +69,18 @@ def test_counts_are_those_of_the_whole_table(cells: list[UnitResult], group: int
     whole = UnitResults.of(cells).sorted()
     with tempfile.TemporaryDirectory() as name:
         merged([whole], Path(name), group)
-        counts = Counts.of(Path(name) / "all.parquet")
+        counts = TableCounts.of(Path(name) / "all.parquet")
     assert (counts.rows, counts.units) == (
         len(whole),
         len(set(named_rows(whole.to_arrow()).column("unit").to_pylist())),
     )
     assert counts.readings == int(whole.readings.sum())
-    assert dict(counts.texts["verdict"]) == whole.verdicts()
+    assert counts.verdicts == whole.verdicts()
     found = [code for codes in whole.findings for code in codes]
-    assert dict(counts.texts["findings"]) == {code: found.count(code) for code in found}
+    assert counts.findings == {code: found.count(code) for code in found if code}
     known = [row.worst_deg for row in cells if row.verdict != "failed" and row.worst_deg == row.worst_deg]
-    assert sorted(counts.worst_deg.tolist()) == sorted(known)
+    places = np.percentile(known, [50, 95, 100]) if known else ()
+    assert counts.worst_deg == dict(zip(("median", "p95", "largest"), places, strict=False))
 
 
 def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:

@@ -213,32 +213,22 @@ def _changes_of(history: Histories, rules: _Rules) -> list[UnitDrift]:
     changes = changes.inflated(np.where(history.is_dated[several], rules.dated.factor, rules.undated.factor))
     states = _states(changes, rules)
     p_value = changes.p_value
-    place = {unit: at for at, unit in enumerate(several.tolist())}
-    units = []
-    for unit, (name, batch, count) in enumerate(
-        zip(history.unit.tolist(), history.batch.tolist(), counts.tolist(), strict=True)
-    ):
-        at = place.get(unit)
-        if at is None:
-            units.append(_alone(name, batch, count))
-            continue
-        numbers = {kind: float(getattr(changes, kind)[at]) for kind in SHOWN}
-        units.append(
-            UnitDrift(
-                unit=name,
-                batch=batch,
-                state=states[at],
-                recordings=count,
-                reference=history.recording[carried[at]],
-                newest=history.recording[newest[at]],
-                reference_s=float(history.date_s[carried[at]]),
-                newest_s=float(history.date_s[newest[at]]),
-                p_value=float(p_value[at]),
-                unit_of_field=history.unit_of_field[newest[at]],
-                **numbers,
-            )
-        )
-    return units
+    compared: dict[int, dict[str, Any]] = {}
+    for at, unit in enumerate(several.tolist()):
+        compared[unit] = {
+            "state": states[at],
+            "reference": history.recording[carried[at]],
+            "newest": history.recording[newest[at]],
+            "reference_s": float(history.date_s[carried[at]]),
+            "newest_s": float(history.date_s[newest[at]]),
+            "p_value": float(p_value[at]),
+            "unit_of_field": history.unit_of_field[newest[at]],
+        } | {kind: float(getattr(changes, kind)[at]) for kind in SHOWN}
+    names = enumerate(zip(history.unit.tolist(), history.batch.tolist(), counts.tolist(), strict=True))
+    return [
+        UnitDrift(unit=name, batch=batch, recordings=count, **compared.get(unit, _not_compared(count)))
+        for unit, (name, batch, count) in names
+    ]
 
 
 SHOWN: Final = (
@@ -256,22 +246,11 @@ def _states(changes: Differences, rules: _Rules) -> list[str]:
     return states
 
 
-def _alone(name: str, batch: str, count: int) -> UnitDrift:
-    """A unit without a comparison: too few recordings, or in no known order."""
-    nothing = dict.fromkeys(SHOWN, math.nan)
-    return UnitDrift(
-        unit=name,
-        batch=batch,
-        state="unordered" if count > 1 else "single" if count else "none",
-        recordings=count,
-        reference="",
-        newest="",
-        reference_s=math.nan,
-        newest_s=math.nan,
-        p_value=math.nan,
-        unit_of_field="",
-        **nothing,
-    )
+def _not_compared(recordings: int) -> dict[str, Any]:
+    """Fields of a unit without a comparison: too few recordings, or in no known order."""
+    texts = {"reference": "", "newest": "", "unit_of_field": ""}
+    numbers = dict.fromkeys((*SHOWN, "reference_s", "newest_s", "p_value"), math.nan)
+    return {"state": "unordered" if recordings > 1 else "single" if recordings else "none", **texts, **numbers}
 
 
 def _steps_of(history: Histories, rules: _Rules) -> list[UnitStep]:

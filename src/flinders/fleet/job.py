@@ -20,6 +20,7 @@ short or empty. Their names hold length and check sum, and a partition that does
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from functools import partial
@@ -31,7 +32,7 @@ from flinders.fleet import worker
 from flinders.fleet.checkpoint import TABLE, Checkpoint
 from flinders.fleet.dataset import PARQUET
 from flinders.fleet.plan import plan_of
-from flinders.fleet.progress import Counts, Progress, summarize
+from flinders.fleet.progress import Progress, RunSummary, TableCounts
 from flinders.fleet.results import UnitResults, merge, needs_arrow
 from flinders.fleet.scheduler import Abandoned, map_units, reach
 from flinders.fleet.storage import is_remote, put, refuse_object
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 
     from flinders.fleet.dataset import Options
     from flinders.fleet.plan import Partition, Plan
-    from flinders.fleet.progress import ProgressCallback, RunSummary
+    from flinders.fleet.progress import ProgressCallback
     from flinders.fleet.scheduler import WorkerDeath
 
     Map = Callable[..., Iterator[tuple[int, bytes | Abandoned]]]
@@ -114,11 +115,13 @@ def run(
             progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
         counts = _write_table([files[place] for place in range(len(plan.partitions))], checkpoint, out)
     checkpoint.remove()
-    summary = summarize(
-        out,
-        counts,
-        plan,
-        options,
+    summary = RunSummary(
+        output=os.fspath(out),
+        files=plan.files,
+        partitions=len(plan.partitions),
+        **dataclasses.asdict(counts),
+        left_out=plan.left_out,
+        polish=options.polish,
         resumed=resumed,
         workers_lost=progress.workers_lost,
         retried=len(progress.retried),
@@ -144,15 +147,15 @@ def refuse_output(out: str | os.PathLike[str], *, force: bool) -> None:
         raise UsageError(f"{name}: the table is Parquet: give it a name that ends in {PARQUET[0]}")
 
 
-def _write_table(files: Sequence[Path], checkpoint: Checkpoint, out: str | os.PathLike[str]) -> Counts:
+def _write_table(files: Sequence[Path], checkpoint: Checkpoint, out: str | os.PathLike[str]) -> TableCounts:
     """Merge partitions into the table, copy it to its store if it has one, and count its rows."""
     if not is_remote(os.fspath(out)):
         merge(files, out)
-        return Counts.of(out)
+        return TableCounts.of(out)
     table = checkpoint.folder / TABLE
     merge(files, table)
     put(table, os.fspath(out))
-    return Counts.of(table)
+    return TableCounts.of(table)
 
 
 def _map(

@@ -16,7 +16,6 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-import os
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -32,6 +31,7 @@ from flinders.fleet.results import VERDICTS, named_rows, needs_arrow
 from flinders.report.fleet_view import SUMS_ALONE
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.fleet.checkpoint import Checkpoint
-    from flinders.fleet.dataset import Options
     from flinders.fleet.plan import Partition, Plan
     from flinders.fleet.scheduler import WorkerDeath
 
@@ -52,7 +51,7 @@ UNITS: Final = 200_000
 """Units that are counted for the progress bar, whose hashes are held; of more, recordings alone are counted."""
 
 COUNTED: Final = ("verdict", "code", "findings", "unit_of_field")
-"""Columns of few texts that occur often."""
+"""Columns of few texts that occur often; verdicts are listed by `VERDICTS`, the others by frequency."""
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red", "failed": "red"}
 SUFFIXES: Final = {"none": "without an ending"}
 """Words for kinds of files that are not their suffix."""
@@ -311,9 +310,9 @@ def _counts_of(rows: Any, name: str) -> dict[str, int]:  # noqa: ANN401
 # ----------------------------------------------------------------------------------------------------------- summary
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Counts:
-    """Counts over a table.
+@dataclass(frozen=True, slots=True)
+class TableCounts:
+    """Counts over a table; the attributes are those of `RunSummary`.
 
     >>> import tempfile
     >>> from flinders.fleet.results import UnitResult, UnitResults, merge
@@ -322,45 +321,37 @@ class Counts:
     >>> rows = [good, UnitResult(unit="A2", code="unreadable"), UnitResult(unit="A2")]
     >>> _ = (folder / "part").write_bytes(UnitResults.of(rows).to_bytes())
     >>> merge([folder / "part"], folder / "all.parquet")
-    >>> counts = Counts.of(folder / "all.parquet")
-    >>> counts.rows, counts.units, counts.texts["verdict"], counts.worst_deg.tolist(), counts.failed_readings
-    (3, 2, Counter({'failed': 2, 'good': 1}), [0.4], 0)
-
-    Attributes
-    ----------
-    rows, readings, units : int
-        Units that have a name.
-    failed_readings : int
-        Readings of rows that failed, as far as their number is known.
-    texts : dict of Counter
-        By the columns `COUNTED`: rows of each text; with each finding.
-    worst_deg : (K,) degrees
-        Heading errors of rows that are good or limited.
+    >>> counts = TableCounts.of(folder / "all.parquet")
+    >>> counts.rows, counts.units, counts.verdicts, counts.worst_deg["largest"], counts.failed_readings
+    (3, 2, {'good': 1, 'failed': 2}, 0.4, 0)
     """
 
+    units: int
     rows: int
     readings: int
-    units: int
     failed_readings: int
-    texts: dict[str, Counter[str]]
-    worst_deg: Floats
+    verdicts: dict[str, int]
+    codes: dict[str, int]
+    findings: dict[str, int]
+    units_of_field: dict[str, int]
+    worst_deg: dict[str, float]
 
     @classmethod
     def of(cls, path: str | os.PathLike[str]) -> Self:
-        """Count in a Parquet file that is sorted by unit; memory is that of a batch, and of `worst_deg`."""
+        """Count in a Parquet file that is sorted by unit; memory is that of a batch, and of all heading errors."""
         needs_arrow()
         from pyarrow import parquet
 
-        texts: dict[str, Counter[str]] = {name: Counter() for name in COUNTED}
+        verdicts, codes, findings, units_of_field = counters = [Counter[str]() for _ in COUNTED]
         readings, failed, units, last = 0, 0, 0, None
-        worst: list[Floats] = [np.empty(0)]
+        errors: list[Floats] = [np.empty(0)]
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
             for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
                 if not batch.num_rows:
                     continue
-                for name, counter in texts.items():
+                for name, counter in zip(COUNTED, counters, strict=True):
                     counter.update(_value_counts(batch.column(name)))
-                worst.append(_worst(batch))
+                errors.append(_heading_errors(batch))
                 counts = batch.column("readings").to_numpy()
                 readings += int(np.sum(counts))
                 failed += int(np.sum(counts[_is_among(batch, VERDICTS[3:])]))
@@ -368,7 +359,26 @@ class Counts:
                 if len(unit):
                     units += len(unit.unique()) - (unit[0].as_py() == last)
                     last = unit[-1].as_py()
-            return cls(file.metadata.num_rows, readings, units, failed, texts, np.concatenate(worst))
+            rows = file.metadata.num_rows
+        return cls(
+            units=units,
+            rows=rows,
+            readings=readings,
+            failed_readings=failed,
+            verdicts={name: verdicts[name] for name in VERDICTS if verdicts[name]},
+            codes=_by_frequency(codes),
+            findings=_by_frequency(findings),
+            units_of_field=_by_frequency(units_of_field),
+            worst_deg=_spread(errors),
+        )
+
+
+def _spread(errors: Sequence[Floats]) -> dict[str, float]:
+    """Median, 95th percentile and maximum of heading errors; empty without any."""
+    known = np.concatenate(errors)
+    if not len(known):
+        return {}
+    return dict(zip(("median", "p95", "largest"), np.percentile(known, [50, 95, 100]).tolist(), strict=True))
 
 
 def _value_counts(column: Any) -> dict[str, int]:  # noqa: ANN401 - pyarrow ships no types
@@ -377,7 +387,7 @@ def _value_counts(column: Any) -> dict[str, int]:  # noqa: ANN401 - pyarrow ship
     return {each["values"]: each["counts"] for each in values.value_counts().to_pylist()}
 
 
-def _worst(batch: Any) -> Floats:  # noqa: ANN401
+def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
     """Known heading errors of a batch, of rows that have a calibration."""
     worst: Floats = np.asarray(batch.column("worst_deg").to_numpy(zero_copy_only=False), dtype=float)
     known: Floats = worst[_is_among(batch, VERDICTS[:2]) & np.isfinite(worst)]
@@ -452,53 +462,6 @@ class RunSummary:
         return fields if self.polish else {**fields, "sums_alone": SUMS_ALONE}
 
 
-def summarize(
-    out: str | os.PathLike[str],
-    counts: Counts,
-    plan: Plan,
-    options: Options,
-    *,
-    resumed: int,
-    workers_lost: int,
-    retried: int,
-    seconds: float,
-) -> RunSummary:
-    """Summarise a run.
-
-    Parameters
-    ----------
-    out : str or path
-    counts : Counts
-        Of the table that was written.
-    plan : Plan
-    options : Options
-    resumed, workers_lost, retried, seconds
-        As the attributes of `RunSummary`.
-    """
-    worst = counts.worst_deg
-    places = zip(("median", "p95", "largest"), np.percentile(worst, [50, 95, 100]) if len(worst) else (), strict=False)
-    return RunSummary(
-        output=os.fspath(out),
-        files=plan.files,
-        partitions=len(plan.partitions),
-        units=counts.units,
-        rows=counts.rows,
-        readings=counts.readings,
-        failed_readings=counts.failed_readings,
-        verdicts={name: counts.texts["verdict"][name] for name in VERDICTS if counts.texts["verdict"][name]},
-        codes=_by_frequency(counts.texts["code"]),
-        findings=_by_frequency(counts.texts["findings"]),
-        units_of_field=_by_frequency(counts.texts["unit_of_field"]),
-        worst_deg={name: float(value) for name, value in places},
-        left_out=plan.left_out,
-        polish=options.polish,
-        resumed=resumed,
-        workers_lost=workers_lost,
-        retried=retried,
-        seconds=seconds,
-    )
-
-
 def _by_frequency(counts: Counter[str]) -> dict[str, int]:
     """Counts with the most frequent first, the empty text left out."""
     return {name: count for name, count in sorted(counts.items(), key=lambda each: (-each[1], each[0])) if name}
@@ -511,11 +474,11 @@ def page(summary: RunSummary) -> RenderableType:
     """Lay out a run: what was read, verdicts, why rows have no calibration, and findings."""
     from rich.console import Group
 
-    held = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
+    content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
     verdicts = _table("verdict", "recordings", "share")
     for verdict, count in summary.verdicts.items():
         verdicts.add_row(verdict, f"{count:,}", percent(count, summary.rows), style=COLOURS[verdict])
-    parts = [f"{counted(summary.files, 'file')}: {', '.join(held)}", "", verdicts]
+    parts = [f"{counted(summary.files, 'file')}: {', '.join(content)}", "", verdicts]
     for title, counts in (("no calibration because", summary.codes), ("findings", summary.findings)):
         if counts:
             parts += ["", _most_frequent(title, counts)]

@@ -235,7 +235,7 @@ class UnitResults:
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count:,} {verdict}" for verdict, count in self.verdicts().items())
-        return f"Rows({counts or 'empty'})"
+        return f"UnitResults({counts or 'empty'})"
 
     def __getitem__(self, rows: slice | NDArray[Any] | Sequence[int]) -> Self:
         """Take some rows."""

@@ -8,8 +8,8 @@ to which units that moved mean little.
 >>> rng = np.random.default_rng(1)
 >>> seconds = rng.choice([60.0, 1e6], 4000)
 >>> changes = rng.normal(size=(4000, 3)) * np.sqrt(2.0 * 0.02**2 + 1e-9 * seconds)[:, np.newaxis]
->>> found = estimate_variance(changes, np.tile(0.02**2 * np.eye(3), (4000, 1, 1)), seconds)
->>> f"{found.factor:.1f} {found.random_walk**2:.0e}"
+>>> variance = estimate_variance(changes, np.tile(0.02**2 * np.eye(3), (4000, 1, 1)), seconds)
+>>> f"{variance.factor:.1f} {variance.random_walk**2:.0e}"
 '2.0 1e-09'
 """
 

@@ -170,7 +170,7 @@ def fit_many(
     >>> from flinders import simulate
     >>> rows = fit_many({f"A{seed}": simulate.tumble(seed=seed).samples for seed in (1, 2)})
     >>> rows, rows.offset.shape
-    (Rows(2 good), (2, 3))
+    (UnitResults(2 good), (2, 3))
     """
     options = Options(
         columns=columns,
@@ -434,7 +434,7 @@ def _short(source: Recording) -> Recording:
 
 
 def _of_tables(partition: Partition, options: Options) -> UnitResults:
-    """UnitResults of files of rows; a partition of more than `LARGEST` rows is read several times."""
+    """Rows of files of rows; a partition of more than `LARGEST` rows is read several times."""
     unreadable = Unreadable(partition, options)
     if partition.rows <= LARGEST:
         return _fit_in_memory(partition, options, unreadable)
