@@ -18,8 +18,8 @@ alone can tell it. Nor can it where the offset along the axis is nothing: then n
 >>> slip_of(field) is None
 True
 >>> field[600:, 1] *= -1.0
->>> found = slip_of(field)
->>> found.axes, found.rows, found.gain > 10.0
+>>> swap = slip_of(field)
+>>> swap.axes, swap.rows, swap.gain > 10.0
 ('y', (600,), True)
 """
 
@@ -129,12 +129,12 @@ def slip_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
 def moments_of(readings: Floats) -> dict[str, NDArray[np.int64]]:
     """First rows behind a break that one of `SWAPS` mends, by its name; those that mend none are left out."""
     starts = range(0, len(readings) - REACH, BLOCK)
-    found = [_breaks(readings[begin : begin + BLOCK + REACH], begin) for begin in starts]
-    at, usual = np.concatenate([rows for rows, _ in found]), np.concatenate([beside for _, beside in found])
+    breaks = [_breaks(readings[begin : begin + BLOCK + REACH], begin) for begin in starts]
+    at, usual = np.concatenate([rows for rows, _ in breaks]), np.concatenate([beside for _, beside in breaks])
     onward = 1.5 * readings[at + 2] - 0.5 * readings[at + 3]
     back = 1.5 * readings[at + 1] - 0.5 * readings[at]
     mended = {name: at[np.abs(onward @ swap - back).max(axis=1) <= LIKE * usual] for name, swap in SWAPS.items()}
-    return {name: found + 2 for name, found in mended.items() if len(found)}
+    return {name: breaks + 2 for name, breaks in mended.items() if len(breaks)}
 
 
 def _breaks(readings: Floats, begin: int) -> tuple[NDArray[np.int64], Floats]:

@@ -14,8 +14,8 @@ pole to pole along a spiral has time and direction in one: what only noise tells
 >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
 >>> field = 50.0 * directions + rng.normal(scale=0.5, size=directions.shape)
 >>> field[:, 0] += np.linspace(-2.0, 2.0, 1000)
->>> found = drift_of(field, Ellipsoid(np.zeros(3), 50.0 * np.eye(3)))
->>> round(found.offset[0], 1), round(found.heading_deg, -1), found.p_value < 0.001
+>>> drift = drift_of(field, Ellipsoid(np.zeros(3), 50.0 * np.eye(3)))
+>>> round(drift.offset[0], 1), round(drift.heading_deg, -1), drift.p_value < 0.001
 (4.0, 10.0, True)
 """
 
@@ -91,15 +91,15 @@ def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -
     axes = support.vectors[:, support.seen]
     inverse = axes / (variance * support.values[support.seen]) @ axes.T
     rows /= support.scale
-    found = inverse @ (rows.T @ distances)
-    left = Residuals(distances - rows @ found, rows, [np.arange(len(readings))])
+    solution = inverse @ (rows.T @ distances)
+    left = Residuals(distances - rows @ solution, rows, [np.arange(len(readings))])
     autocovariance = left.autocovariance()
     independent = len(readings) / time_of(autocovariance) - rows.shape[1]
     if independent < FEWEST_INDEPENDENT:
         return None
     observed /= support.scale[9:, np.newaxis]
     covariance = inverse @ left.scatter(autocovariance) @ inverse
-    change, spread = observed @ found[9:], observed @ covariance[9:, 9:] @ observed.T
+    change, spread = observed @ solution[9:], observed @ covariance[9:, 9:] @ observed.T
     moved = np.concatenate([change[:3], np.zeros(6)])
     return Drift(
         offset=(float(change[0]), float(change[1]), float(change[2])),

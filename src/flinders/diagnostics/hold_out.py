@@ -101,30 +101,30 @@ def missed(samples: Samples, fits: list[Parameters], vertical: str | None) -> Mi
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)
     >>> whole = {terms: solve(tumble.samples, terms) for terms in ((), ("dip",))}
     >>> fits = [fitted(tumble.samples, terms, None, near) for terms, near in whole.items()]
-    >>> alone, aided = (missed(tumble.samples, found, "dip") for found in fits)
+    >>> alone, aided = (missed(tumble.samples, parameters, "dip") for parameters in fits)
     >>> aided.length < 1.1 * tumble.sensor.noise and aided.height < alone.height
     True
     """
     if not fits:
         return Missed(np.inf, np.inf)
     lengths, heights = [], []
-    for found, (_, left_out) in zip(fits, folds(len(samples)), strict=True):
-        ellipsoid = Ellipsoid(found.offset, found.shape)
+    for parameters, (_, left_out) in zip(fits, folds(len(samples)), strict=True):
+        ellipsoid = Ellipsoid(parameters.offset, parameters.shape)
         lengths.append(np.mean(magnitude.distances(samples.field[left_out], ellipsoid) ** 2))
-        heights.append(_heights(samples[left_out], found, vertical))
+        heights.append(_heights(samples[left_out], parameters, vertical))
     return Missed(float(np.sqrt(np.mean(lengths))), float(np.sqrt(np.mean(heights))))
 
 
-def _heights(samples: Samples, found: Parameters, vertical: str | None) -> float:
+def _heights(samples: Samples, parameters: Parameters, vertical: str | None) -> float:
     """Variance of the field's height above the horizon, by verticals that are trusted."""
     if vertical == "dip" and samples.acceleration is not None:
         down, trust = dip.verticals(samples.acceleration)
-        down, _ = dip.upright(down, found.acceleration_bias)
+        down, _ = dip.upright(down, parameters.acceleration_bias)
     elif vertical == "tilt" and samples.attitude is not None:
         down, trust = dip.verticals_of(samples.attitude)
     else:
         return np.nan
-    unit = (samples.field - found.offset) @ np.linalg.inv(found.ellipsoid_like).T
+    unit = (samples.field - parameters.offset) @ np.linalg.inv(parameters.ellipsoid_like).T
     unit /= np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-300)
     heights = np.einsum("ni,ni->n", down, unit) / np.maximum(np.linalg.norm(down, axis=1), 1e-300)
     middle = np.average(heights, weights=trust)

@@ -177,7 +177,7 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
     return _certain("aids-disagree", aid, {"scales_off": off}, why=why)
 
 
-def astray(found: Aided, aid: str) -> Mistake | None:
+def astray(aided: Aided, aid: str) -> Mistake | None:
     """Whether a vertical, or an attitude, does not go with the readings however the magnetometer sits.
 
     >>> from flinders.geometry.quaternions import inverse, of_angles, rotated
@@ -188,7 +188,7 @@ def astray(found: Aided, aid: str) -> Mistake | None:
     >>> mistake is not None and mistake.code
     'aid-astray'
     """
-    off = found.vertical_noise
+    off = aided.vertical_noise
     if aid not in UPRIGHT or off is None:
         return None
     why = (
@@ -216,11 +216,11 @@ def one_axis(rate: Floats) -> list[Mistake]:
     return [] if mistake is None else [mistake]
 
 
-def is_elsewhere(found: Aided, site: Site | None) -> bool:
+def is_elsewhere(aided: Aided, site: Site | None) -> bool:
     """Whether the dip that was found cannot be that of the site, which the fit took it for."""
-    if site is None or site.inclination_deg is None or found.site_off is None:
+    if site is None or site.inclination_deg is None or aided.site_off is None:
         return False
-    return is_far(dip_of(found), site) and abs(found.site_off) > FAR_SITE_SIGMAS
+    return is_far(dip_of(aided), site) and abs(aided.site_off) > FAR_SITE_SIGMAS
 
 
 def is_far(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
@@ -251,9 +251,9 @@ accelerometer that lies level reads −g on z; the site was not used'
     return _certain("site-differs", "site", numbers, check=check)
 
 
-def dip_of(found: Aided) -> float:
+def dip_of(aided: Aided) -> float:
     """The dip in degrees, of a fit that looked for it."""
-    sine = found.parameters.sine if "sine" in found.layout else float(found.parameters.direction[2])
+    sine = aided.parameters.sine if "sine" in aided.layout else float(aided.parameters.direction[2])
     return float(np.rad2deg(np.arcsin(np.clip(sine, -1.0, 1.0))))
 
 
@@ -337,36 +337,36 @@ def _strange(mounted: Mounted) -> Mistake:
     return _certain("gyro-differs", "rate", {"gyro_leaves": mounted.left})
 
 
-def _misread(aid: str, found: Mounted, *, contradicted: bool) -> Mistake:
+def _misread(aid: str, mounted: Mounted, *, contradicted: bool) -> Mistake:
     """What is wrong with an instrument, and whether it can be used all the same."""
     what, other = ("gyro", "accelerometer") if aid == "rate" else ("accelerometer", "gyro")
-    better = {"times_better": found.better}
-    if found.unit != RAD_S or (aid == "rate" and found.axes == REVERSED):
-        as_what = f"as {found.unit}" if found.unit != RAD_S else "with the other sign"
-        if found.unit != RAD_S and not found.axes.is_identity:
-            as_what += f" with axes {found.axes}"
+    better = {"times_better": mounted.better}
+    if mounted.unit != RAD_S or (aid == "rate" and mounted.axes == REVERSED):
+        as_what = f"as {mounted.unit}" if mounted.unit != RAD_S else "with the other sign"
+        if mounted.unit != RAD_S and not mounted.axes.is_identity:
+            as_what += f" with axes {mounted.axes}"
         return _certain("gyro-unit", aid, better, as_what=as_what)
-    if found.axes.is_mirror:
+    if mounted.axes.is_mirror:
         how = (
-            f"as a mirror image, {found.axes} of the magnetometer's axes: one of them has a wrong sign, correct it "
+            f"as a mirror image, {mounted.axes} of the magnetometer's axes: one of them has a wrong sign, correct it "
             "where it is recorded; it was not used"
         )
     elif contradicted:
         how = (
-            f"with the magnetometer's axes turned by {found.axes}, and the {other} does not: the {what} sits otherwise "
+            f"with the magnetometer's axes turned by {mounted.axes}, and the {other} does not: the {what} sits otherwise "
             "than the two, turn its columns; it was not used"
         )
-    elif not found.is_clear:
+    elif not mounted.is_clear:
         how = (
-            f"with the magnetometer's axes turned, such as by {found.axes}, and too little turning to tell how: turn "
+            f"with the magnetometer's axes turned, such as by {mounted.axes}, and too little turning to tell how: turn "
             f"the {what}'s columns to be as the magnetometer's; it was not used"
         )
     else:
         how = (
-            f"with the magnetometer's axes turned by {found.axes}: they do not sit alike, and the correction turns "
+            f"with the magnetometer's axes turned by {mounted.axes}: they do not sit alike, and the correction turns "
             f"readings into the {what}'s axes"
         )
-    drops = contradicted or not found.is_clear or found.axes.is_mirror
+    drops = contradicted or not mounted.is_clear or mounted.axes.is_mirror
     return _certain("swapped-axes", aid, better, drops=drops, instrument=what, how=how)
 
 

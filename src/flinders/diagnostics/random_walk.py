@@ -410,14 +410,14 @@ def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
     return _Filtered(likelihood, before, after, covariance_before, covariance_after)
 
 
-def _smoothed(found: _Filtered) -> tuple[Floats, Floats]:
+def _smoothed(filtered: _Filtered) -> tuple[Floats, Floats]:
     """Paths (K, T, 3) and their covariance (K, T, 3, 3), knowing the whole recording; Rauch, Tung and Striebel."""
-    path, covariance = found.after.copy(), found.covariance_after.copy()
-    ahead = found.covariance_before[1:]
-    gains = np.linalg.solve(ahead, found.covariance_after[:-1]).swapaxes(2, 3)
+    path, covariance = filtered.after.copy(), filtered.covariance_after.copy()
+    ahead = filtered.covariance_before[1:]
+    gains = np.linalg.solve(ahead, filtered.covariance_after[:-1]).swapaxes(2, 3)
     for place in range(len(path) - 2, -1, -1):
         gain = gains[place]
-        path[place] += np.einsum("tij,tj->ti", gain, path[place + 1] - found.before[place + 1])
+        path[place] += np.einsum("tij,tj->ti", gain, path[place + 1] - filtered.before[place + 1])
         covariance[place] += gain @ (covariance[place + 1] - ahead[place]) @ gain.swapaxes(1, 2)
     return path, covariance
 

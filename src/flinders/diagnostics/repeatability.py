@@ -7,8 +7,8 @@ residuals hardly show it.
 >>> sphere, moved = (Ellipsoid(np.array([x, 0.0, 0.0]), 50.0 * np.eye(3)) for x in (0.0, 3.0))
 >>> claimed = np.diag([0.01] * 9)
 >>> days = RecordingFit("monday", 500, sphere, claimed), RecordingFit("tuesday", 500, moved, claimed)
->>> found = compared(days, dip_deg=60.0)
->>> found.farthest.source, round(found.farthest.off_deg), found.p_value < 1e-6
+>>> repeats = compared(days, dip_deg=60.0)
+>>> repeats.farthest.source, round(repeats.farthest.off_deg), repeats.p_value < 1e-6
 ('monday', 7, True)
 """
 

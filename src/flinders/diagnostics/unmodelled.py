@@ -8,8 +8,8 @@ counts where it explains far more than residuals that hang together could by cha
 >>> from flinders.fitting import calibrate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.3, 0.0, 0.0], amperes=20.0)
 >>> flight = simulate.tumble(seed=3, disturbances=[motors]).samples
->>> found = unfollowed_of(flight, calibrate.fit(flight).ellipsoid, dip_deg=60.0)
->>> found.name, round(found.heading_deg)
+>>> unmodelled = unfollowed_of(flight, calibrate.fit(flight).ellipsoid, dip_deg=60.0)
+>>> unmodelled.name, round(unmodelled.heading_deg)
 ('current', 6)
 >>> unfollowed_of(simulate.tumble(seed=3).samples, calibrate.fit(flight).ellipsoid, dip_deg=60.0) is None
 True
@@ -78,8 +78,8 @@ def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, tim
     """
     stride = max(1, -(-len(samples) // MOST))
     some, time = samples[::stride], max(time / stride, min(time, 1.0))
-    found = [one for name in samples.disturbances if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
-    return max(found, key=lambda one: one.chi_square, default=None)
+    tests = [one for name in samples.disturbances if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
+    return max(tests, key=lambda one: one.chi_square, default=None)
 
 
 def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float) -> Unmodelled | None:

@@ -15,9 +15,9 @@ about an axis that it always turns about.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
->>> found = solve(drive.samples, ("rate", "dip"))
->>> error = np.abs(found.parameters.offset - drive.sensor.offset)
->>> bool(np.all(error < 4.0 * np.sqrt(np.diag(found.covariance)[:3]))), found.aiding
+>>> aided = solve(drive.samples, ("rate", "dip"))
+>>> error = np.abs(aided.parameters.offset - drive.sensor.offset)
+>>> bool(np.all(error < 4.0 * np.sqrt(np.diag(aided.covariance)[:3]))), aided.aiding
 (True, ('rate', 'dip'))
 """
 
@@ -283,9 +283,9 @@ def parameters_of(
         delay=True, acceleration_bias=acceleration_bias,
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
-    found = without_outliers(solved_for.problem, solved_for.found)
+    iterate = without_outliers(solved_for.problem, solved_for.found)
     problem = solved_for.problem.freed()
-    return _eased(problem, found, np.zeros(problem.layout.size))[0].at
+    return _eased(problem, iterate, np.zeros(problem.layout.size))[0].at
 
 
 class _Put(NamedTuple):
@@ -337,10 +337,10 @@ def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided |
     _refuse_nothing(problem, put.samples)
     best: Iterate | None = None
     for begin in _begins(problem, put, start, near):
-        found = iterated(problem, begun(problem, begin))
-        if best is None or surprise(problem, found) < surprise(problem, best):
-            best = found
-        if not found.misfits:
+        iterate = iterated(problem, begun(problem, begin))
+        if best is None or surprise(problem, iterate) < surprise(problem, best):
+            best = iterate
+        if not iterate.misfits:
             break
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "aided")
@@ -414,78 +414,78 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
                 )
 
 
-def _finished(problem: JointProblem, found: Iterate) -> Aided:
+def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    found, equations = _eased(problem, found, np.zeros(problem.layout.size))
-    found, equations = _spanned(problem, found, equations)
+    iterate, equations = _eased(problem, iterate, np.zeros(problem.layout.size))
+    iterate, equations = _spanned(problem, iterate, equations)
     inverse = _inverse(equations)
-    walk = random_walk_of(problem, found, inverse)
+    walk = random_walk_of(problem, iterate, inverse)
     for _ in range(WALKED):
-        found = replace(found, weights=found.weights._replace(own=walk.own))
+        iterate = replace(iterate, weights=iterate.weights._replace(own=walk.own))
         left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
         if float(left @ inverse @ left) < STILL**2:
             break
-        found, equations = _eased(problem, found, walk.bent)
+        iterate, equations = _eased(problem, iterate, walk.bent)
         inverse = _inverse(equations)
-        walk = random_walk_of(problem, found, inverse)
-    scatter = scatter_of(problem, found, walk)
+        walk = random_walk_of(problem, iterate, inverse)
+    scatter = scatter_of(problem, iterate, walk)
     whole = equations.prior.matrix + scatter.creep * scatter.covariance
     believed = equations.prior.matrix
-    information = without(equations.matrix, spurious_information_of(problem, found), believed)
+    information = without(equations.matrix, spurious_information_of(problem, iterate), believed)
     textbook = replace(equations.prior, matrix=information).inverse()
     covariance = textbook @ whole @ textbook
-    of_shape = prior.equations(Ellipsoid(found.at.offset, found.at.shape), spread=problem.spread).matrix
+    of_shape = prior.equations(Ellipsoid(iterate.at.offset, iterate.at.shape), spread=problem.spread).matrix
     held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))
     seen: Floats = np.ones(3)
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]
         seen = np.diag(textbook)[columns] / ROTATION_SIGMA**2
-    outliers = [group.rows[group.weight == 0.0] for group in found.groups]
+    outliers = [group.rows[group.weight == 0.0] for group in iterate.groups]
     return Aided(
-        found.at,
+        iterate.at,
         covariance,
         textbook,
         problem.layout,
-        found.weights.noise,
-        found.weights.vertical if any(group.trust is not None for group in found.groups) else None,
+        iterate.weights.noise,
+        iterate.weights.vertical if any(group.trust is not None for group in iterate.groups) else None,
         problem.aiding,
-        sum(group.count for group in found.groups),
+        sum(group.count for group in iterate.groups),
         np.sort(np.concatenate(outliers)),
         held,
         math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
         scatter.creep,
-        _site_off(problem, found, covariance),
+        _site_off(problem, iterate, covariance),
         () if problem.disturbances is None else problem.disturbances.names,
     )
 
 
-def _spanned(problem: JointProblem, found: Iterate, equations: Equations) -> tuple[Iterate, Equations]:
+def _spanned(problem: JointProblem, iterate: Iterate, equations: Equations) -> tuple[Iterate, Equations]:
     """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
-    span = span_of(problem, found)
+    span = span_of(problem, iterate)
     for _ in range(SPANNED):
-        if abs(math.log(span.readings / found.weights.span)) < SAME_SPAN:
+        if abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN:
             break
-        found = replace(found, weights=found.weights._replace(span=span.readings))
-        found, equations = _eased(problem, found, np.zeros(problem.layout.size))
-        span = span_of(problem, found)
-        found = replace(found, weights=found.weights._replace(vertical=span.noise))
-    return found, equations
+        iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
+        iterate, equations = _eased(problem, iterate, np.zeros(problem.layout.size))
+        span = span_of(problem, iterate)
+        iterate = replace(iterate, weights=iterate.weights._replace(vertical=span.noise))
+    return iterate, equations
 
 
-def _eased(problem: JointProblem, found: Iterate, bent: Floats) -> tuple[Iterate, Equations]:
+def _eased(problem: JointProblem, iterate: Iterate, bent: Floats) -> tuple[Iterate, Equations]:
     """Take off the mean gradient that noise makes: what the equations know of, and (P,) what a walk adds."""
     for _ in range(CORRECTED):
-        equations = Equations.of(problem, found)
+        equations = Equations.of(problem, iterate)
         matrix = equations.matrix + equations.prior.matrix
         step = solved(matrix, equations.gradient - equations.bent - bent + equations.prior.gradient, 0.0)
-        moved = taken(problem, found, equations, step)
+        moved = taken(problem, iterate, equations, step)
         if moved is None:
             break
-        found = reweighed(problem, moved, equations)
+        iterate = reweighed(problem, moved, equations)
         if float(step @ matrix @ step) < EASED**2:
             break
-    return found, Equations.of(problem, found)
+    return iterate, Equations.of(problem, iterate)
 
 
 def _inverse(equations: Equations) -> Floats:
@@ -493,14 +493,14 @@ def _inverse(equations: Equations) -> Floats:
     return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
 
 
-def _site_off(problem: JointProblem, found: Iterate, covariance: Floats) -> float | None:
+def _site_off(problem: JointProblem, iterate: Iterate, covariance: Floats) -> float | None:
     """How far the dip found is from that of the site, in standard deviations of what the site is known to."""
     if problem.site is None or problem.site.sine is None:
         return None
     if "sine" in problem.layout:
         column = problem.layout.columns["sine"].start
         left = max(1.0 - covariance[column, column] / problem.site.sine_sigma**2, 0.0)
-        return float((found.at.sine - problem.site.sine) / problem.site.sine_sigma / math.sqrt(max(left, 1e-6)))
+        return float((iterate.at.sine - problem.site.sine) / problem.site.sine_sigma / math.sqrt(max(left, 1e-6)))
     if "direction" in problem.layout:
-        return float((found.at.direction[2] - problem.site.sine) / problem.site.sine_sigma)
+        return float((iterate.at.direction[2] - problem.site.sine) / problem.site.sine_sigma)
     return None

@@ -60,8 +60,8 @@ class Algebraic:
     >>> from flinders.estimators.data import Readings
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    >>> found = Algebraic("nxp").estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
-    >>> found.centre.round(6), round(found.radius, 4)
+    >>> ellipsoid = Algebraic("nxp").estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
+    >>> ellipsoid.centre.round(6), round(ellipsoid.radius, 4)
     (array([-50.,  20., 100.]), 31.0723)
     """
 

@@ -97,34 +97,34 @@ class Auto:
         level = Level(self.prior, self.dip_deg) if self.prior is not None and _can_be_level(readings) else None
         if level is not None and is_level(readings.summary.moments.covariance, noise=0.0):
             return level.estimate(readings)
-        found = self._of_all_or_most(readings)
+        estimate = self._of_all_or_most(readings)
         if level is None:
-            return found
+            return estimate
         # Of all readings, too: to an ellipsoid through a rest, the turn itself is astray.
-        covariances = readings.summary.moments.covariance, _covariance(readings, found)
+        covariances = readings.summary.moments.covariance, _covariance(readings, estimate)
         if not any(is_level(one, THICK) for one in covariances):
-            return found
+            return estimate
         turned = level.estimate(readings)
-        is_turn = any(is_level(one, found.noise) for one in covariances)
-        nearly = found.unseen > 0 or any(is_level(one, found.noise, within=NEARLY_FLAT_NOISE) for one in covariances)
+        is_turn = any(is_level(one, estimate.noise) for one in covariances)
+        nearly = estimate.unseen > 0 or any(is_level(one, estimate.noise, within=NEARLY_FLAT_NOISE) for one in covariances)
         much = 1.0 if nearly else np.inf if turned.outliers else MUCH_BETTER  # what leaves the plane are no outliers
-        return turned if is_turn or much * self._claimed(turned) < self._claimed(found) else found
+        return turned if is_turn or much * self._claimed(turned) < self._claimed(estimate) else estimate
 
-    def _claimed(self, found: Estimate) -> float:
+    def _claimed(self, estimate: Estimate) -> float:
         """Worst level heading error that an estimate claims, in degrees."""
-        return level_error(found.ellipsoid, found.covariance, dip_deg=self.dip_deg).worst
+        return level_error(estimate.ellipsoid, estimate.covariance, dip_deg=self.dip_deg).worst
 
     def _of_all_or_most(self, readings: Readings) -> Estimate:
         """Fit all readings; the majority alone where that is asked for, or their residuals ask and there is one."""
         if self.robust:
             return Robust(prior=self.prior).estimate(readings)
-        found = Likelihood(prior=self.prior).estimate(readings)
-        if len(readings) < Robust.unknowns or not asks_for_it(readings, found.ellipsoid):
-            return found
+        estimate = Likelihood(prior=self.prior).estimate(readings)
+        if len(readings) < Robust.unknowns or not asks_for_it(readings, estimate.ellipsoid):
+            return estimate
         try:
             return Robust(prior=self.prior).estimate(readings)
         except NotAnEllipsoid:
-            return found
+            return estimate
 
     def _from_sums(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid without looking at a reading."""
@@ -140,14 +140,14 @@ def _can_be_level(readings: Readings) -> bool:
     return bool(readings.summary.health.extent.all())
 
 
-def _covariance(readings: Readings, found: Estimate) -> Floats:
+def _covariance(readings: Readings, estimate: Estimate) -> Floats:
     """(3, 3) of the readings about their mean; of outliers, without those left out and the farthest from their plane.
 
     A few outliers always lie on the surface that is found among them, however flat the rest.
     """
-    if not found.outliers:
+    if not estimate.outliers:
         return readings.summary.moments.covariance
-    field = readings.near(found.ellipsoid, found.rejected_beyond).thinned(ENOUGH)
+    field = readings.near(estimate.ellipsoid, estimate.rejected_beyond).thinned(ENOUGH)
     if len(field) < FEWEST_LEFT:
         return readings.summary.moments.covariance
     for _ in range(TRIMS):

@@ -237,9 +237,9 @@ class Residuals:
         while len(gradients) >= 4:
             shares = inverse @ squares
             taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
-            found, expected = float(np.sum(gradients**2)), len(values) - taken
-            if expected > 0.0 and chance_of(found * expected / taken, round(expected**2 / taken)) < BY_CHANCE:
-                largest = max(largest, found / expected)
+            observed, expected = float(np.sum(gradients**2)), len(values) - taken
+            if expected > 0.0 and chance_of(observed * expected / taken, round(expected**2 / taken)) < BY_CHANCE:
+                largest = max(largest, observed / expected)
             gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
         return largest
 
@@ -323,12 +323,12 @@ class _Sphere:
         at = cells[begins]
         cross = self._between_visits(at, np.asarray(np.bincount(visit, weights=residuals[order]), float))
         pairs = self._between_visits(at, 1.0 * np.bincount(visit))
-        found = float(np.sum(cross / self.counts))
+        shared_variance = float(np.sum(cross / self.counts))
         noise = float(np.mean(residuals**2)) * time * np.sqrt(2.0 * float(np.sum(pairs / self.counts**2)))
-        if found <= PROVEN * noise:
+        if shared_variance <= PROVEN * noise:
             return 0.0
         expected = float(np.sum(pairs * self._left_over() / self.counts))
-        return float(np.sqrt(found / expected)) if expected > 0.0 else 0.0
+        return float(np.sqrt(shared_variance / expected)) if expected > 0.0 else 0.0
 
     def scatter(self, direction: float) -> Floats:
         """(9, 9) Σ JJᵀD over all pairs of readings, for a distortion of that standard deviation."""

@@ -65,8 +65,8 @@ class Consistent:
     >>> directions = rng.normal(size=(100_000, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> field = directions * [45, 50, 55] + [20, 120, 90] + rng.normal(scale=2.0, size=directions.shape)
-    >>> found = Consistent().estimate(Readings.of(field))
-    >>> found.ellipsoid.centre.round(1), found.ellipsoid.semi_axes.round(1), round(found.noise, 1)
+    >>> estimate = Consistent().estimate(Readings.of(field))
+    >>> estimate.ellipsoid.centre.round(1), estimate.ellipsoid.semi_axes.round(1), round(estimate.noise, 1)
     (array([ 20., 120.,  90.]), array([45., 50., 55.]), 2.0)
     """
 

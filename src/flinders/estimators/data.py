@@ -138,13 +138,13 @@ class Readings:
         if len(self) <= STRETCHES * STRETCH:
             return [part.thinned(len(part), method) for part in self.each if len(part)]
         every = -(-len(self) // STRETCHES)
-        found: list[Floats] = []
+        segments: list[Floats] = []
         seen = 0
         for part in self.each:
             for block in part.blocks(method):
-                found += [block[begin : begin + STRETCH] for begin in range(-seen % every, len(block), every)]
+                segments += [block[begin : begin + STRETCH] for begin in range(-seen % every, len(block), every)]
                 seen += len(block)
-        return found
+        return segments
 
     def only(self, field: Floats) -> Self:
         """Some of the readings, in memory, with the sums of all."""

@@ -20,9 +20,9 @@ carried over to b and S by `Driving.carried`, so that their covariance is that o
 
 >>> from flinders import simulate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
->>> found = driving_of([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
->>> error = found.disturbances[0].per_unit - [0.5, 0.0, -0.3]
->>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(found.covariance))))
+>>> driving_model = driving_of([simulate.tumble(seed=1, disturbances=[motors]).samples], ("current",))
+>>> error = driving_model.disturbances[0].per_unit - [0.5, 0.0, -0.3]
+>>> bool(np.all(np.abs(error) < 3.0 * np.sqrt(np.diag(driving_model.covariance))))
 True
 """
 
@@ -249,8 +249,8 @@ def _leaning(solved: Solved, matrix: Floats) -> Floats:
     off = distances[leant] / (1.0 - leverage[leant])
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, len(rows)).inverse() / solved.noise**2
     moved = (rows[leant, :9] * off[:, np.newaxis]) @ plain
-    found: Floats = moved.T @ moved
-    return found
+    sensitivity: Floats = moved.T @ moved
+    return sensitivity
 
 
 def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, inverse: Floats) -> Floats:
@@ -273,9 +273,9 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
         pulls = np.stack([np.bincount(setting[used], weights=column) for column in rows.T], axis=1)
         moved = pulls @ inverse / solved.noise**2
         pulled += rounded * moved.T @ moved
-    found = np.append(np.zeros(9), solved.coefficients)
-    found[9 + 3 * len(problem.names) :] = 0.0  # the growth of the scale is multiplied with no column of a meter alone
-    return widened(covariance, inverse, found, meters) + pulled
+    coefficients = np.append(np.zeros(9), solved.coefficients)
+    coefficients[9 + 3 * len(problem.names) :] = 0.0  # the growth of the scale is multiplied with no column of a meter alone
+    return widened(covariance, inverse, coefficients, meters) + pulled
 
 
 def _noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:

@@ -298,6 +298,6 @@ def _sphere(readings: Floats) -> Ellipsoid:
     middle = np.median(readings, axis=0)
     about = readings - middle
     design = np.column_stack([2.0 * about, np.ones(len(about))])
-    found = np.linalg.lstsq(design, np.einsum("ij,ij->i", about, about), rcond=None)[0]
-    distances = np.linalg.norm(about - found[:3], axis=1)
-    return Ellipsoid(middle + found[:3], max(float(np.median(distances)), 1e-12) * np.eye(3))
+    solution = np.linalg.lstsq(design, np.einsum("ij,ij->i", about, about), rcond=None)[0]
+    distances = np.linalg.norm(about - solution[:3], axis=1)
+    return Ellipsoid(middle + solution[:3], max(float(np.median(distances)), 1e-12) * np.eye(3))

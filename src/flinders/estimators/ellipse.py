@@ -56,8 +56,8 @@ class Ellipse:
     >>> from flinders.estimators.data import Readings
     >>> angle = np.linspace(0.0, 2.1, 60)
     >>> arc = np.stack([np.full(60, 7.0), 30 * np.cos(angle) + 10, 20 * np.sin(angle) - 5], axis=1)
-    >>> found = Ellipse("yz").estimate(Readings.of(arc)).ellipsoid
-    >>> found.centre.round(3), (found.shape[1:, 1:] / 2).round(3).tolist()      # half, at a dip of 60°
+    >>> ellipsoid = Ellipse("yz").estimate(Readings.of(arc)).ellipsoid
+    >>> ellipsoid.centre.round(3), (ellipsoid.shape[1:, 1:] / 2).round(3).tolist()      # half, at a dip of 60°
     (array([ 0., 10., -5.]), [[30.0, 0.0], [0.0, 20.0]])
     """
 

@@ -102,10 +102,10 @@ def fitted_flat(flat: Readings, spread: float) -> Estimate:
         if not start.semi_axes[0] > max(SMALLEST, THINNEST * float(np.ptp(points, axis=0).max())):
             raise NotAnEllipse("ellipse")
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            found = Likelihood(prior=spread).polish(flat, start)
-            if len(flat) >= Robust.unknowns and asks_for_it(flat, found.ellipsoid):
+            estimate = Likelihood(prior=spread).polish(flat, start)
+            if len(flat) >= Robust.unknowns and asks_for_it(flat, estimate.ellipsoid):
                 return Robust(prior=spread).majority(flat, ellipse_start)
-            return found
+            return estimate
     except (FloatingPointError, ZeroDivisionError, NotAnEllipsoid):
         raise NotAnEllipse("ellipse") from None
 

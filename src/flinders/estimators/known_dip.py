@@ -34,8 +34,8 @@ approach to linear filtering and prediction problems*, 1960, eq. 21–25.
 >>> from flinders.likelihood.site_field import Site
 >>> readings = Readings.of(turned.samples)
 >>> alone = Level(dip_deg=60.0).estimate(readings)
->>> found = sited(alone, readings, Site(strength=50.0, inclination_deg=60.0), alignment_sigma_deg=1.0)
->>> found.ellipsoid.centre.round(0), bool(np.sqrt(found.covariance[2, 2]) < 0.2 * np.sqrt(alone.covariance[2, 2]))
+>>> located = sited(alone, readings, Site(strength=50.0, inclination_deg=60.0), alignment_sigma_deg=1.0)
+>>> located.ellipsoid.centre.round(0), bool(np.sqrt(located.covariance[2, 2]) < 0.2 * np.sqrt(alone.covariance[2, 2]))
 (array([ 10.,  20., -30.]), True)
 """
 
@@ -137,8 +137,8 @@ def conditioned(
 
     Examples
     --------
-    >>> found, covariance = conditioned(np.zeros(2), np.eye(2), np.array([[1.0, 0.0]]), np.ones(1), np.ones(1))
-    >>> found, np.diag(covariance)
+    >>> parameters, covariance = conditioned(np.zeros(2), np.eye(2), np.array([[1.0, 0.0]]), np.ones(1), np.ones(1))
+    >>> parameters, np.diag(covariance)
     (array([0.5, 0. ]), array([0.5, 1. ]))
     """
     spread = rows @ covariance @ rows.T + np.diag(sigmas**2)
@@ -173,23 +173,23 @@ class Heights:
 
         >>> turn = np.radians(np.arange(0, 360, 10.0))
         >>> plane = np.stack([np.cos(turn), np.sin(turn), 5.0 + 0.2 * np.cos(turn)], axis=1)
-        >>> found = Heights.of(plane, np.zeros(2), 0.0)
-        >>> round(found.height, 9), found.slopes.round(9) + 0.0
+        >>> heights = Heights.of(plane, np.zeros(2), 0.0)
+        >>> round(heights.height, 9), heights.slopes.round(9) + 0.0
         (5.0, array([0.2, 0. ]))
         """
         for _ in range(3):
             columns = np.column_stack([np.ones(len(field)), field[:, :2] - centre])
             normal = columns.T @ columns - len(field) * noise**2 * np.diag([0.0, 1.0, 1.0])
             inverse = np.linalg.pinv(normal, hermitian=True)
-            found = inverse @ (columns.T @ field[:, 2])
-            left = field[:, 2] - columns @ found
+            solution = inverse @ (columns.T @ field[:, 2])
+            left = field[:, 2] - columns @ solution
             limit = STRAY * float(np.median(np.abs(left)))
             variance = float(left @ left) / max(len(field) - 3, 1)
             belongs = np.abs(left) <= limit
             if limit == 0.0 or belongs.all():
                 break
             field = field[belongs]
-        return cls(float(found[0]), found[1:], variance * inverse)
+        return cls(float(solution[0]), solution[1:], variance * inverse)
 
 
 def _by_dip(
@@ -212,13 +212,13 @@ def _by_dip(
         covariance = np.linalg.solve(from_turn, np.linalg.solve(from_turn, claimed).T)
         covariance[2, :] = covariance[:, 2] = 0.0
         covariance[2, 2] = wider * heights.covariance[0, 0]
-        found = parameters, covariance
+        posterior = parameters, covariance
         if alignment_sigma_deg is not None:
             askew = math.sqrt(2.0) * math.radians(alignment_sigma_deg) * field
             loose = field * np.sqrt(wider * np.diag(heights.covariance)[1:])
             seen = symmetric(parameters[3:])[:2, :2] @ heights.slopes
-            found = conditioned(*found, np.eye(9)[[7, 8]], seen, np.hypot(askew, loose))
-        claims.append(_in_axes(*found, dip, doubt))
+            posterior = conditioned(*posterior, np.eye(9)[[7, 8]], seen, np.hypot(askew, loose))
+        claims.append(_in_axes(*posterior, dip, doubt))
     return _with(estimate, claims)
 
 
@@ -240,10 +240,10 @@ def _in_axes(parameters: Floats, covariance: Floats, dip: float, doubt: float) -
     coupled = rows.copy()
     coupled[[3, 4], [7, 8]] = across / height
     coupled[6, [7, 8]] = across[::-1] / (2.0 * height)
-    found = rows @ parameters
-    third = symmetric(found[3:])[:, 2]
-    turned = np.concatenate([-third / math.cos(dip), math.tan(dip) * found[3:]])  # ∂(b, S)/∂I
-    return found, coupled @ covariance @ coupled.T + doubt**2 * np.outer(turned, turned)
+    values = rows @ parameters
+    third = symmetric(values[3:])[:, 2]
+    turned = np.concatenate([-third / math.cos(dip), math.tan(dip) * values[3:]])  # ∂(b, S)/∂I
+    return values, coupled @ covariance @ coupled.T + doubt**2 * np.outer(turned, turned)
 
 
 def _on_either_side(estimate: Estimate, site: Site) -> Estimate:
@@ -291,9 +291,9 @@ def _by_strength(estimate: Estimate, site: Site) -> Estimate:
     return estimate if held is estimate else replace(held, strength=site.strength)
 
 
-def _with(estimate: Estimate, found: list[tuple[Floats, Floats]]) -> Estimate:
+def _with(estimate: Estimate, posteriors: list[tuple[Floats, Floats]]) -> Estimate:
     """The estimate with other parameters, the covariance claimed and that of the textbook; itself if none is closed."""
-    parameters, covariance = found[0]
+    parameters, covariance = posteriors[0]
     shape = symmetric(parameters[3:])
     if not np.linalg.eigvalsh(shape)[0] > 0.0:
         return estimate
@@ -301,7 +301,7 @@ def _with(estimate: Estimate, found: list[tuple[Floats, Floats]]) -> Estimate:
         estimate,
         ellipsoid=Ellipsoid(parameters[:3], shape),
         covariance=covariance,
-        textbook=found[1][1] if len(found) > 1 else estimate.textbook,
+        textbook=posteriors[1][1] if len(posteriors) > 1 else estimate.textbook,
     )
 
 

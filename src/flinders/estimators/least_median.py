@@ -77,9 +77,9 @@ def _quadrics(points: Floats) -> Floats:
     transposed = rows.transpose(0, 2, 1)
     normal = transposed @ rows + RIDGE
     normal += ROUNDING * np.trace(normal, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(9)
-    found = np.linalg.solve(normal, -(transposed @ squares[..., np.newaxis]))[..., 0]
-    a, b = found[:, 0], found[:, 1]
-    return np.column_stack([1.0 + a, 1.0 + b, 1.0 - a - b, found[:, 2:]])
+    solution = np.linalg.solve(normal, -(transposed @ squares[..., np.newaxis]))[..., 0]
+    a, b = solution[:, 0], solution[:, 1]
+    return np.column_stack([1.0 + a, 1.0 + b, 1.0 - a - b, solution[:, 2:]])
 
 
 def _closed(quadrics: Floats) -> tuple[Floats, Floats]:

@@ -71,8 +71,8 @@ class Level:
     >>> from flinders.estimators.data import Readings
     >>> heading = np.arange(200) * (2 * np.pi / 200)
     >>> level = np.stack([25 * np.cos(heading) + 20, -30 * np.sin(heading) + 90, np.full(200, 60.0)], axis=1)
-    >>> found = Level().estimate(Readings.of(level)).ellipsoid
-    >>> found.centre[:2].round(3), found.shape.diagonal()[:2].round(3)
+    >>> ellipsoid = Level().estimate(Readings.of(level)).ellipsoid
+    >>> ellipsoid.centre[:2].round(3), ellipsoid.shape.diagonal()[:2].round(3)
     (array([20., 90.]), array([50., 60.]))
     """
 
@@ -112,10 +112,10 @@ class Level:
         flat = readings.through(lambda recording: _Flat(recording, height))
         rng = np.random.default_rng(SEED)
         start = ellipse_start(flat.spread_out(flat.thinned(ENOUGH, self.name), rng), rng)
-        found = Likelihood(prior=self.prior).polish(flat, start)
-        if len(flat) >= Robust.unknowns and asks_for_it(flat, found.ellipsoid):
-            found = Robust(prior=self.prior).majority(flat, ellipse_start)
-        return self._raised(found)
+        estimate = Likelihood(prior=self.prior).polish(flat, start)
+        if len(flat) >= Robust.unknowns and asks_for_it(flat, estimate.ellipsoid):
+            estimate = Robust(prior=self.prior).majority(flat, ellipse_start)
+        return self._raised(estimate)
 
     def _raised(self, flat: Estimate) -> Estimate:
         """Take an ellipse, found as the equator of an ellipsoid, to where the dip puts it."""
@@ -212,8 +212,8 @@ def _conics(points: Floats) -> Floats:
     transposed = rows.transpose(0, 2, 1)
     normal = transposed @ rows + RIDGE
     normal += ROUNDING * np.trace(normal, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(5)
-    found: Floats = np.linalg.solve(normal, -(transposed @ (x * x + y * y)[..., np.newaxis]))
-    return found[..., 0]
+    solution: Floats = np.linalg.solve(normal, -(transposed @ (x * x + y * y)[..., np.newaxis]))
+    return solution[..., 0]
 
 
 def _closed(conics: Floats) -> tuple[Floats, Floats]:

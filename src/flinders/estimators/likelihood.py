@@ -91,9 +91,9 @@ class Likelihood:
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> directions[:, 2] = np.abs(directions[:, 2])
     >>> field = directions * [45, 50, 55] + [20, 120, 90] + rng.normal(scale=0.5, size=directions.shape)
-    >>> found = Likelihood().estimate(Readings.of(field))
-    >>> error = found.ellipsoid.centre - [20, 120, 90]
-    >>> bool(np.all(np.abs(error) < 3 * np.sqrt(np.diag(found.covariance)[:3])))
+    >>> estimate = Likelihood().estimate(Readings.of(field))
+    >>> error = estimate.ellipsoid.centre - [20, 120, 90]
+    >>> bool(np.all(np.abs(error) < 3 * np.sqrt(np.diag(estimate.covariance)[:3])))
     True
     """
 
@@ -130,32 +130,32 @@ class Likelihood:
         some = _Some.of(readings.thinned(ENOUGH, self.name))
         if not some.spread:  # all alike, as what the rails of a sensor leave of a turn can be
             raise NotAnEllipsoid((0.0, 0.0, 0.0), self.name)
-        found = self._settled(some, ellipsoid)
+        estimate = self._settled(some, ellipsoid)
         long = len(some) < len(readings)
         for _ in range(PASSES if long else 1):
             if long:
-                found = self._seen(readings.blocks(self.name), found.ellipsoid, some)
-            step = self._unbiased(found).step()
-            ellipsoid = _closed(found.ellipsoid, step)
-            if _is_small(step, found.covariance, ellipsoid.radius):
+                estimate = self._seen(readings.blocks(self.name), estimate.ellipsoid, some)
+            step = self._unbiased(estimate).step()
+            ellipsoid = _closed(estimate.ellipsoid, step)
+            if _is_small(step, estimate.covariance, ellipsoid.radius):
                 break
-        if found.support.unseen and self.prior is None:
-            raise Undetermined(found.support.unseen)
+        if estimate.support.unseen and self.prior is None:
+            raise Undetermined(estimate.support.unseen)
         correlation = None
-        covariance = found.covariance
-        if not found.plain and len(readings) >= FEW:
+        covariance = estimate.covariance
+        if not estimate.plain and len(readings) >= FEW:
             correlation = correlation_of(readings.stretches(self.name), len(readings), ellipsoid)
-            covariance = found.widened(correlation)
+            covariance = estimate.widened(correlation)
         return Estimate(
             ellipsoid,
             covariance,
-            found.noise,
+            estimate.noise,
             self.name,
-            held=self._held(found),
+            held=self._held(estimate),
             correlation=correlation,
-            textbook=found.covariance,
-            used=found.likelihood.count,
-            unseen=found.support.unseen,
+            textbook=estimate.covariance,
+            used=estimate.likelihood.count,
+            unseen=estimate.support.unseen,
         )
 
     def _settled(self, some: _Some, ellipsoid: Ellipsoid) -> _Posterior:
@@ -195,23 +195,23 @@ class Likelihood:
             believed = prior.equations(ellipsoid, spread=self.prior) + prior.sense(ellipsoid, some.middle, some.spread)
         return _Posterior(ellipsoid, likelihood, believed, some, plain=not self.bias_correction, sound=sound)
 
-    def _unbiased(self, found: _Posterior) -> NormalEquations:
+    def _unbiased(self, posterior: _Posterior) -> NormalEquations:
         """Take off the mean of the gradient that noise causes; a part of the readings speaks for all."""
         if not self.bias_correction:
-            return found.equations
-        share = found.likelihood.count / len(found.some)
-        bent = share * magnitude.curvature(found.some.field, found.ellipsoid)
-        return found.combined(replace(found.weighed, gradient=found.weighed.gradient - bent))
+            return posterior.equations
+        share = posterior.likelihood.count / len(posterior.some)
+        bent = share * magnitude.curvature(posterior.some.field, posterior.ellipsoid)
+        return posterior.combined(replace(posterior.weighed, gradient=posterior.weighed.gradient - bent))
 
-    def _held(self, found: _Posterior) -> float:
+    def _held(self, posterior: _Posterior) -> float:
         """Largest share of the information about any combination of parameters that comes from the prior."""
         if self.prior is None:
             return 0.0
-        believed = prior.equations(found.ellipsoid, spread=self.prior).matrix
-        at_most = float(np.sum(found.covariance * believed))
+        believed = prior.equations(posterior.ellipsoid, spread=self.prior).matrix
+        at_most = float(np.sum(posterior.covariance * believed))
         if at_most < NOTHING:
             return at_most
-        return float(np.clip(np.real(np.linalg.eigvals(found.covariance @ believed)).max(), 0.0, 1.0))
+        return float(np.clip(np.real(np.linalg.eigvals(posterior.covariance @ believed)).max(), 0.0, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -81,11 +81,11 @@ def curvature(values: Floats, residuals: Residuals, sensitivity: Floats, per_uni
     if np.any(np.linalg.norm(whole, axis=0) < least) or np.any(np.linalg.norm(rest, axis=0) < least):
         return 0.0
     pulled = rest.T @ residuals.distances
-    found = np.linalg.pinv(rest.T @ rest, hermitian=True) @ pulled
-    within = Residuals(residuals.distances - rest @ found, rest, residuals.stretches)
+    solution = np.linalg.pinv(rest.T @ rest, hermitian=True) @ pulled
+    within = Residuals(residuals.distances - rest @ solution, rest, residuals.stretches)
     chi_square = float(pulled @ np.linalg.pinv(within.scatter(within.autocovariance()), hermitian=True) @ pulled)
     if chi_square < PROVEN:
         return 0.0
     ends = np.array([min(low, 0.0), max(high, 0.0), low + 0.5 * (high - low) * line[0]])  # the last is its vertex
     places = (ends - low) / (high - low)
-    return float(np.linalg.norm(found) * np.abs(places**2 - np.polyval(line, places)).max()) / made
+    return float(np.linalg.norm(solution) * np.abs(places**2 - np.polyval(line, places)).max()) / made

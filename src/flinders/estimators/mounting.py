@@ -18,8 +18,8 @@ less than that.
 >>> flight = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> swapped = dataclasses.replace(flight.samples, rate=flight.samples.rate[:, [1, 0, 2]] * [1, 1, -1])
 >>> sensor = flight.sensor
->>> found = by_rate(swapped, Ellipsoid(sensor.offset, flight.field_strength * sensor.matrix))
->>> str(found.axes), found.unit, found.is_clear
+>>> mounted = by_rate(swapped, Ellipsoid(sensor.offset, flight.field_strength * sensor.matrix))
+>>> str(mounted.axes), mounted.unit, mounted.is_clear
 ('y,x,-z', 'rad/s', True)
 """
 
@@ -139,10 +139,10 @@ def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """
     if samples.rate is None or samples.time is None:
         return Mounted()
-    found = _read(samples, ellipsoid)
-    if found.left <= EXPLAINED:
-        return found
-    return min(found, _read(samples, _sphere(samples.field)), key=lambda one: one.left)
+    free = _read(samples, ellipsoid)
+    if free.left <= EXPLAINED:
+        return free
+    return min(free, _read(samples, _sphere(samples.field)), key=lambda one: one.left)
 
 
 def _read(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
@@ -262,11 +262,11 @@ def _rounded(field: Floats, ellipsoid: Ellipsoid) -> Floats:
 
 def _stretches(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, Floats, Floats]:
     """Readings (W, 3) at the beginning and the end of stretches, and what the gyro says in between."""
-    found: tuple[Floats, Floats, Floats, Floats] = (
+    segments: tuple[Floats, Floats, Floats, Floats] = (
         np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 1, 3)), np.empty((0, 1)),
     )  # fmt: skip
     if samples.time is None or samples.rate is None:
-        return found
+        return segments
     for length in STRETCHES_S:
         rows = gyro.windows(samples.time, samples.rate, window_s=length)
         rows = rows[:: max(1, -(-len(rows) // MANY), -(-rows.size // MOST))]
@@ -275,7 +275,7 @@ def _stretches(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, 
         seen = _rounded(samples.field[rows[:, [0, -1]].ravel()], ellipsoid).reshape(-1, 2, 3)
         steps = np.diff(samples.time[rows], axis=1)
         interval = np.concatenate([steps, steps[:, -1:]], axis=1)
-        found = seen[:, 0], seen[:, 1], np.nan_to_num(samples.rate[rows]), interval
+        segments = seen[:, 0], seen[:, 1], np.nan_to_num(samples.rate[rows]), interval
         if float(np.median(np.linalg.norm(seen[:, 1] - seen[:, 0], axis=1))) >= MOVED:
             break
-    return found
+    return segments

@@ -22,12 +22,12 @@ that of M. Kok, T. B. Schön, IEEE Sensors J. 16 (2016), eq. 1.
 >>> turned = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])      # from the second's into the first's
 >>> first = 50.0 * q + [10.0, 0.0, -5.0] + rng.normal(scale=0.5, size=q.shape)
 >>> second = 40.0 * q @ turned + [0.0, 30.0, 0.0] + rng.normal(scale=0.5, size=q.shape)
->>> found = solve(np.stack([first, second]))
->>> found.parameters[1].rotation.round(2) + 0.0
+>>> joint = solve(np.stack([first, second]))
+>>> joint.parameters[1].rotation.round(2) + 0.0
 array([[ 0.,  1.,  0.],
        [-1.,  0.,  0.],
        [ 0.,  0.,  1.]])
->>> bool(np.all(np.abs(found.parameters[1].offset - [0, 30, 0]) < 4 * np.sqrt(np.diag(found.of(1))[:3])))
+>>> bool(np.all(np.abs(joint.parameters[1].offset - [0, 30, 0]) < 4 * np.sqrt(np.diag(joint.of(1))[:3])))
 True
 """
 
@@ -404,8 +404,8 @@ class _Equations:
         for block in state.blocks():
             rows = state.rows(block)
             part = eliminated(rows)
-            found = _components(rows, part, state.weight[:, block])
-            sums = [total + one for total, one in zip(sums, found, strict=True)]
+            terms = _components(rows, part, state.weight[:, block])
+            sums = [total + one for total, one in zip(sums, terms, strict=True)]
             parts.append(part)
         matrix, gradient, bent = np.zeros((size, size)), np.zeros(size), np.zeros(size)
         for part in parts:

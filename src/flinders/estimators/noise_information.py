@@ -36,15 +36,15 @@ MOST: Final = 0.9
 """Share of what a direction of parameters is told that noise may pretend: beyond, the prior alone speaks."""
 
 
-def spurious_information_of(problem: JointProblem, found: Iterate) -> Floats:
+def spurious_information_of(problem: JointProblem, iterate: Iterate) -> Floats:
     """(P, P) what noise adds to the normal matrix, in standard deviations."""
     size = problem.layout.size
     total = np.zeros((size, size))
-    every = max(1, -(-sum(group.rows.size for group in found.groups) // LOOKED_AT))
-    for group, directions in zip(found.groups, found.directions, strict=True):
+    every = max(1, -(-sum(group.rows.size for group in iterate.groups) // LOOKED_AT))
+    for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         some, towards = group.every(every), directions[::every]
         seen = len(directions) / len(towards)
-        for first, second in _moved(some, towards, problem, found):
+        for first, second in _moved(some, towards, problem, iterate):
             moved = 0.5 * (first - second).transpose(3, 1, 0, 2).reshape(size, -1)
             total += seen * (moved @ moved.T)
     return total
@@ -72,21 +72,21 @@ def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
 
 
 def _moved(
-    group: ObservationGroup, directions: Floats, problem: JointProblem, found: Iterate
+    group: ObservationGroup, directions: Floats, problem: JointProblem, iterate: Iterate
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield Jacobians on both sides of where noise has put them, a standard deviation away, of each kind of noise."""
 
     def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
-        return projected(rows_of(group, found.at, directions, problem.layout, found.weights))[0]
+        return projected(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[0]
 
-    own = rows_of(group, found.at, directions, problem.layout, found.weights).own
+    own = rows_of(group, iterate.at, directions, problem.layout, iterate.weights).own
     covariance = inverse_of(np.einsum("wkna,wknb->wab", own, own))
     values, vectors = np.linalg.eigh(covariance)
     for steps in np.moveaxis(vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis], 2, 0):
         yield jacobian(group, on_the_sphere(directions, steps)), jacobian(group, on_the_sphere(directions, -steps))
     if group.down is None or group.attitudes is not None:
         return
-    sigma = found.weights.vertical / np.sqrt(max(1.0 - found.at.sine**2, 1e-3))
+    sigma = iterate.weights.vertical / np.sqrt(max(1.0 - iterate.at.sine**2, 1e-3))
     alternating = np.where(np.arange(group.down.shape[1]) % 2, sigma, -sigma)[:, np.newaxis]  # each on its own
     observed = np.asarray(group.down.any(axis=2, keepdims=True))
     for aside in np.moveaxis(across(np.where(observed, group.down, [0.0, 0.0, 1.0])) * observed[..., np.newaxis], 3, 0):

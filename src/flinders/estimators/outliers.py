@@ -74,13 +74,13 @@ class Outlier:
 
 def outliers_among(readings: Readings, ellipsoid: Ellipsoid, limit: float, dense: int) -> tuple[Outlier, ...]:
     """List what `Readings.near` leaves out, with its rows in the whole of several recordings."""
-    found: list[Outlier] = []
+    runs: list[Outlier] = []
     first_row = 1
     for part in readings.each:
         if part.recording is not None:
-            found += outliers_of(part.recording.blocks(), ellipsoid, limit, dense, first_row=first_row)
+            runs += outliers_of(part.recording.blocks(), ellipsoid, limit, dense, first_row=first_row)
         first_row += len(part.summary)
-    return tuple(found)
+    return tuple(runs)
 
 
 def outliers_of(

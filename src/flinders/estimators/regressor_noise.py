@@ -121,9 +121,9 @@ def noise_of(values: Floats, residuals: Floats, sensitivity: Floats) -> Noise:
     sensitivity : (N,) float
         By how much each of them moves with one unit of the disturbance.
     """
-    found = [_noise_by(window, values, residuals, sensitivity) for window in WINDOWS if 2 * window < len(values)]
-    most = found[0] if found else Noise(0.0, 0.0)
-    for one in found[1:]:
+    noises = [_noise_by(window, values, residuals, sensitivity) for window in WINDOWS if 2 * window < len(values)]
+    most = noises[0] if noises else Noise(0.0, 0.0)
+    for one in noises[1:]:
         if abs(one.variance) > max(SIGNIFICANT * one.sigma, abs(most.variance) + FURTHER * one.sigma):
             most = one
     return most._replace(own=_white(values))
@@ -205,7 +205,7 @@ class Meter(NamedTuple):
     root: Floats
 
 
-def widened(covariance: Floats, inverse: Floats, found: Floats, meters: Sequence[Meter]) -> Floats:
+def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: Sequence[Meter]) -> Floats:
     """(K, K) covariance of what was found, about what there is, with the noise of the meters.
 
     Noise that readings show moves all parameters at once, as above; how much of it there is, is known for each meter by
@@ -217,7 +217,7 @@ def widened(covariance: Floats, inverse: Floats, found: Floats, meters: Sequence
         With the disturbances as they were logged.
     inverse : (K, K) float
         Of the normal matrix.
-    found : (K,) float
+    coefficients : (K,) float
         Parameters that the disturbances' columns are multiplied with; 0 for all others.
     meters : sequence of Meter
 
@@ -230,15 +230,15 @@ def widened(covariance: Floats, inverse: Floats, found: Floats, meters: Sequence
     array([[9.04]])
     """
     shown = [np.sqrt(meter.noise.variance) * meter.root for meter in meters if meter.noise.is_proven]
-    root = np.column_stack([np.zeros((len(found), 0)), *shown])
+    root = np.column_stack([np.zeros((len(coefficients), 0)), *shown])
     shares, turned = np.linalg.eigh(root.T @ inverse @ root)
     along = root @ turned
-    grown = np.eye(len(found)) + inverse @ along / (1.0 - np.minimum(shares, MOST_NOISE)) @ along.T
-    moved = grown @ found - found
+    grown = np.eye(len(coefficients)) + inverse @ along / (1.0 - np.minimum(shares, MOST_NOISE)) @ along.T
+    moved = grown @ coefficients - coefficients
     wider: Floats = grown @ covariance @ grown.T + np.outer(moved, moved)
-    pulled = np.zeros(len(found))
+    pulled = np.zeros(len(coefficients))
     for meter in meters:
-        off = grown @ inverse @ meter.root @ (meter.root.T @ found)
+        off = grown @ inverse @ meter.root @ (meter.root.T @ coefficients)
         unknown = meter.noise.sigma**2 if meter.noise.is_proven else (1.0 - MEAN) * meter.noise.square
         wider += (unknown + (1.0 - MEAN) * meter.rounded**2) * np.outer(off, off)
         pulled += np.hypot(0.0 if meter.noise.is_proven else np.sqrt(meter.noise.square), meter.rounded) * off

@@ -142,9 +142,9 @@ class Robust:
         some = readings.thinned(ENOUGH, self.name)
         ellipsoid, limit = self._settled(readings, some, start)
         dense = dense_in(_are_far(some, ellipsoid, limit), len(readings))
-        found = self._fit_near(readings, ellipsoid, limit, dense)
+        estimate = self._fit_near(readings, ellipsoid, limit, dense)
         outliers = outliers_among(readings, ellipsoid, limit, dense)
-        return replace(found, method=self.name, rejected_beyond=limit, outliers=outliers)
+        return replace(estimate, method=self.name, rejected_beyond=limit, outliers=outliers)
 
     def _settled(self, readings: Readings, some: Floats, start: Start) -> tuple[Ellipsoid, float]:
         """Reject and fit in turn until the limit stays: the ellipsoid of the majority, and how far it reaches.

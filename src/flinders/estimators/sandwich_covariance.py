@@ -114,26 +114,26 @@ class CorrelationLength(NamedTuple):
     noise: float
 
 
-def span_of(problem: JointProblem, found: Iterate) -> CorrelationLength:
+def span_of(problem: JointProblem, iterate: Iterate) -> CorrelationLength:
     """Look at the verticals' residuals, one after the other.
 
     Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
     Q²/τ, and Q − Q² comes from the readings.
     """
     rows, residuals, expected = [], [], 0.0
-    span = found.weights.span
-    for group, directions in zip(found.groups, found.directions, strict=True):
+    span = iterate.weights.span
+    for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         if group.down is None or group.attitudes is not None or group.trust is None:
             continue
-        _, beside = residuals_of(group, found.at, directions)
+        _, beside = residuals_of(group, iterate.at, directions)
         if beside is not None:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
             residuals.append(beside[..., 0][observed] * np.sqrt(group.trust[observed]))
-            left = _left_of(rows_of(group, found.at, directions, problem.layout, found.weights))[observed]
+            left = _left_of(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
-        return CorrelationLength(1.0, found.weights.vertical)
+        return CorrelationLength(1.0, iterate.weights.vertical)
     residual = np.concatenate(residuals)[np.argsort(np.concatenate(rows), kind="stable")]
     alone = Residuals(residual - residual.mean(), np.zeros((len(residual), 1)), [np.arange(len(residual))])
     noise = math.sqrt(float(np.sum(residual**2)) / max(expected, 1e-300))
@@ -148,24 +148,24 @@ def _left_of(rows: ObservationRows) -> Floats:
     return left
 
 
-def random_walk_of(problem: JointProblem, found: Iterate, textbook: Floats) -> DirectionRandomWalk:
+def random_walk_of(problem: JointProblem, iterate: Iterate, textbook: Floats) -> DirectionRandomWalk:
     """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
     size = problem.layout.size
     walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
     longest, lifted, heights = 1, 0.0, 0.0
-    for group, directions in zip(found.groups, found.directions, strict=True):
+    for group, directions in zip(iterate.groups, iterate.directions, strict=True):
         if group.turned is None:
             continue
-        rows = rows_of(group, found.at, directions, problem.layout, found.weights)
+        rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
         jacobian, residual = projected(rows)
-        pushes = walked.pushes(group, found.at, directions, found.weights)
+        pushes = walked.pushes(group, iterate.at, directions, iterate.weights)
         pulled = _later(jacobian, pushes)
         walks += _walks(rows, residual, pushes, pulled, textbook)
         pulled[:, 0] = 0.0  # a window begins where its direction is
         flat = pulled.transpose(3, 2, 0, 1).reshape(size, -1)
         steps += flat @ flat.T
         whole = walked.Walked.of(rows, pushes)
-        bent += walked.mean_gradient(whole, group, found.at, directions, problem.layout, found.weights)
+        bent += walked.mean_gradient(whole, group, iterate.at, directions, problem.layout, iterate.weights)
         longest = max(longest, pushes.shape[2])
         if group.down is not None and group.attitudes is None and group.trust is not None:
             lifted += _lifted(rows, pushes)
@@ -175,29 +175,29 @@ def random_walk_of(problem: JointProblem, found: Iterate, textbook: Floats) -> D
     return DirectionRandomWalk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
 
 
-def scatter_of(problem: JointProblem, found: Iterate, walk: DirectionRandomWalk) -> Scatter:
+def scatter_of(problem: JointProblem, iterate: Iterate, walk: DirectionRandomWalk) -> Scatter:
     """Look at the residuals of a fit.
 
     Parameters
     ----------
     problem : JointProblem
-    found : Iterate
+    iterate : Iterate
         Where it settled.
     walk : DirectionRandomWalk
         Of the same fit.
     """
     size = problem.layout.size
     evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))
-    readings = 1 + max(int(group.rows.max()) for group in found.groups)
-    looked, chosen = _looked_at(found.groups)
-    for index, (group, directions) in enumerate(zip(found.groups, found.directions, strict=True)):
-        rows = rows_of(group, found.at, directions, problem.layout, found.weights)
+    readings = 1 + max(int(group.rows.max()) for group in iterate.groups)
+    looked, chosen = _looked_at(iterate.groups)
+    for index, (group, directions) in enumerate(zip(iterate.groups, iterate.directions, strict=True)):
+        rows = rows_of(group, iterate.at, directions, problem.layout, iterate.weights)
         jacobian, residual = projected(rows)
         squares = _add_blocks(evidence, group.rows[:, 0] * BLOCKS // readings, jacobian, residual)
         if group.turned is not None:
             evidence.scatter += squares
         elif index in chosen:
-            evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], found.at.direction))
+            evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], iterate.at.direction))
     evidence.scatter += walk.variance * walk.steps
     return Scatter(evidence.scatter, _creep(evidence))
 

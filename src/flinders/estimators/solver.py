@@ -207,8 +207,8 @@ class JointProblem:
     def begin_near(self, near: Parameters, layout: ParameterLayout) -> Parameters:
         """Where to start with what a fit of another `ParameterLayout` has found, of as many drivers."""
         free = ("rotation", "disturbances", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
-        found = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
-        at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **found)
+        values = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
+        at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **values)
         return self.facing(replace(at, rotation=self._seated(at)))
 
     def _seated(self, at: Parameters) -> Floats:
@@ -334,8 +334,8 @@ def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     lengths = np.linalg.norm(np.einsum("ijk,wjk->wi", pairs, ways), axis=1)
     scattered = np.maximum(np.mean(np.sum(seen**2, axis=1)) - lengths**2, 0.0)  # variance about the mean
     best = int(np.argmin(scattered))
-    found: Floats = ways[best] if STILLER**2 * scattered[best] < scattered[0] else rotation
-    return found
+    best_rotation: Floats = ways[best] if STILLER**2 * scattered[best] < scattered[0] else rotation
+    return best_rotation
 
 
 def grouped(
@@ -449,32 +449,32 @@ class Equations:
         return self.prior.cost + sum(part.cost for part in self.parts)
 
     @classmethod
-    def of(cls, problem: JointProblem, found: Iterate) -> Self:
+    def of(cls, problem: JointProblem, iterate: Iterate) -> Self:
         """Linearise everything."""
         parts = tuple(
-            linearised(group, found.at, directions, problem.layout, found.weights)
-            for group, directions in zip(found.groups, found.directions, strict=True)
+            linearised(group, iterate.at, directions, problem.layout, iterate.weights)
+            for group, directions in zip(iterate.groups, iterate.directions, strict=True)
         )
         size = problem.layout.size
         matrix, gradient, bent = np.zeros((size, size)), np.zeros(size), np.zeros(size)
         for part in parts:
             matrix, gradient, bent = matrix + part.matrix, gradient + part.gradient, bent + part.bent
-        return cls(parts, matrix, gradient, bent, problem.believed(found.at))
+        return cls(parts, matrix, gradient, bent, problem.believed(iterate.at))
 
-    def weights(self, problem: JointProblem, found: Iterate) -> Weights:
+    def weights(self, problem: JointProblem, iterate: Iterate) -> Weights:
         """What the residuals say of each kind of noise: a step of Fisher's scoring for both variances."""
         squares = sum((part.squares for part in self.parts), np.zeros(2))
         expected = sum((part.expected for part in self.parts), np.zeros(2)) - [problem.layout.size, 0.0]
         curvature = sum((part.curvature for part in self.parts), np.zeros((2, 2)))
-        floor = FINEST * float(np.cbrt(np.linalg.det(found.at.shape)))
-        if curvature[1, 1] <= 0.0 or found.weights.span > 1.0:  # verticals that hang together are weighed as a whole
+        floor = FINEST * float(np.cbrt(np.linalg.det(iterate.at.shape)))
+        if curvature[1, 1] <= 0.0 or iterate.weights.span > 1.0:  # verticals that hang together are weighed as a whole
             factor = float(squares[0]) / max(float(expected[0]), 1.0)
-            return found.weights._replace(noise=max(found.weights.noise * math.sqrt(factor), floor))
+            return iterate.weights._replace(noise=max(iterate.weights.noise * math.sqrt(factor), floor))
         change = np.linalg.lstsq(curvature, squares - expected, rcond=1e-6)[0]
         noise, vertical = np.sqrt(np.clip(1.0 + change, LEAST_CHANGE, 1.0 / LEAST_CHANGE)).tolist()
-        return found.weights._replace(
-            noise=max(found.weights.noise * noise, floor),
-            vertical=max(found.weights.vertical * vertical, FINEST_VERTICAL),
+        return iterate.weights._replace(
+            noise=max(iterate.weights.noise * noise, floor),
+            vertical=max(iterate.weights.vertical * vertical, FINEST_VERTICAL),
         )
 
 
@@ -523,35 +523,35 @@ def begun(problem: JointProblem, at: Parameters) -> Iterate:
     )
 
 
-def iterated(problem: JointProblem, found: Iterate) -> Iterate:
+def iterated(problem: JointProblem, iterate: Iterate) -> Iterate:
     """Take steps until they are small beside what is claimed, with the weights that residuals ask for."""
     damping = 1e-3
     for _ in range(STEPS):
-        equations = Equations.of(problem, found)
+        equations = Equations.of(problem, iterate)
         matrix, gradient = equations.matrix + equations.prior.matrix, equations.gradient + equations.prior.gradient
         step: Floats = gradient
         before, moved = equations.cost, None
         while moved is None and damping < MOST_DAMPING:
             step = solved(matrix, gradient, damping)
-            moved = _moved(problem, found, equations, step, before)
+            moved = _moved(problem, iterate, equations, step, before)
             damping = damping * 8.0 if moved is None else max(damping / 10.0, 1e-12)
-        weighed = reweighed(problem, found if moved is None else moved, equations)
-        is_weighed = bool(np.all(np.abs(np.log(np.divide(weighed.weights, found.weights))) < SAME))
+        weighed = reweighed(problem, iterate if moved is None else moved, equations)
+        is_weighed = bool(np.all(np.abs(np.log(np.divide(weighed.weights, iterate.weights))) < SAME))
         is_small = moved is None or (float(step @ matrix @ step) < SETTLED**2 * len(step) and damping < 1.0)
-        found, damping = weighed, min(damping, 1.0)
+        iterate, damping = weighed, min(damping, 1.0)
         if is_weighed and is_small:
             break
-    return found
+    return iterate
 
 
-def reweighed(problem: JointProblem, found: Iterate, equations: Equations) -> Iterate:
+def reweighed(problem: JointProblem, iterate: Iterate, equations: Equations) -> Iterate:
     """Weigh each kind of residual by its noise, and trust verticals with a large residual less."""
-    weights = equations.weights(problem, found)
+    weights = equations.weights(problem, iterate)
     groups = tuple(
-        _retrusted(group, original, found.at, directions, weights)
-        for group, original, directions in zip(found.groups, problem.groups, found.directions, strict=True)
+        _retrusted(group, original, iterate.at, directions, weights)
+        for group, original, directions in zip(iterate.groups, problem.groups, iterate.directions, strict=True)
     )
-    return replace(found, weights=weights, groups=groups)
+    return replace(iterate, weights=weights, groups=groups)
 
 
 def _retrusted(
@@ -578,60 +578,60 @@ def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:
     return step
 
 
-def _moved(problem: JointProblem, found: Iterate, equations: Equations, step: Floats, before: float) -> Iterate | None:
+def _moved(problem: JointProblem, iterate: Iterate, equations: Equations, step: Floats, before: float) -> Iterate | None:
     """Take a step if it leads to a closed surface and costs no more."""
-    largest = float(np.abs(step[:9]).max()) / float(np.cbrt(np.linalg.det(found.at.shape)))
-    tried = taken(problem, found, equations, step * min(1.0, LONGEST_STEP / max(largest, 1e-300)))
+    largest = float(np.abs(step[:9]).max()) / float(np.cbrt(np.linalg.det(iterate.at.shape)))
+    tried = taken(problem, iterate, equations, step * min(1.0, LONGEST_STEP / max(largest, 1e-300)))
     if tried is None or not _cost(problem, tried) <= before * (1.0 + 1e-9) + 1e-6:
         return None
     return tried
 
 
-def taken(problem: JointProblem, found: Iterate, equations: Equations, step: Floats) -> Iterate | None:
+def taken(problem: JointProblem, iterate: Iterate, equations: Equations, step: Floats) -> Iterate | None:
     """Where a step leads; None where the surface is not closed."""
-    at = found.at.moved(step, problem.layout)
+    at = iterate.at.moved(step, problem.layout)
     axes = np.linalg.eigvalsh(at.shape)
     if not axes[0] > 1e-3 * axes[2]:
         return None
-    groups = tuple(group.at(at) for group in found.groups)
-    directions = tuple(part.follow(known, step) for part, known in zip(equations.parts, found.directions, strict=True))
-    return replace(found, at=at, groups=groups, directions=directions)
+    groups = tuple(group.at(at) for group in iterate.groups)
+    directions = tuple(part.follow(known, step) for part, known in zip(equations.parts, iterate.directions, strict=True))
+    return replace(iterate, at=at, groups=groups, directions=directions)
 
 
-def _cost(problem: JointProblem, found: Iterate) -> float:
+def _cost(problem: JointProblem, iterate: Iterate) -> float:
     """χ² of everything."""
-    return problem.believed(found.at).cost + sum(
-        cost_of(group, found.at, directions, found.weights)
-        for group, directions in zip(found.groups, found.directions, strict=True)
+    return problem.believed(iterate.at).cost + sum(
+        cost_of(group, iterate.at, directions, iterate.weights)
+        for group, directions in zip(iterate.groups, iterate.directions, strict=True)
     )
 
 
-def surprise(problem: JointProblem, found: Iterate) -> float:
+def surprise(problem: JointProblem, iterate: Iterate) -> float:
     """−2 log of how probable a fit is, but for what all fits to these readings share."""
     counts = np.zeros(2)
-    for group in found.groups:
+    for group in iterate.groups:
         observed = 0 if group.trust is None else int(np.count_nonzero(group.trust))
-        counts += [3.0 * group.count, observed * (1.0 / found.weights.span if group.attitudes is None else 2.0)]
-    return float(2.0 * counts @ np.log(found.weights[:2])) + problem.believed(found.at).cost
+        counts += [3.0 * group.count, observed * (1.0 / iterate.weights.span if group.attitudes is None else 2.0)]
+    return float(2.0 * counts @ np.log(iterate.weights[:2])) + problem.believed(iterate.at).cost
 
 
-def without_outliers(problem: JointProblem, found: Iterate) -> Iterate:
+def without_outliers(problem: JointProblem, iterate: Iterate) -> Iterate:
     """Leave out readings that do not belong to the rest, and go on without them."""
     for _ in range(3):
         groups = tuple(
-            replace(group, weight=_belonging(group, found, directions))
-            for group, directions in zip(found.groups, found.directions, strict=True)
+            replace(group, weight=_belonging(group, iterate, directions))
+            for group, directions in zip(iterate.groups, iterate.directions, strict=True)
         )
-        if all(np.array_equal(new.weight, old.weight) for new, old in zip(groups, found.groups, strict=True)):
+        if all(np.array_equal(new.weight, old.weight) for new, old in zip(groups, iterate.groups, strict=True)):
             break
-        found = iterated(problem, replace(found, groups=groups))
-    return found
+        iterate = iterated(problem, replace(iterate, groups=groups))
+    return iterate
 
 
-def _belonging(group: ObservationGroup, found: Iterate, directions: Floats) -> Floats:
+def _belonging(group: ObservationGroup, iterate: Iterate, directions: Floats) -> Floats:
     """(W, n) 1 for a reading that belongs, 0 for one whose residual is far beyond the usual; all where many are."""
-    residual, _ = residuals_of(group, found.at, directions)
+    residual, _ = residuals_of(group, iterate.at, directions)
     length = np.sqrt(np.einsum("wni,wni->wn", residual, residual))
-    usual = max(float(np.median(length)), found.weights.noise * 1e-3)
+    usual = max(float(np.median(length)), iterate.weights.noise * 1e-3)
     belongs = (length <= STRAY * usual).astype(float)
     return belongs if belongs.mean() > FEWEST_LEFT else np.ones_like(belongs)

@@ -17,8 +17,8 @@ Source: CompassMot of ArduPilot, by regression in place of its filter.
 >>> rng = np.random.default_rng(1)
 >>> current = 10.0 - 10.0 * np.cos(np.linspace(0.0, 20.0, 400))
 >>> field = [20.0, -5.0, 43.0] + np.outer(current, [0.5, 0.0, -0.3]) + rng.normal(scale=0.2, size=(400, 3))
->>> found = still([Samples.of(field, unit="uT", current=current)], ["current"])
->>> found.disturbances[0].per_unit.round(2) + 0.0, round(found.noise, 1), found.findings
+>>> bench = still([Samples.of(field, unit="uT", current=current)], ["current"])
+>>> bench.disturbances[0].per_unit.round(2) + 0.0, round(bench.noise, 1), bench.findings
 (array([ 0.5,  0. , -0.3]), 0.2, ())
 """
 
@@ -153,13 +153,13 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     return Still(disturbances, covariance, noise, made, constant, estimates, _step(left), tilted)
 
 
-def described(found: Still, unit: str) -> str:
+def described(still: Still, unit: str) -> str:
     """Say that the sensor was not turned, and what that means."""
-    names = " and ".join(disturbance.name for disturbance in found.disturbances)
+    names = " and ".join(disturbance.name for disturbance in still.disturbances)
     return (
         f"the sensor was not turned in this recording: {names} moved its readings by "
-        f"{found.moved:.3g} {unit} (rms), and {found.noise:.2g} {unit} of noise was left in each axis; "
-        f"this gives {counted(len(found.disturbances), 'disturbance')}, and no offset or matrix"
+        f"{still.moved:.3g} {unit} (rms), and {still.noise:.2g} {unit} of noise was left in each axis; "
+        f"this gives {counted(len(still.disturbances), 'disturbance')}, and no offset or matrix"
     )
 
 
@@ -183,8 +183,8 @@ def _quiet(logged: Logged, names: tuple[str, ...]) -> float:
 def _line(readings: Floats, departures: Floats) -> tuple[Floats, Floats, Floats]:
     """What a straight line in the disturbances leaves (N, 3), its slopes (K, 3), and its design (N, K + 1)."""
     design = np.column_stack([departures, np.ones(len(readings))])
-    found = np.linalg.lstsq(design, readings, rcond=None)[0]
-    return readings - design @ found, found[:-1], design
+    solution = np.linalg.lstsq(design, readings, rcond=None)[0]
+    return readings - design @ solution, solution[:-1], design
 
 
 def _precision(readings: Floats, departures: Floats) -> Floats:
@@ -226,8 +226,8 @@ def _metered(
         )
         for place, disturbance in enumerate(disturbances)
     ]
-    found = np.concatenate([np.zeros(0), *(disturbance.per_unit for disturbance in disturbances)])
-    return widened(covariance, inverse, found, meters)
+    coefficients = np.concatenate([np.zeros(0), *(disturbance.per_unit for disturbance in disturbances)])
+    return widened(covariance, inverse, coefficients, meters)
 
 
 def _along(disturbance: Disturbance, left: Floats) -> tuple[Floats, Floats]:

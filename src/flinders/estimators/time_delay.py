@@ -21,8 +21,8 @@ in minutes. Motors of which each has a column of its own are logged by one meter
 >>> current = 10.0 + 5.0 * np.sin(3.0 * time)
 >>> later = np.interp(time - 0.2, time, current) + np.random.default_rng(1).normal(scale=0.1, size=600)
 >>> cost = lambda lag: float(np.sum((later - np.interp(time - lag, time, current)) ** 2)) / 0.1**2
->>> found = profile("current", cost, grid_of(0.02))
->>> round(found.seconds, 2), found.is_proven, found.is_beyond
+>>> delay = profile("current", cost, grid_of(0.02))
+>>> round(delay.seconds, 2), delay.is_proven, delay.is_beyond
 (0.2, True, False)
 """
 
@@ -255,8 +255,8 @@ class _Cost:
     def judged(self, lag: Lag) -> Lag:
         """The same lag with the standard deviation that what it leaves allows; columns as logged have to be for it."""
         saved = self._left(self._shifted.plainly(0.0)) - self._left(self._shifted.plainly(lag.seconds))
-        found = self._scattered(lag)
-        return replace(found, saved=min(found.saved, saved))
+        delay = self._scattered(lag)
+        return replace(delay, saved=min(delay.saved, saved))
 
     def _left(self, departures: Floats) -> float:
         """χ² that departures leave."""
@@ -269,10 +269,10 @@ class _Cost:
         design = self._design(self._shifted(lag.seconds))
         gradient, square = self._equations(design)
         inverse = np.linalg.pinv(square, rcond=1e-12, hermitian=True)
-        found = inverse @ gradient
-        moved = self._columns(self._shifted.slope(lag.seconds)) @ found[9:]
+        solution = inverse @ gradient
+        moved = self._columns(self._shifted.slope(lag.seconds)) @ solution[9:]
         moved -= design @ (inverse @ (design.T @ moved))
-        return scattered(lag, (self._target - design @ found)[np.newaxis], moved[np.newaxis], self._variance)
+        return scattered(lag, (self._target - design @ solution)[np.newaxis], moved[np.newaxis], self._variance)
 
     def _equations(self, design: Floats) -> tuple[Floats, Floats]:
         """Gradient (K,) and square (K, K) of a design."""

@@ -67,5 +67,5 @@ class Track:
 
     def at(self, time: Floats) -> Floats:
         """(N,) values at (N,) times."""
-        found: Floats = np.interp(time, self.time, self.values)
-        return found
+        interpolated: Floats = np.interp(time, self.time, self.values)
+        return interpolated

@@ -68,8 +68,8 @@ class TwoAxisRecipe:
     >>> from flinders.estimators.data import Readings
     >>> heading = np.radians(np.arange(0, 360, 10))
     >>> turn = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5, np.full(36, 40.0)], axis=1)
-    >>> found = TwoAxisRecipe(dip_deg=0.0).estimate(Readings.of(turn)).ellipsoid
-    >>> found.centre.round(9) + 0.0, found.shape.diagonal().round(3)
+    >>> ellipsoid = TwoAxisRecipe(dip_deg=0.0).estimate(Readings.of(turn)).ellipsoid
+    >>> ellipsoid.centre.round(9) + 0.0, ellipsoid.shape.diagonal().round(3)
     (array([10., -5.,  0.]), array([30.   , 20.   , 24.495]))
     """
 
@@ -107,7 +107,7 @@ class TwoAxisRecipe:
             raise NotAnEllipse(self.name)
         ellipsoid = equator(ellipse)
         bias = _bias(ellipsoid, reference)
-        found = replace(
+        estimate = replace(
             reference,
             ellipsoid=ellipsoid,
             covariance=reference.covariance + np.outer(bias, bias),
@@ -118,7 +118,7 @@ class TwoAxisRecipe:
             outliers=(),
         )
         return raised(
-            found,
+            estimate,
             self.plane,
             name=self.name,
             dip_deg=self.dip_deg,

@@ -12,8 +12,8 @@ kept, the accelerometer is not.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
->>> found, aiding = aided_by(drive.samples, "auto")
->>> [(aid.name, aid.kept) for aid in aiding.each], found.aiding
+>>> aided, aiding = aided_by(drive.samples, "auto")
+>>> [(aid.name, aid.kept) for aid in aiding.each], aided.aiding
 ([('rate', True), ('dip', False)], ('rate',))
 """
 
@@ -139,20 +139,20 @@ def aided_by(
             continue
         replaced = [aid for aid in kept if name in UPRIGHT and aid in UPRIGHT]
         tried = (*(aid for aid in kept if aid not in replaced), name)
-        found = whole(tried, rotation=rotation, near=best)
-        is_strange = is_strange or is_elsewhere(found, site)
-        if (contradiction := _contradiction(found, name)) is not None:
+        aided = whole(tried, rotation=rotation, near=best)
+        is_strange = is_strange or is_elsewhere(aided, site)
+        if (contradiction := _contradiction(aided, name)) is not None:
             mistakes += [] if is_auto else [contradiction]
             reports.append(AidingSensor(name, kept=False, words=contradiction.words))
             continue
         said = AidingSensor(
-            name, True, change_deg(best, found, dip_deg), claim_deg(best, dip_deg), claim_deg(found, dip_deg)
+            name, True, change_deg(best, aided, dip_deg), claim_deg(best, dip_deg), claim_deg(aided, dip_deg)
         )  # fmt: skip
-        trial = _Trial(standing, _Candidate(samples, found, rotation))
+        trial = _Trial(standing, _Candidate(samples, aided, rotation))
         if is_auto and (against := trial.against(said)):
             if turned is None and (words := trial.turns(said)):
-                turned = found
-                changed = turned_deg(found.parameters.rotation, dip_deg)
+                turned = aided
+                changed = turned_deg(aided.parameters.rotation, dip_deg)
                 reports.append(replace(said, changed_deg=changed, after_deg=said.before_deg, words=words))
             else:
                 reports.append(replace(said, kept=False, words=against))
@@ -160,7 +160,7 @@ def aided_by(
         instead = f"{name} tells the vertical as well" + (", and better" if is_auto else ": name one of them")
         reports = [replace(one, kept=False, words=instead) if one.name in replaced else one for one in reports]
         reports.append(said)
-        best, standing, kept = found, trial.candidate, tried
+        best, standing, kept = aided, trial.candidate, tried
     if "rate" in kept and samples.rate is not None:
         mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
     if site is not None and (is_elsewhere(best, site) or is_strange):  # it would bend the fit: again, without it
@@ -172,11 +172,11 @@ def aided_by(
     return best, _told(best, turned, tuple(reports), tuple(mistakes))
 
 
-def _contradiction(found: Aided, name: str) -> Mistake | None:
+def _contradiction(aided: Aided, name: str) -> Mistake | None:
     """Whether an aid goes against the gyro, or against the readings, in a fit that has both."""
-    if found.scales_off:
-        return of_scales(found.scales_off) if name == "rate" else of_aid_and_gyro(name, found.scales_off)
-    return astray(found, name)
+    if aided.scales_off:
+        return of_scales(aided.scales_off) if name == "rate" else of_aid_and_gyro(name, aided.scales_off)
+    return astray(aided, name)
 
 
 def _of_site(bent: Aided, told: Aiding, site: Site) -> Mistake | None:
@@ -197,9 +197,9 @@ def available(samples: Samples) -> tuple[str, ...]:
     def has(*columns: str) -> bool:
         return all(getattr(samples, column) is not None for column in columns)
 
-    found = [("rate", has("rate", "time")), ("dip", has("acceleration"))]
-    found += [("tilt", has("attitude")), ("attitude", has("attitude"))]
-    return tuple(name for name, is_there in found if is_there)
+    names = [("rate", has("rate", "time")), ("dip", has("acceleration"))]
+    names += [("tilt", has("attitude")), ("attitude", has("attitude"))]
+    return tuple(name for name, is_there in names if is_there)
 
 
 def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
@@ -216,9 +216,9 @@ def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
     return float(np.rad2deg(np.sqrt(np.mean(errors**2))))
 
 
-def claim_deg(found: Aided, dip_deg: float) -> float:
+def claim_deg(aided: Aided, dip_deg: float) -> float:
     """Worst level heading error that is claimed, 1 σ, in degrees."""
-    return min(level_error(found.ellipsoid, found.covariance[:9, :9], dip_deg=dip_deg).worst, 180.0)
+    return min(level_error(aided.ellipsoid, aided.covariance[:9, :9], dip_deg=dip_deg).worst, 180.0)
 
 
 def _alone(samples: Samples) -> Ellipsoid:
@@ -326,19 +326,19 @@ def _angle_of(rotation: Floats) -> Floats:
     return angle
 
 
-def _told(found: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mistakes: tuple[Mistake, ...]) -> Aiding:
+def _told(aided: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mistakes: tuple[Mistake, ...]) -> Aiding:
     """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
-    if turned is not None and not found.sees_rotation:
+    if turned is not None and not aided.sees_rotation:
         alone = _told(turned, None, each, mistakes)
-        return replace(alone, creep=found.creep)
-    at = found.parameters
-    rotation = found.rotation_covariance if found.sees_rotation else None
-    sine, bias, delay, leaning = (found.of(name) for name in ("sine", "gyro_bias", "delay", "acceleration_bias"))
-    height = at.sine if "sine" in found.layout else float(at.direction[2]) if "direction" in found.layout else None
+        return replace(alone, creep=aided.creep)
+    at = aided.parameters
+    rotation = aided.rotation_covariance if aided.sees_rotation else None
+    sine, bias, delay, leaning = (aided.of(name) for name in ("sine", "gyro_bias", "delay", "acceleration_bias"))
+    height = at.sine if "sine" in aided.layout else float(at.direction[2]) if "direction" in aided.layout else None
     level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
     return Aiding(
         each=each,
-        rotation=at.rotation if found.sees_rotation else None,
+        rotation=at.rotation if aided.sees_rotation else None,
         rotation_covariance=rotation,
         gyro_bias=at.gyro_bias if bias is not None else None,
         gyro_bias_sigma=None if bias is None else np.sqrt(np.diag(bias)),
@@ -348,16 +348,16 @@ def _told(found: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mi
         delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
         dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),
         dip_sigma_deg=None if sine is None else float(np.rad2deg(np.sqrt(sine[0, 0]) / level)),
-        creep=found.creep,
+        creep=aided.creep,
         mistakes=mistakes,
     )
 
 
-def settled(found: Aided) -> Aided:
+def settled(aided: Aided) -> Aided:
     """The same with the rotation left as it is where nothing saw it: an ellipsoid's symmetric root."""
-    if found.sees_rotation:
-        return found
-    return replace(found, parameters=replace(found.parameters, rotation=np.eye(3)))
+    if aided.sees_rotation:
+        return aided
+    return replace(aided, parameters=replace(aided.parameters, rotation=np.eye(3)))
 
 
 __all__ = ["AIDS", "AUTO", "aided_by", "available", "change_deg", "claim_deg", "settled"]

@@ -141,8 +141,8 @@ def from_extremes(
         axes=axes,
         sensor=sensor,
     )
-    found = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
-    return replace(found, findings=by_severity([_typed(found, target_deg, dip_deg), *of_calibration(found)]))
+    extremes = Extremes(replace(calibration, field_strength_known=field_strength is not None), low, high)
+    return replace(extremes, findings=by_severity([_typed(extremes, target_deg, dip_deg), *of_calibration(extremes)]))
 
 
 def _pairs(numbers: ArrayLike) -> Floats:
@@ -166,18 +166,18 @@ def _pairs(numbers: ArrayLike) -> Floats:
     return pairs
 
 
-def _typed(found: Extremes, target_deg: float, dip_deg: float) -> Finding:
+def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
     """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends.
 
     With the gains alike every half-range would be the largest, and the middle of an axis with a shorter one is off by
     up to the difference: half of a range that is short by twice as much at one end.
     """
-    half = found.ellipsoid.shape.diagonal()
+    half = extremes.ellipsoid.shape.diagonal()
     short = half.max() - half
     covariance = np.diag(np.append(short**2, np.zeros(6)))
-    sphere = Ellipsoid(found.ellipsoid.centre, half.max() * np.eye(3))
+    sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
     worst = level_error(sphere, covariance, dip_deg=dip_deg).worst if short.any() else 0.0
-    unit = label(found.calibration.unit)
+    unit = label(extremes.calibration.unit)
     turn = (
         f"were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
         f"{figures(float(short.max()))} {unit} and a level heading by {figures(worst)}°. "

@@ -1,8 +1,8 @@
 """The use case: from readings to a judged `Fit`.
 
 >>> from flinders import simulate
->>> found = fit(simulate.tumble(seed=1, n=500, motion="uniform").samples)
->>> found.verdict, found.heading_error_deg.worst < 1.0
+>>> result = fit(simulate.tumble(seed=1, n=500, motion="uniform").samples)
+>>> result.verdict, result.heading_error_deg.worst < 1.0
 ('good', True)
 """
 
@@ -157,18 +157,18 @@ def fit(
     require_moved(readings.summary, (unit or Unit.of()).inside, how)
     readings = within_range(readings)
     instruments = {"gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
-    found, told_by = _aided(
+    aided, told_by = _aided(
         readings, aiding, site, method=method, dip_deg=dip_deg, options=options, instruments=instruments
     )
     told_by = told_by if told_by is None else replace(told_by, each=(*tried, *told_by.each))
-    estimate = found or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
-    readings = readings if found else at_one_strength(readings, estimate)
+    estimate = aided or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
+    readings = readings if aided else at_one_strength(readings, estimate)
     if site is not None and field_strength is None and estimate.strength == site.strength:
         field_strength = site.strength
     calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor, frame=frame)
     calibration = _turned(calibration, told_by)
     likelihood = Auto(options.get("prior", SPREAD), dip_deg=dip_deg)
-    if found is None:
+    if aided is None:
         estimate, repeated = _widened(estimate, likelihood, readings, is_biased=estimator.is_biased)
     else:  # knows how its residuals hang together
         repeated = _repeated(estimate, readings.summary)
@@ -304,10 +304,10 @@ def _aided(
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, aiding)
     spread = options.get("prior", SPREAD) or SPREAD
-    found, told_by = aided_by(samples, aiding, site=site, dip_deg=dip_deg, spread=spread, **instruments)
-    if is_flat(readings.summary.moments.principal_variances, found.noise):
+    aided, told_by = aided_by(samples, aiding, site=site, dip_deg=dip_deg, spread=spread, **instruments)
+    if is_flat(readings.summary.moments.principal_variances, aided.noise):
         return None, _of_no_use(samples, aiding)
-    return found.estimate() if found.aiding else None, told_by
+    return aided.estimate() if aided.aiding else None, told_by
 
 
 def _refuse_instruments(gyro_scale: float, acceleration_bias: float) -> None:
@@ -557,16 +557,16 @@ def _with_disturbances(fitted: Fit, driving: Driving) -> Fit:
             disturbance,
             taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
             left_deg=driving.left(fitted.ellipsoid, place, dip_deg=dip, down=down).worst,
-            shared=found.shared,
-            one_way=found.one_way,
-            attenuation=found.attenuation,
-            lag_is_beyond=found.is_beyond,
-            curvature=found.curvature,
-            alike=found.alike,
-            chi_square=found.chi_square,
-            lag_sigma_s=found.lag_sigma_s,
+            shared=quality.shared,
+            one_way=quality.one_way,
+            attenuation=quality.attenuation,
+            lag_is_beyond=quality.is_beyond,
+            curvature=quality.curvature,
+            alike=quality.alike,
+            chi_square=quality.chi_square,
+            lag_sigma_s=quality.lag_sigma_s,
         )
-        for place, (disturbance, found) in enumerate(zip(driving.disturbances, driving.found, strict=True))
+        for place, (disturbance, quality) in enumerate(zip(driving.disturbances, driving.found, strict=True))
     ]
     constant = [DisturbanceEstimate(name) for name in driving.constant]
     return replace(

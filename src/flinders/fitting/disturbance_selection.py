@@ -179,13 +179,13 @@ def left_over(
     for fold in zip(*cut, strict=True):
         fitted = [run for part, (kept, _) in zip(parts, fold, strict=True) for run in _runs(part, kept)]
         rest = [run for part, (_, out) in zip(parts, fold, strict=True) for run in _runs(part, out)]
-        for names, found in zip((without, tried), misses, strict=True):
+        for names, distances in zip((without, tried), misses, strict=True):
             driving = driving_of(fitted, names, spread=spread)
             for run in rest:
                 calm = settled(run, driving.calibration)
                 assert isinstance(calm, Samples)
-                found.append(magnitude.distances(calm.field, driving.ellipsoid))
-    sizes = [np.abs(np.concatenate(found)) for found in misses]
+                distances.append(magnitude.distances(calm.field, driving.ellipsoid))
+    sizes = [np.abs(np.concatenate(distances)) for distances in misses]
     limit = STRAY * 1.4826 * min(float(np.median(size)) for size in sizes)
     before, after = (float(np.sqrt(np.mean(np.minimum(size, limit) ** 2))) for size in sizes)
     return before, after

@@ -54,25 +54,25 @@ STRAIGHT: Final = "current"
 """A field goes in proportion to the current that makes it, and may be extrapolated."""
 
 
-def judge(found: Fit, summary: Summary) -> tuple[Finding, ...]:
+def judge(result: Fit, summary: Summary) -> tuple[Finding, ...]:
     """Say what there is to know about a fit, the most severe first.
 
     Parameters
     ----------
-    found : Fit
+    result : Fit
         Without findings yet.
     summary : Summary
         Of the recording it came from.
     """
-    record = fit_record(found, summary)
+    record = fit_record(result, summary)
     flat = CATALOGUE["one-plane"].finding(record)
     supported: Iterable[Finding] = (
         (  # what follows from a surface that nothing supports is no finding
             *_applied(fit.ROWS, record),
-            *_of_aiding(found),
+            *_of_aiding(result),
             *_applied((CATALOGUE["alternating"], CATALOGUE["outliers"]), record),
-            *of_disturbances(found),
-            *of_calibration(found),
+            *of_disturbances(result),
+            *of_calibration(result),
         )
         if flat is None
         else (flat,)
@@ -86,135 +86,135 @@ def _applied(rows: Iterable[CatalogueRow], record: Mapping[str, object]) -> Iter
     return (finding for finding in findings if finding is not None)
 
 
-def fit_record(found: Fit, summary: Summary) -> Record:
+def fit_record(fit: Fit, summary: Summary) -> Record:
     """What the findings of a fit compare and state; not a number where something does not apply."""
-    health, radius = summary.health, found.ellipsoid.radius
+    health, radius = summary.health, fit.ellipsoid.radius
     return Record(
         {
-            "target_deg": found.target_deg,
-            "samples": found.samples,
-            **_flatness(found, summary),
-            **_accuracy(found),
-            **_evidence(found),
-            **_changes(found),
-            **_outliers(found, health),
-            "inflation": math.nan if found.plane else _inflation(found, health),
-            "noise_share": found.noise / radius,
-            "structure_share": found.distortion / radius,
-            "structure_deg": found.structure_deg,
+            "target_deg": fit.target_deg,
+            "samples": fit.samples,
+            **_flatness(fit, summary),
+            **_accuracy(fit),
+            **_evidence(fit),
+            **_changes(fit),
+            **_outliers(fit, health),
+            "inflation": math.nan if fit.plane else _inflation(fit, health),
+            "noise_share": fit.noise / radius,
+            "structure_share": fit.distortion / radius,
+            "structure_deg": fit.structure_deg,
         },
-        attitudes=lambda: attitudes(found),
-        movement=lambda: movement(found),
-        remedy=lambda: remedy(found),
+        attitudes=lambda: attitudes(fit),
+        movement=lambda: movement(fit),
+        remedy=lambda: remedy(fit),
         why=lambda: "",
-        method=lambda: found.method,
-        unit=lambda: label(found.calibration.unit),
-        **_plane_words(found),
-        **_evidence_words(found),
-        **_change_words(found),
-        **_outlier_words(found, health),
+        method=lambda: fit.method,
+        unit=lambda: label(fit.calibration.unit),
+        **_plane_words(fit),
+        **_evidence_words(fit),
+        **_change_words(fit),
+        **_outlier_words(fit, health),
     )
 
 
-def _flatness(found: Fit, summary: Summary) -> dict[str, float]:
+def _flatness(fit: Fit, summary: Summary) -> dict[str, float]:
     """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
     thickness, _, width = np.sqrt(summary.moments.principal_variances).tolist()
     return {
-        "flatness": math.nan if found.plane or not width else thickness / width,
-        "flatness_limit": flat_below(width, found.noise) / width if width else math.nan,
+        "flatness": math.nan if fit.plane or not width else thickness / width,
+        "flatness_limit": flat_below(width, fit.noise) / width if width else math.nan,
     }
 
 
-def _accuracy(found: Fit) -> dict[str, float]:
+def _accuracy(fit: Fit) -> dict[str, float]:
     """What the covariance says about heading; an error that is not known is beyond any target."""
-    worst, alignment = found.heading_error_deg.worst, found.alignment_error_deg
-    is_estimated = found.calibration.rotation == "estimated" and alignment is not None
+    worst, alignment = fit.heading_error_deg.worst, fit.alignment_error_deg
+    is_estimated = fit.calibration.rotation == "estimated" and alignment is not None
     return {
         "worst_deg": math.inf if math.isnan(worst) else worst,
         "alignment_deg": alignment if is_estimated and alignment is not None else math.nan,
-        "bias_deg": found.bias_deg,
-        "is_planar": float(bool(found.plane)),
-        "attitude_limit_deg": found.attitude_limit_deg if found.plane else math.nan,
-        "per_degree_of_tilt": found.per_degree_of_tilt if found.plane else math.nan,
+        "bias_deg": fit.bias_deg,
+        "is_planar": float(bool(fit.plane)),
+        "attitude_limit_deg": fit.attitude_limit_deg if fit.plane else math.nan,
+        "per_degree_of_tilt": fit.per_degree_of_tilt if fit.plane else math.nan,
     }
 
 
-def _evidence(found: Fit) -> dict[str, float]:
+def _evidence(fit: Fit) -> dict[str, float]:
     """How much there was to go by; what a level turn leaves open is said once."""
-    independent = min(found.independent_samples, float(found.samples))
+    independent = min(fit.independent_samples, float(fit.samples))
     return {
-        "hole_deg": math.nan if found.plane else found.coverage.hole_deg,
-        "covered": found.coverage.fraction,
-        "unseen": 0.0 if found.plane else found.unseen,
-        "prior_share": math.nan if found.plane or found.unseen else found.held,
+        "hole_deg": math.nan if fit.plane else fit.coverage.hole_deg,
+        "covered": fit.coverage.fraction,
+        "unseen": 0.0 if fit.plane else fit.unseen,
+        "prior_share": math.nan if fit.plane or fit.unseen else fit.held,
         "independent": independent,
-        "independent_share": independent / max(found.samples, 1),
+        "independent_share": independent / max(fit.samples, 1),
     }
 
 
-def _evidence_words(found: Fit) -> dict[str, Callable[[], str]]:
+def _evidence_words(fit: Fit) -> dict[str, Callable[[], str]]:
     return {
-        "rings": lambda: ", as two rings of readings would" if found.unseen == 1 else "",
-        "independent_readings": lambda: _independent_readings(found),
-        "correlation": lambda: _correlation(found),
+        "rings": lambda: ", as two rings of readings would" if fit.unseen == 1 else "",
+        "independent_readings": lambda: _independent_readings(fit),
+        "correlation": lambda: _correlation(fit),
         "why_biased": lambda: (
             "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
-            if found.plane
+            if fit.plane
             else "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
         ),
     }
 
 
-def _independent_readings(found: Fit) -> str:
+def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
-    independent = min(found.independent_samples, float(found.samples))
-    alike = "" if independent == found.samples else f" (of {found.samples:,} whose residuals hang together)"
+    independent = min(fit.independent_samples, float(fit.samples))
+    alike = "" if independent == fit.samples else f" (of {fit.samples:,} whose residuals hang together)"
     return f"{counted(independent, 'independent reading')}{alike}"
 
 
-def _correlation(found: Fit) -> str:
+def _correlation(fit: Fit) -> str:
     """How much residuals have in common, and what it would be to take no notice of it."""
-    next_one = "" if found.autocorrelation is None else f"each with the next by {found.autocorrelation:.2f}"
-    textbook = found.textbook_heading_error_deg
+    next_one = "" if fit.autocorrelation is None else f"each with the next by {fit.autocorrelation:.2f}"
+    textbook = fit.textbook_heading_error_deg
     claim = "" if textbook is None else f"without regard to it {figures(textbook.worst)}° would be claimed"
     words = "; ".join(part for part in (next_one, claim) if part)
     return f" ({words})" if words else ""
 
 
-def _plane_words(found: Fit) -> dict[str, Callable[[], str]]:
+def _plane_words(result: Fit) -> dict[str, Callable[[], str]]:
     """What a turn in one plane is good for."""
-    if not found.plane:
+    if not result.plane:
         return {}
-    radius, across = found.ellipsoid.radius, order_of(found.plane)[2]
-    placed = bool(found.offset_sigma[across] < PLACED * radius)
-    skewed = float(np.sqrt(np.diag(found.covariance)[[6, 7, 8]].max())) > SKEWED * radius
+    radius, across = result.ellipsoid.radius, order_of(result.plane)[2]
+    placed = bool(result.offset_sigma[across] < PLACED * radius)
+    skewed = float(np.sqrt(np.diag(result.covariance)[[6, 7, 8]].max())) > SKEWED * radius
     letter = "xyz"[across]
-    side = f"{letter} down, and " if found.z_down else ""
+    side = f"{letter} down, and " if result.z_down else ""
     return {
-        "plane_axes": lambda: " and ".join(str(found.plane)),
+        "plane_axes": lambda: " and ".join(str(result.plane)),
         "how": lambda: f"and in {letter} by the site's field" if placed else "only",
         "assumed": lambda: f" (with {side}the floor level unless an accelerometer was recorded)" if placed else "",
-        "up": lambda: "" if found.z_down else fit.Z_OPEN if found.z_down is None else fit.Z_ELSEWHERE,
+        "up": lambda: "" if result.z_down else fit.Z_OPEN if result.z_down is None else fit.Z_ELSEWHERE,
         "mounting": lambda: "say how well the mounting is known (--alignment-sigma), or " if placed and skewed else "",
     }
 
 
-def _inflation(found: Fit, health: DataQuality) -> float:
+def _inflation(fit: Fit, health: DataQuality) -> float:
     """How many times as wide as its readings the surface is: much, where a small patch of them leaves it open."""
-    return 2.0 * float(found.ellipsoid.semi_axes[2]) / max(float(health.extent.max()), np.finfo(float).tiny)
+    return 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(float(health.extent.max()), np.finfo(float).tiny)
 
 
-def _changes(found: Fit) -> dict[str, float]:
+def _changes(fit: Fit) -> dict[str, float]:
     """What changed: within a recording, from one recording to the next, from one reading to the next."""
-    drift, swap, unmodelled = found.drift, found.axis_swap, found.unmodelled
+    drift, swap, unmodelled = fit.drift, fit.axis_swap, fit.unmodelled
     return {
-        **_apart(found.repeats, found.target_deg),
+        **_apart(fit.repeats, fit.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
         "drift_by_chance": math.nan if drift is None else drift.p_value,
         "drift": math.nan if drift is None else float(np.linalg.norm(drift.offset)),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
-        **_alternation(found),
+        **_alternation(fit),
     }
 
 
@@ -231,29 +231,29 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
     }
 
 
-def _alternation(found: Fit) -> dict[str, float]:
+def _alternation(fit: Fit) -> dict[str, float]:
     """Whether readings of two sensors take turns, whose mean is neither's calibration."""
-    correlation = 0.0 if found.autocorrelation is None else found.autocorrelation
-    off = math.sqrt(max(-3.0 * correlation, 0.0)) * found.noise  # a residual shows its part along the surface's normal
-    level = found.ellipsoid.radius * math.cos(math.radians(found.heading_error_deg.dip_deg))
+    correlation = 0.0 if fit.autocorrelation is None else fit.autocorrelation
+    off = math.sqrt(max(-3.0 * correlation, 0.0)) * fit.noise  # a residual shows its part along the surface's normal
+    level = fit.ellipsoid.radius * math.cos(math.radians(fit.heading_error_deg.dip_deg))
     return {
         "next_correlation": correlation,
-        "alternating_limit": min(ALTERNATING, -4.0 / math.sqrt(max(found.samples, 1))),
+        "alternating_limit": min(ALTERNATING, -4.0 / math.sqrt(max(fit.samples, 1))),
         "alternating_deg": math.degrees(math.atan2(off, level)),
     }
 
 
-def _change_words(found: Fit) -> dict[str, Callable[[], str]]:
+def _change_words(fit: Fit) -> dict[str, Callable[[], str]]:
     return {
-        "contradiction": lambda: _contradiction(found.repeats, found.target_deg, label(found.calibration.unit)),
-        "swap": lambda: _swap(found),
-        "unmodelled": lambda: "" if found.unmodelled is None else found.unmodelled.name,
+        "contradiction": lambda: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
+        "swap": lambda: _swap(fit),
+        "unmodelled": lambda: "" if fit.unmodelled is None else fit.unmodelled.name,
     }
 
 
-def _swap(found: Fit) -> str:
+def _swap(fit: Fit) -> str:
     """Which axes changed their sign or their place, when, and how often."""
-    swap = found.axis_swap
+    swap = fit.axis_swap
     if swap is None:
         return ""
     letters, others = swap.axes, len(swap.rows) - 1
@@ -287,30 +287,30 @@ def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str
     )
 
 
-def _of_aiding(found: Fit) -> Iterator[Finding]:
+def _of_aiding(fit: Fit) -> Iterator[Finding]:
     """What does not fit together among the instruments."""
-    yield from () if found.aiding is None else (mistake.finding for mistake in found.aiding.mistakes)
+    yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
 
 
-def _outliers(found: Fit, health: DataQuality) -> dict[str, float]:
+def _outliers(fit: Fit, health: DataQuality) -> dict[str, float]:
     """What a robust fit left out: outliers, and the readings around their runs."""
-    rejected = sum(run.rows for run in found.outliers)
+    rejected = sum(run.rows for run in fit.outliers)
     return {
         "outlier_share": rejected / max(health.rows, 1),
-        "farthest": max((run.farthest for run in found.outliers), default=math.nan),
+        "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
     }
 
 
-def _outlier_words(found: Fit, health: DataQuality) -> dict[str, Callable[[], str]]:
-    worst = sorted(found.outliers, key=lambda run: -run.rows)[:3]
-    more = "; …" if len(found.outliers) > len(worst) else ""
-    rejected = sum(run.rows for run in found.outliers)
+def _outlier_words(fit: Fit, health: DataQuality) -> dict[str, Callable[[], str]]:
+    worst = sorted(fit.outliers, key=lambda run: -run.rows)[:3]
+    more = "; …" if len(fit.outliers) > len(worst) else ""
+    rejected = sum(run.rows for run in fit.outliers)
     many = "; see what it was, and record again without"
     rule = CATALOGUE["outliers"].rule
     return {
         "outliers": lambda: counted(rejected, "reading"),
         "runs": lambda: "; ".join(str(run) for run in worst) + more,
-        "again": lambda: many if rule and rule.severity(_outliers(found, health)) == "limits" else "",
+        "again": lambda: many if rule and rule.severity(_outliers(fit, health)) == "limits" else "",
     }
 
 
@@ -357,15 +357,15 @@ class Corrected(Protocol):
         """What it makes a sphere."""
 
 
-def of_calibration(found: Corrected) -> Iterator[Finding]:
+def of_calibration(corrected: Corrected) -> Iterator[Finding]:
     """Say what the calibration alone tells, whatever it was made from."""
     codes = ("axis-ratio", "field-strength", "mirrored-axes", "unit-unknown", "scale-unknown", "rotation-unknown")
-    yield from _applied((CATALOGUE[code] for code in codes), calibration_record(found))
+    yield from _applied((CATALOGUE[code] for code in codes), calibration_record(corrected))
 
 
-def calibration_record(found: Corrected) -> Record:
+def calibration_record(corrected: Corrected) -> Record:
     """What the findings of a calibration compare and state."""
-    correction, axes, radius = found.calibration, found.ellipsoid.semi_axes, found.ellipsoid.radius
+    correction, axes, radius = corrected.calibration, corrected.ellipsoid.semi_axes, corrected.ellipsoid.radius
     is_absolute = correction.unit == MICROTESLA and not correction.field_strength_known
     nearest = min(max(radius, EARTH_UT[0]), EARTH_UT[1])
     return Record(
@@ -388,24 +388,24 @@ def calibration_record(found: Corrected) -> Record:
     )
 
 
-def of_disturbances(found: Fit) -> Iterator[Finding]:
+def of_disturbances(fit: Fit) -> Iterator[Finding]:
     """What there is to know of each disturbance that is modelled."""
-    yield from of_alike(found.disturbances)
-    yield from of_noisy(found.disturbances)
+    yield from of_alike(fit.disturbances)
+    yield from of_noisy(fit.disturbances)
     motors = [
-        estimate.name for estimate in found.disturbances if estimate.disturbance is not None and motor(estimate.name)[1]
+        estimate.name for estimate in fit.disturbances if estimate.disturbance is not None and motor(estimate.name)[1]
     ]
-    for estimate in found.disturbances:
+    for estimate in fit.disturbances:
         if estimate.disturbance is None:
             yield from _applied((CATALOGUE["disturbance-constant"],), _constant_record(estimate))
             continue
-        record = _disturbance_record(estimate, estimate.disturbance, UNSAID * found.target_deg)
-        record |= Record({"target_deg": found.target_deg, "left_at_most_deg": min(estimate.left_deg, 180.0)})
+        record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.target_deg)
+        record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.left_deg, 180.0)})
         runs_along = bool(motors[1:]) and estimate.name in motors
         record |= {
-            "unit": label(found.calibration.unit),
+            "unit": label(fit.calibration.unit),
             "running": ", the other motors running along as they did then" if runs_along else "",
-            "without": _without(found),
+            "without": _without(fit),
         }
         first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
         yield from _applied((CATALOGUE[code] for code in (*first, *OF_A_COLUMN)), record)
@@ -415,11 +415,11 @@ OF_A_COLUMN: Final = tuple(f"disturbance-{of}" for of in ("monotone", "lag", "no
 """Findings of what was logged of a disturbance, turned or on a bench."""
 
 
-def _without(found: Fit) -> str:
+def _without(fit: Fit) -> str:
     """What readings would be off by, if nothing were modelled."""
-    if found.noise_uncompensated is None:
+    if fit.noise_uncompensated is None:
         return ""
-    return f"; without, readings lie {figures(found.noise_uncompensated)} off instead of {figures(found.noise)}"
+    return f"; without, readings lie {figures(fit.noise_uncompensated)} off instead of {figures(fit.noise)}"
 
 
 def _constant_record(estimate: DisturbanceEstimate) -> Record:

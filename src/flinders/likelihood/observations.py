@@ -33,8 +33,8 @@ curved surface as in `flinders.likelihood.magnitude`.
 >>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of 50, but for noise
 >>> group = ObservationGroup.of(field)
 >>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
->>> found = linearised(group, here, group.guess(here), ParameterLayout.of(), Weights(1.0))
->>> round(found.cost, 6), round(float(found.matrix[3, 3]), 6)               # 0.5² + 1²; one of two sees S₁₁
+>>> equations = linearised(group, here, group.guess(here), ParameterLayout.of(), Weights(1.0))
+>>> round(equations.cost, 6), round(float(equations.matrix[3, 3]), 6)               # 0.5² + 1²; one of two sees S₁₁
 (1.25, 1.0)
 """
 

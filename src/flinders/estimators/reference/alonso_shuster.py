@@ -105,8 +105,8 @@ class AlonsoShuster:
     >>> strength = 35.0 + 10.0 * np.sin(np.arange(2000) / 86)
     >>> field = (strength[:, None] * directions) @ np.diag([0.9, 1.0, 1.2]) + [20, 120, 90]
     >>> field += rng.normal(scale=0.2, size=field.shape)
-    >>> found = AlonsoShuster().estimate(Readings.of(Samples.of(field, strength=strength)))
-    >>> found.ellipsoid.centre.round(1), (found.strength * np.linalg.inv(found.ellipsoid.shape)).diagonal().round(2)
+    >>> estimate = AlonsoShuster().estimate(Readings.of(Samples.of(field, strength=strength)))
+    >>> estimate.ellipsoid.centre.round(1), (estimate.strength * np.linalg.inv(estimate.ellipsoid.shape)).diagonal().round(2)
     (array([ 20., 120.,  90.]), array([1.11, 1.  , 0.83]))
     """
 
@@ -155,8 +155,8 @@ class AlonsoShuster:
             sums = ProductSums.of(reference, noise, self.weights)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ sums.covariance(theta) @ inverse.T
-        found = estimate_of(reference, b, d, covariance, self.name)
-        return found if reference.varies else beside_consistent(found, reference)
+        estimate = estimate_of(reference, b, d, covariance, self.name)
+        return estimate if reference.varies else beside_consistent(estimate, reference)
 
     def start(self, reference: Reference, sums: ProductSums) -> Floats:
         """(9,) θ' of step 1 where the strength varies enough, else of the consistent ellipsoid.

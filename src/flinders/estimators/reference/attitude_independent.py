@@ -24,8 +24,8 @@ the same problem, with fewer digits lost. Where b and D stand for values in the 
    The equations are those of its implementations, not read in the papers.
 
 >>> offset, distortion = np.array([0.5, 0.3, 0.6]), symmetric(np.array([0.05, 0.1, 0.05, 0.05, 0.05, 0.05]))
->>> found = parameters(theta_of(offset, distortion))
->>> np.allclose(found[0], offset), np.allclose(found[1], distortion)
+>>> solution = parameters(theta_of(offset, distortion))
+>>> np.allclose(solution[0], offset), np.allclose(solution[1], distortion)
 (True, True)
 """
 
@@ -88,13 +88,13 @@ class ConstantStrength(FitError):
 
     def __init__(self, method: str, explained: float) -> None:
         self.explained = explained
-        found = (
+        evidence = (
             f"the readings explain {explained:.0%} of how the field's strength varies"
             if explained > 0.0
             else "the field has one and the same strength at all readings"
         )
         super().__init__(
-            f"{found}: {method!r} with find='all' would give D = −I for any readings. Use method 'auto' or "
+            f"{evidence}: {method!r} with find='all' would give D = −I for any readings. Use method 'auto' or "
             "'alonso-shuster', or find='offset'; or give the strength at each reading in a column "
             "such as reference_strength_uT, where it varies",
             method=method,
@@ -378,10 +378,10 @@ class _ReportedStrength:
             known = np.isfinite(block.strength)
             strength = block.strength[known]
             if not np.all(strength > 0.0):
-                found = float(strength[~(strength > 0.0)][0])
+                wrong = float(strength[~(strength > 0.0)][0])
                 raise WrongStrength(
-                    f"a strength of {figures(found)} is told at a reading: need positive numbers; check the column",
-                    strength=found,
+                    f"a strength of {figures(wrong)} is told at a reading: need positive numbers; check the column",
+                    strength=wrong,
                 )
             if not len(strength):
                 continue
@@ -605,22 +605,22 @@ def estimate_of(
     if reference.is_told:
         reported = "varying" if reference.varies else "constant"
     known = reference.mean if reference.is_told else None
-    found = Estimate(ellipsoid, carried(covariance, b, d, reference), 0.0, method, strength=known, follows=reported)
+    estimate = Estimate(ellipsoid, carried(covariance, b, d, reference), 0.0, method, strength=known, follows=reported)
     if on_the_way:
-        return found
-    alike = at_one_strength(reference.readings, found)
+        return estimate
+    alike = at_one_strength(reference.readings, estimate)
     square = sum(float(np.sum(magnitude.distances(block, ellipsoid) ** 2)) for block in alike.blocks(method))
     noise = float(np.sqrt(square / max(len(alike) - 9, 1)))
-    return replace(found, noise=noise, used=len(alike))
+    return replace(estimate, noise=noise, used=len(alike))
 
 
-def beside_consistent(found: Estimate, reference: Reference) -> Estimate:
+def beside_consistent(estimate: Estimate, reference: Reference) -> Estimate:
     """Add what separates it from the consistent fit of the same readings to its claim, all of it.
 
     That fit looks at all readings at once, and noise does not pull it. Nothing is taken off for chance: the claim that
     would say what chance explains is the one that is in doubt.
     """
     if reference.alike is None:
-        return found
-    apart = found.ellipsoid.parameters - reference.alike.parameters
-    return replace(found, covariance=found.covariance + np.outer(apart, apart))
+        return estimate
+    apart = estimate.ellipsoid.parameters - reference.alike.parameters
+    return replace(estimate, covariance=estimate.covariance + np.outer(apart, apart))

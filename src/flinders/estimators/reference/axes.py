@@ -33,8 +33,8 @@ class AxisAligned:
     >>> from flinders.estimators.data import Readings
     >>> directions = np.random.default_rng(1).normal(size=(40, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    >>> found = AxisAligned().estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
-    >>> found.centre.round(6), found.semi_axes.round(6)
+    >>> ellipsoid = AxisAligned().estimate(Readings.of(directions * [30, 20, 50] + [-50, 20, 100])).ellipsoid
+    >>> ellipsoid.centre.round(6), ellipsoid.semi_axes.round(6)
     (array([-50.,  20., 100.]), array([20., 30., 50.]))
     """
 

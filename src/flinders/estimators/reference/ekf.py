@@ -93,8 +93,8 @@ class Ekf:
     >>> directions = rng.normal(size=(2000, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> field = directions @ np.diag([45, 50, 55]) + [20, 120, 90] + rng.normal(scale=0.2, size=directions.shape)
-    >>> found = Ekf().estimate(Readings.of(field)).ellipsoid
-    >>> found.centre.round(), found.shape.diagonal().round()
+    >>> ellipsoid = Ekf().estimate(Readings.of(field)).ellipsoid
+    >>> ellipsoid.centre.round(), ellipsoid.shape.diagonal().round()
     (array([ 20., 120.,  90.]), array([45., 50., 55.]))
     """
 
@@ -140,8 +140,8 @@ class Ekf:
             raise Collapsed(
                 self.name, kept, "they come in an order that leads a filter astray, and a smaller spread may keep it"
             )
-        found = self._estimate(ended, reference)
-        return found if reference.varies else beside_consistent(found, reference)
+        estimate = self._estimate(ended, reference)
+        return estimate if reference.varies else beside_consistent(estimate, reference)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Follow the estimate at about so many steps; where it goes to D = −I, up to there.

@@ -81,8 +81,8 @@ class Constrained:
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     >>> readings = Readings.of(directions * [30, 20, 50] + [-50, 20, 100])
     >>> for radii in ("sym", "diag", "auto"):
-    ...     found = Constrained(radii).estimate(readings).ellipsoid
-    ...     print(found.centre.round(6), round(found.radius, 4))
+    ...     ellipsoid = Constrained(radii).estimate(readings).ellipsoid
+    ...     print(ellipsoid.centre.round(6), round(ellipsoid.radius, 4))
     [-50.  20. 100.] 31.0723
     [-50.  20. 100.] 31.0723
     [-50.  20. 100.] 31.0723
@@ -133,7 +133,7 @@ class Constrained:
         """
         moments = readings.summary.moments
         radii: Radii = "sphere"
-        found = self._fit(readings, radii)
+        best = self._fit(readings, radii)
         richer: Radii
         for richer in ("aligned", "free"):
             if len(readings) < self._unknowns(richer):
@@ -142,9 +142,9 @@ class Constrained:
                 other = self._fit(readings, richer)
             except NotAnEllipsoid:
                 continue
-            if fit_error(moments, other) < fit_error(moments, found):
-                radii, found = richer, other
-        return radii, found
+            if fit_error(moments, other) < fit_error(moments, best):
+                radii, best = richer, other
+        return radii, best
 
     def _unknowns(self, radii: Radii) -> int:
         """Parameters of the ellipsoid, and the noise."""

@@ -93,11 +93,11 @@ class Li:
         best = _ellipsoid(scatter, 4.0)
         for _ in range(STEPS):
             middle = (low + high) / 2.0
-            found = _attempt(scatter, 2.0**middle)
-            if found is None:
+            candidate = _attempt(scatter, 2.0**middle)
+            if candidate is None:
                 high = middle
             else:
-                best, low = found, middle
+                best, low = candidate, middle
         return best
 
 

@@ -82,8 +82,8 @@ class MinMax:
     --------
     >>> from flinders.estimators.data import Readings
     >>> turned = [[-157, 20, 3], [98, 9, -5], [-30, -123, 0], [-22, 124, 4], [-40, 7, -109], [-12, 1, 101], [40, 8, 33]]
-    >>> found = MinMax("largest").estimate(Readings.of(turned))
-    >>> found.ellipsoid.centre, (found.strength / found.ellipsoid.shape.diagonal()).round(2)
+    >>> estimate = MinMax("largest").estimate(Readings.of(turned))
+    >>> estimate.ellipsoid.centre, (estimate.strength / estimate.ellipsoid.shape.diagonal()).round(2)
     (array([-29.5,   0.5,  -4. ]), array([1.  , 1.03, 1.21]))
     """
 

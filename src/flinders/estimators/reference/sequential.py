@@ -136,11 +136,11 @@ class Sequential:
         NotAnEllipsoid
             If the readings do not determine the unknowns, or what they give is open.
         """
-        reference, noise, found = self._prepared(readings)
-        state, *_ = self._states(reference, noise, found, [])[-1:]
+        reference, noise, find = self._prepared(readings)
+        state, *_ = self._states(reference, noise, find, [])[-1:]
         if state is None:
             raise NotAnEllipsoid((0.0, 0.0, 1.0), self.name)
-        return self._estimate(state, reference, found)
+        return self._estimate(state, reference, find)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Follow the estimate at about so many steps; nothing is known before the batch that it starts from.
@@ -150,12 +150,12 @@ class Sequential:
         FitError
             As `estimate`.
         """
-        reference, noise, found = self._prepared(readings)
+        reference, noise, find = self._prepared(readings)
         counts = reference.counts(steps)
-        states = self._states(reference, noise, found, counts)
+        states = self._states(reference, noise, find, counts)
         if states[-1] is None:
             raise NotAnEllipsoid((0.0, 0.0, 1.0), self.name)
-        return reference.convergence(counts, [self._followed(state, reference, found) for state in states])
+        return reference.convergence(counts, [self._followed(state, reference, find) for state in states])
 
     def _prepared(self, readings: Readings) -> tuple[Reference, float, Find]:
         """The strength, the noise in units of its mean, and what is to be found."""
@@ -175,12 +175,12 @@ class Sequential:
         return reference, noise, "all" if enough else "offset"
 
     def _states(
-        self, reference: Reference, noise: float, found: Find, counts: Sequence[int]
+        self, reference: Reference, noise: float, find: Find, counts: Sequence[int]
     ) -> list[SequentialState | None]:
         """What is known after so many readings each; after all where no counts are given; None before the start."""
         field, strength = reference.thinned(MOST)
         rows, variance = rows_of(field, strength, noise), reference.variances(field, strength, noise, self.weights)
-        unknowns = 9 if found == "all" else 3
+        unknowns = 9 if find == "all" else 3
         regressors, z = rows[:, :9], rows[:, 9]
         state: SequentialState | None = None
         at, states = 0, []
@@ -195,22 +195,22 @@ class Sequential:
             states.append(state)
         return states
 
-    def _followed(self, state: SequentialState | None, reference: Reference, found: Find) -> Estimate | None:
+    def _followed(self, state: SequentialState | None, reference: Reference, find: Find) -> Estimate | None:
         """What the state says on the way; None while it is no ellipsoid."""
         try:
-            return None if state is None else self._estimate(state, reference, found, on_the_way=True)
+            return None if state is None else self._estimate(state, reference, find, on_the_way=True)
         except NotAnEllipsoid:
             return None
 
     def _estimate(
-        self, state: SequentialState, reference: Reference, found: Find, *, on_the_way: bool = False
+        self, state: SequentialState, reference: Reference, find: Find, *, on_the_way: bool = False
     ) -> Estimate:
         """What the state says."""
         theta, covariance = rescaled(state)
         b, d = parameters(theta, self.name)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ covariance @ inverse.T
-        named = self.name if found == "all" else f"{self.name} offset"
+        named = self.name if find == "all" else f"{self.name} offset"
         return estimate_of(reference, b, d, covariance, named, on_the_way=on_the_way)
 
 

@@ -42,8 +42,8 @@ class Sphere:
     >>> from flinders.estimators.data import Readings
     >>> points = [[167.4, -242.4, 91.7], [140.3, -221.9, 86.8], [152.4, -230.4, -0.6],
     ...           [180.3, -270.6, 71.0], [190.9, -212.4, 62.7], [192.9, -242.4, 17.1]]
-    >>> found = Sphere().estimate(Readings.of(points)).ellipsoid
-    >>> found.centre.round(2), round(found.radius, 3)
+    >>> ellipsoid = Sphere().estimate(Readings.of(points)).ellipsoid
+    >>> ellipsoid.centre.round(2), round(ellipsoid.radius, 3)
     (array([ 155.74, -239.12,   45.83]), 47.236)
     """
 

@@ -49,10 +49,10 @@ class Convergence:
         """
         unknown = np.full(9, np.nan)
         parameters = [
-            unknown if found is None else np.concatenate([found.ellipsoid.centre, upper(found.ellipsoid.shape)])
-            for found in estimates
+            unknown if estimate is None else np.concatenate([estimate.ellipsoid.centre, upper(estimate.ellipsoid.shape)])
+            for estimate in estimates
         ]
-        sigmas = [unknown if found is None else np.sqrt(np.diag(found.covariance)) for found in estimates]
+        sigmas = [unknown if estimate is None else np.sqrt(np.diag(estimate.covariance)) for estimate in estimates]
         return cls(
             np.array(counts, dtype=np.int64).reshape(-1),
             np.array(parameters).reshape(-1, 9),

@@ -72,8 +72,8 @@ class TwoStep:
     >>> rng = np.random.default_rng(1)
     >>> directions = rng.normal(size=(100, 3))
     >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    >>> found = TwoStep().estimate(Readings.of(directions * [45, 50, 60] + [20, 120, 90])).ellipsoid
-    >>> found.centre.round(6), found.shape.diagonal().round(6)
+    >>> ellipsoid = TwoStep().estimate(Readings.of(directions * [45, 50, 60] + [20, 120, 90])).ellipsoid
+    >>> ellipsoid.centre.round(6), ellipsoid.shape.diagonal().round(6)
     (array([ 20., 120.,  90.]), array([45., 50., 60.]))
     >>> skewed = directions @ (50.0 * np.array([[1.0, 0, 0], [0.1, 1.1, 0], [0.02, -0.05, 0.9]])).T
     >>> triangular(TwoStep("non-orthogonal").estimate(Readings.of(skewed)).ellipsoid, 50.0).rho_deg
