@@ -163,7 +163,7 @@ def _stages_of(count: int) -> Mapping[str, float]:
         "summary, the three together": partial(Summary.of, samples),
         "consistent start": partial(Consistent().estimate, held),
         "likelihood with its start and correlation": partial(Likelihood().estimate, held),
-        "correlation": lambda: correlation_of(held.stretches(""), len(held), ellipsoid),
+        "correlation": lambda: correlation_of(held.segments(""), len(held), ellipsoid),
         "look for strays": partial(asks_for_it, held, ellipsoid),
         "coverage": partial(Coverage.through, held.summary.cloud, ellipsoid),
         "heading error": partial(level_error, ellipsoid, found.covariance),

@@ -23,7 +23,7 @@ from flinders.fitting import calibrate
 from flinders.fitting.result import Refused
 from flinders.simulate.fleet import unit as specimen
 from flinders.stacked import Stack, fit_stack, lane
-from flinders.stacked.algebra import in_stretches, symmetric, with_ones
+from flinders.stacked.algebra import in_segments, symmetric, with_ones
 from flinders.stacked.consistent import consistent
 from flinders.stacked.hung import BatchResiduals, autocorrelated
 from flinders.stacked.judge import BatchQuality, errors_facing
@@ -79,7 +79,7 @@ def stages(stack: Stack) -> dict[str, float]:
         "consistent": least(lambda: consistent(BatchMoments(sums.values, sums.unit))),
         "likelihood": least(lambda: likelihood(x, None, sums, start)),
         "one pass of it": least(
-            lambda: in_stretches(products_at, x, None, start.ellipsoids.centre, start.ellipsoids.inverse)
+            lambda: in_segments(products_at, x, None, start.ellipsoids.centre, start.ellipsoids.inverse)
         ),
         "residuals": least(lambda: BatchResiduals.of(some, None, counts[found.at], surfaces)),
         "correlation": least(lambda: autocorrelated(some, None, counts[found.at], surfaces, left)),
@@ -92,7 +92,7 @@ def stages(stack: Stack) -> dict[str, float]:
 
 def _placed(readings: Floats, counts: Array, surfaces: EllipsoidBatch, left: BatchResiduals) -> tuple[Floats, ...]:
     """Coverage and strays."""
-    found: tuple[Floats, ...] = in_stretches(
+    found: tuple[Floats, ...] = in_segments(
         lane.placed, readings, counts, surfaces.centre, surfaces.inverse, surfaces.radius, left.distances
     )
     return found

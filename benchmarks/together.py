@@ -109,8 +109,8 @@ def nees_table(trials: int) -> Iterator[str]:
             for seed in range(trials):
                 true = body(motion, n, noises, seed)
                 found = solve(true.fields)
-                left_open += found.unseen > 0
-                if not found.unseen:
+                left_open += found.unobserved > 0
+                if not found.unobserved:
                     for kind, value in scores(found, true):
                         rows[kind].append(value)
             cells = " | ".join(f"{np.mean(values):.2f}" if values else "–" for values in rows.values())

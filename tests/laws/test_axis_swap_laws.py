@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flinders.diagnostics.axis_swap import SWAPS, moments_of, slip_of
+from flinders.diagnostics.axis_swap import SWAPS, axis_swap_of, moments_of
 from flinders.simulate import MOTIONS, tumble
 
 seeds = st.integers(0, 2**32 - 1)
@@ -17,7 +17,7 @@ slips = st.sampled_from(sorted(SWAPS))
 @given(seeds, st.sampled_from(sorted(MOTIONS)))
 @settings(max_examples=15, deadline=None)
 def test_what_did_not_slip_is_not_told_to_have(seed: int, motion: str) -> None:
-    assert slip_of(tumble(seed, motion=motion, n=600).samples.field) is None
+    assert axis_swap_of(tumble(seed, motion=motion, n=600).samples.field) is None
 
 
 @given(seeds, st.integers(150, 450), st.integers(20, 120))
@@ -25,7 +25,7 @@ def test_what_did_not_slip_is_not_told_to_have(seed: int, motion: str) -> None:
 def test_a_gap_is_no_slip(seed: int, at: int, long: int) -> None:
     """Readings that were lost leave a break that mends nothing, or hardly ever, and then no ellipsoid gets better."""
     field = tumble(seed, n=600).samples.field
-    assert slip_of(np.concatenate([field[:at], field[at + long :]])) is None
+    assert axis_swap_of(np.concatenate([field[:at], field[at + long :]])) is None
 
 
 @given(seeds, st.integers(150, 450), st.integers(-10, 10))
@@ -33,7 +33,7 @@ def test_a_gap_is_no_slip(seed: int, at: int, long: int) -> None:
 def test_the_unit_does_not_matter(seed: int, at: int, power: int) -> None:
     field = tumble(seed, n=600).samples.field.copy()
     field[at:, 0] *= -1.0
-    one, other = slip_of(field), slip_of(2.0**power * field)
+    one, other = axis_swap_of(field), axis_swap_of(2.0**power * field)
     assert (one is None) == (other is None)
     if one is not None and other is not None:
         assert (one.axes, one.rows) == (other.axes, other.rows)

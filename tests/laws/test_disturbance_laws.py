@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import dumps, loads
-from flinders.core.compensation import Compensator, settled
+from flinders.core.compensation import Compensator, compensated
 from flinders.core.disturbance import KINDS, Disturbance, lagged, motors
 from flinders.core.samples import Joined, Samples
 from flinders.core.units import Unit
@@ -133,7 +133,7 @@ def test_settled_blocks_are_the_settled_whole(calibration: Calibration, rows: in
     settle = Compensator(calibration)
     parts = np.concatenate([settle(block).field for block in samples.blocks(rows)])
     npt.assert_allclose(parts, whole, atol=1e-9)
-    twice = settled(Joined((samples, samples)), calibration)
+    twice = compensated(Joined((samples, samples)), calibration)
     npt.assert_allclose(np.concatenate([block.field for block in twice.blocks()]), np.concatenate([whole, whole]))
 
 

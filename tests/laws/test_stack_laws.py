@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UnitError, UsageError
 from flinders.stacked import Lined, Stack, consistent, fit_stack
-from flinders.stacked.algebra import READINGS_AT_A_TIME, counted_in, put, stretches
+from flinders.stacked.algebra import READINGS_AT_A_TIME, counted_in, put, segments
 from flinders.stacked.sums import BatchMoments, powers_of_two_above
 from flinders.summary.moments import Moments, power_of_two_above
 
@@ -52,7 +52,7 @@ def test_counting_is_the_same_in_any_library(places: list[int], seed: int) -> No
 
 @given(units=st.integers(1, 300), readings=st.integers(1, 2 * READINGS_AT_A_TIME))
 def test_stretches_cover_each_unit_once(units: int, readings: int) -> None:
-    cuts = list(stretches(units, readings))
+    cuts = list(segments(units, readings))
     assert [place for cut in cuts for place in range(units)[cut]] == list(range(units))
     assert all((cut.stop - cut.start) * readings <= 1.5 * READINGS_AT_A_TIME + readings for cut in cuts)
 

@@ -120,14 +120,14 @@ def test_long_recordings_are_judged_by_stretches_and_agree_with_the_whole(monkey
         field = remembered(seed, 12_000, 0.8)
         readings = Readings.of(field)
         ellipsoid = Likelihood().estimate(readings).ellipsoid
-        whole = correlation_of(readings.stretches("auto"), len(field), ellipsoid)
+        whole = correlation_of(readings.segments("auto"), len(field), ellipsoid)
         with monkeypatch.context() as patched:
             patched.setattr("flinders.estimators.data.STRETCHES", 10)
             patched.setattr("flinders.estimators.data.STRETCH", 300)
-            stretches = readings.stretches("auto")
-        assert [len(stretch) for stretch in stretches] == [300] * 10
-        npt.assert_array_equal(stretches[3], field[3600:3900])
-        part = correlation_of(stretches, len(field), ellipsoid)
+            segments = readings.segments("auto")
+        assert [len(stretch) for stretch in segments] == [300] * 10
+        npt.assert_array_equal(segments[3], field[3600:3900])
+        part = correlation_of(segments, len(field), ellipsoid)
         assert part.lag_one == pytest.approx(whole.lag_one, abs=0.06)
         ratios.append(np.trace(part.scatter) / np.trace(whole.scatter))
     assert math.exp(float(np.mean(np.log(ratios)))) == pytest.approx(1.0, abs=0.25)

@@ -243,7 +243,7 @@ def test_2_rank_8_two_rings(noise: float) -> None:
     field = read(np.concatenate([ring(0.6), np.roll(ring(0.6), 1, axis=1)]), SKEW, noise)
     fit = judged(field)
     assert severity(fit, "unobservable-parameters") == "limits"
-    assert fit.unseen == 1
+    assert fit.unobserved == 1
     with pytest.raises(Undetermined) as caught:
         flinders.fit(field, prior=None)
     assert caught.value.evidence["unseen"] == 1

@@ -574,7 +574,7 @@ def test_motors_run_one_after_the_other_on_a_bench_are_told_apart_and_all_at_onc
         assert found is not None
         error = np.concatenate([disturbance.per_unit for disturbance in found.disturbances]) - ARMS[:2].ravel()
         assert np.all(np.abs(error) < 4.0 * np.sqrt(np.diag(found.covariance)))
-        assert [driven.alike > 0.99 for driven in found.estimates] == [is_alike, is_alike]
+        assert [driven.collinearity > 0.99 for driven in found.estimates] == [is_alike, is_alike]
         assert bool(np.sqrt(found.covariance[0, 0]) > 0.1) == is_alike
 
 

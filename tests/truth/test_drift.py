@@ -188,7 +188,7 @@ def test_an_offset_that_wanders_slowly_below_the_noise_widens_the_claim(monkeypa
     """A fifth of the noise, over ten seconds, for two minutes: the autocovariance alone misses most of it."""
     fields = [tumbled(seed, 6000) + wandering(seed, 0.1, 10.0, 6000) for seed in range(40)]
     allowing = float(np.mean([weighed(field) for field in fields]))
-    monkeypatch.setattr(autocorrelation.Residuals, "creep", lambda *_: 1.0)
+    monkeypatch.setattr(autocorrelation.Residuals, "excess_variance", lambda *_: 1.0)
     missing = float(np.mean([weighed(field) for field in fields]))
     assert 0.5 < allowing < 1.6
     assert missing > 3.0
@@ -199,7 +199,7 @@ def test_white_noise_is_not_taken_for_creeping() -> None:
     for seed in range(40):
         found = Likelihood().estimate(Readings.of(tumbled(seed))).correlation
         assert found is not None
-        factors.append(found.creep)
+        factors.append(found.excess_variance)
     assert sum(factor > 1.0 for factor in factors) <= 4
     assert float(np.mean(factors)) < 1.1
     assert float(np.mean([weighed(tumbled(seed)) for seed in range(40)])) == pytest.approx(1.0, abs=0.25)

@@ -12,7 +12,7 @@ from benchmarks.faults import TELLING, judged, off_deg, summary, table, tallied
 from benchmarks.faults import Piece as Part
 
 import flinders
-from flinders.diagnostics.axis_swap import slip_of
+from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.errors import UsageError
 from flinders.fitting.result import Refused
 from flinders.simulate import tumble
@@ -118,7 +118,7 @@ def test_a_slip_is_named_with_its_axes_and_its_moment(fault: str) -> None:
     named = 0
     for number in range(10):
         made, good = (unit(number, seed=5, fault=name) for name in (fault, ""))
-        slip = slip_of(made.samples.field)
+        slip = axis_swap_of(made.samples.field)
         struck = {"xyz"[axis] for axis in np.flatnonzero((made.samples.field != good.samples.field).any(axis=0))}
         named += slip is not None and set(slip.axes) == struck and slip.rows == (250,)
     assert named >= 7
@@ -127,7 +127,7 @@ def test_a_slip_is_named_with_its_axes_and_its_moment(fault: str) -> None:
 def test_a_slip_that_comes_and_goes_is_told_with_all_its_moments() -> None:
     field = tumble(seed=3, n=1500).samples.field.copy()
     field[400:700, 2] *= -1.0
-    slip = slip_of(field)
+    slip = axis_swap_of(field)
     assert slip is not None
     assert (slip.axes, slip.rows) == ("z", (400, 700))
 

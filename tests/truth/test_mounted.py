@@ -14,7 +14,7 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
-from flinders.estimators.solver import seated
+from flinders.estimators.solver import aligned
 from flinders.fitting.aid_selection import aided_by, claim_deg
 from flinders.geometry.quaternions import inverse, of_angles, rotated
 from flinders.likelihood.attitude import body_to_world
@@ -59,7 +59,7 @@ def test_of_any_turn_the_start_is_the_truth_without_noise() -> None:
     seen = np.swapaxes(attitude, 1, 2) @ (NORTH / np.linalg.norm(NORTH))
     for vector in np.random.default_rng(3).normal(0.0, 1.5, (20, 3)):
         turn = rotations(vector[np.newaxis])[0]
-        found = seated(attitude, seen @ turn, np.eye(3))
+        found = aligned(attitude, seen @ turn, np.eye(3))
         assert np.rad2deg(np.arccos(np.clip((np.trace(found @ turn.T) - 1.0) / 2.0, -1.0, 1.0))) < 20.0
 
 

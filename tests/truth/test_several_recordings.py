@@ -123,15 +123,15 @@ def test_an_empty_recording_adds_nothing() -> None:
 
 def test_stretches_end_where_a_recording_ends() -> None:
     parts = by_hand(1, 400), by_hand(2, 700)
-    stretches = Readings.of(Joined(parts)).stretches("auto")
-    assert [len(stretch) for stretch in stretches] == [400, 700]
+    segments = Readings.of(Joined(parts)).segments("auto")
+    assert [len(stretch) for stretch in segments] == [400, 700]
     long = Readings.of(Joined((by_hand(1, 30_000), by_hand(2, 400), by_hand(3, 20_000))))
-    stretches = long.stretches("auto")
-    assert len(stretches) <= 21
+    segments = long.segments("auto")
+    assert len(segments) <= 21
     sets = [
         {row.tobytes() for row in part.recording.field} for part in long.parts if isinstance(part.recording, Samples)
     ]
-    for stretch in stretches:
+    for stretch in segments:
         assert sum(all(row.tobytes() in rows for row in stretch[[0, -1]]) for rows in sets) == 1
 
 

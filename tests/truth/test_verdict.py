@@ -422,8 +422,8 @@ def test_the_fit_has_what_its_json_has() -> None:
     fields = fit.as_dict()
     assert fields["direction_error_deg"] == fit.direction_error_deg._asdict()
     assert 0.0 < fit.direction_error_deg.rms < fit.direction_error_deg.worst
-    assert (fields["held"], fields["unseen"], fields["bias_deg"]) == (fit.held, fit.unseen, fit.bias_deg)
-    assert fit.held > 0.1
+    assert (fields["held"], fields["unseen"], fields["bias_deg"]) == (fit.prior_influence, fit.unobserved, fit.bias_deg)
+    assert fit.prior_influence > 0.1
 
 
 # in plain words

@@ -67,7 +67,7 @@ def command(
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
-    from flinders.core.compensation import settled
+    from flinders.core.compensation import compensated
     from flinders.fitting.calibrate import fit
     from flinders.fitting.result import Refused
     from flinders.report.comparison_pages import of_comparison
@@ -77,7 +77,7 @@ def command(
         as_recorded = opened_with(
             calibration, known.calibration, recordings, sensor=sensor, progress=watch, **reading.as_dict()
         )
-        recording = cast("Joined", settled(as_recorded, settler.calibration))
+        recording = cast("Joined", compensated(as_recorded, settler.calibration))
         extrapolated = _disturbances.say_beyond(_disturbances.seen(as_recorded, settler))
         found = _strength(known.calibration, recording)
         if not known.states_uncertainty:

@@ -147,13 +147,13 @@ def pictured(
     DocumentError, InputError, UnitError
         For what cannot be read, or does not belong together.
     """
-    from flinders.core.compensation import settled
+    from flinders.core.compensation import compensated
     from flinders.report.from_file import doubts, restored
 
     loaded = load(name, calibration, recordings)
     with progress("reading") as watch:
         as_recorded = opened_with(calibration, loaded.calibration, recordings, progress=watch, **reading)
-        recording = settled(as_recorded, loaded.calibration)
+        recording = compensated(as_recorded, loaded.calibration)
         fit = restored(loaded, recording, target_deg=target_deg, dip_deg=dip_deg)
         own = made_from(calibration, as_recorded.recordings)
         notes = [] if len(own) == len(as_recorded.recordings) else doubts(loaded.calibration.at(), recording)

@@ -350,8 +350,12 @@ def _in_body(
         found = refusal.fit
     except FitError:
         return None
-    told_by = found.aiding
-    return None if told_by is None or told_by.rotation is None or told_by.rotation_covariance is None else told_by
+    aiding_result = found.aiding
+    return (
+        None
+        if aiding_result is None or aiding_result.rotation is None or aiding_result.rotation_covariance is None
+        else aiding_result
+    )
 
 
 def _turned(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding:
@@ -373,11 +377,15 @@ def _joined(
 ) -> Member:
     """A member with what the joint fit finds of it; outliers are what it left out by itself and with the others."""
     rotation, covariance = several.rotation(index)
-    told_by = None if index == several.reference and body is None else _turned(rotation, covariance, body)
+    aiding_result = None if index == several.reference and body is None else _turned(rotation, covariance, body)
     made: Fit | FitError
     try:
         made = judged_as(
-            replace(several.estimate(index), outliers=outliers), source, told_by=told_by, sensor=member.name, **options
+            replace(several.estimate(index), outliers=outliers),
+            source,
+            aiding_result=aiding_result,
+            sensor=member.name,
+            **options,
         )
     except FitError as refusal:
         made = refusal
@@ -393,7 +401,7 @@ def _joined(
 def _better(member: Member) -> Member:
     """A member, as it is by itself where that is clearly better known than it is with the others."""
     joint, alone = (each.fit if isinstance(each, Refused) else each for each in (member.fit, member.alone))
-    if member.copy_of or not isinstance(joint, Fit) or not isinstance(alone, Fit) or alone.plane or alone.unseen:
+    if member.copy_of or not isinstance(joint, Fit) or not isinstance(alone, Fit) or alone.plane or alone.unobserved:
         return member
     worst = joint.heading_error_deg.worst
     if worst <= WORSE * alone.heading_error_deg.worst:
@@ -583,7 +591,7 @@ def _agreed(
             found = solve(left, reference=own.index(reference), starts=begins, spread=prior)
         except FitError:
             return None, ()
-        if found.unseen:
+        if found.unobserved:
             return None, ()
         several, before = found, runs
         limits = {"limit_deg": options["target_deg"], "dip_deg": options["dip_deg"]}

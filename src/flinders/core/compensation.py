@@ -67,10 +67,10 @@ class Compensator:
         values = {disturbance.name: self._values(disturbance, samples) for disturbance in disturbances}
         shift, gain = effect(disturbances, values)
         offset = self.calibration.offset
-        settled = samples.field - shift
+        compensated = samples.field - shift
         if any(disturbance.gain_per_unit for disturbance in disturbances):
-            settled = offset + (settled - offset) / gain[:, np.newaxis]
-        return replace(samples, field=settled)
+            compensated = offset + (compensated - offset) / gain[:, np.newaxis]
+        return replace(samples, field=compensated)
 
     def words(self) -> Iterator[str]:
         """Tell what lay outside the range that a disturbance was found in."""
@@ -97,7 +97,7 @@ class Compensator:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Settled(Wrapped):
+class Compensated(Wrapped):
     """A recording without what drives its offset.
 
     Attributes
@@ -117,7 +117,7 @@ class Settled(Wrapped):
             yield settle(block)
 
 
-def settled(recording: Recording, calibration: Calibration) -> Recording:
+def compensated(recording: Recording, calibration: Calibration) -> Recording:
     """A recording without what drives its offset; of several joined ones, each on its own.
 
     Parameters
@@ -129,10 +129,10 @@ def settled(recording: Recording, calibration: Calibration) -> Recording:
     if not calibration.disturbances:
         return recording
     if isinstance(recording, Joined):
-        return Joined(tuple(settled(part, calibration) for part in recording.recordings))
+        return Joined(tuple(compensated(part, calibration) for part in recording.recordings))
     if isinstance(recording, Samples):
         return Compensator(calibration)(recording)
-    return Settled(recording, calibration)
+    return Compensated(recording, calibration)
 
 
 def _is_told(samples: Samples, disturbance: Disturbance) -> bool:

@@ -15,10 +15,10 @@ alone can tell it. Nor can it where the offset along the axis is nothing: then n
 >>> turn = np.linspace(0.0, 40.0, 1000)
 >>> around = np.stack([np.sin(turn) * np.cos(0.1 * turn), np.cos(turn), np.sin(turn) * np.sin(0.1 * turn)], axis=1)
 >>> field = 50.0 * around + [10, 20, 30] + rng.normal(scale=0.3, size=around.shape)
->>> slip_of(field) is None
+>>> axis_swap_of(field) is None
 True
 >>> field[600:, 1] *= -1.0
->>> swap = slip_of(field)
+>>> swap = axis_swap_of(field)
 >>> swap.axes, swap.rows, swap.gain > 10.0
 ('y', (600,), True)
 """
@@ -92,7 +92,7 @@ class AxisSwap:
     gain: float
 
 
-def slip_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
+def axis_swap_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
     """Look for the moments at which axes slipped.
 
     Parameters

@@ -115,9 +115,9 @@ def _with_change(jacobian: Floats, time: Floats, ellipsoid: Ellipsoid) -> Floats
     return np.column_stack([jacobian, time[:, np.newaxis] * jacobian[:, :3], time * growth])
 
 
-def _observed(unseen: Floats) -> Floats:
+def _observed(unobserved: Floats) -> Floats:
     """(4, 4) projection of changes on those that no direction (4, K) takes part in of which readings say nothing."""
-    axes, shares, _ = np.linalg.svd(unseen)
+    axes, shares, _ = np.linalg.svd(unobserved)
     taken = axes[:, : len(shares)][:, shares > LEAST_SHARE]
     observed: Floats = np.eye(4) - taken @ taken.T
     return observed if taken.shape[1] < 4 else np.zeros((4, 4))

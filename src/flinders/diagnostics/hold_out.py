@@ -36,7 +36,7 @@ FOLDS: Final = 3
 """Parts of a recording that are left out in turn."""
 
 
-class Missed(NamedTuple):
+class HoldOutMisfit(NamedTuple):
     """What is off in readings that were left out.
 
     Attributes
@@ -84,7 +84,7 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
         return []
 
 
-def missed(samples: Samples, fits: list[Parameters], vertical: str | None) -> Missed:
+def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | None) -> HoldOutMisfit:
     """How far off readings are from what was `fitted` without them.
 
     Parameters
@@ -101,18 +101,18 @@ def missed(samples: Samples, fits: list[Parameters], vertical: str | None) -> Mi
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)
     >>> whole = {terms: solve(tumble.samples, terms) for terms in ((), ("dip",))}
     >>> fits = [fitted(tumble.samples, terms, None, near) for terms, near in whole.items()]
-    >>> alone, aided = (missed(tumble.samples, parameters, "dip") for parameters in fits)
+    >>> alone, aided = (hold_out_misfit(tumble.samples, parameters, "dip") for parameters in fits)
     >>> aided.length < 1.1 * tumble.sensor.noise and aided.height < alone.height
     True
     """
     if not fits:
-        return Missed(np.inf, np.inf)
+        return HoldOutMisfit(np.inf, np.inf)
     lengths, heights = [], []
     for parameters, (_, left_out) in zip(fits, folds(len(samples)), strict=True):
         ellipsoid = Ellipsoid(parameters.offset, parameters.shape)
         lengths.append(np.mean(magnitude.distances(samples.field[left_out], ellipsoid) ** 2))
         heights.append(_heights(samples[left_out], parameters, vertical))
-    return Missed(float(np.sqrt(np.mean(lengths))), float(np.sqrt(np.mean(heights))))
+    return HoldOutMisfit(float(np.sqrt(np.mean(lengths))), float(np.sqrt(np.mean(heights))))
 
 
 def _heights(samples: Samples, parameters: Parameters, vertical: str | None) -> float:

@@ -8,10 +8,10 @@ counts where it explains far more than residuals that hang together could by cha
 >>> from flinders.fitting import calibrate
 >>> motors = simulate.MotorCurrent(per_ampere=[0.3, 0.0, 0.0], amperes=20.0)
 >>> flight = simulate.tumble(seed=3, disturbances=[motors]).samples
->>> unmodelled = unfollowed_of(flight, calibrate.fit(flight).ellipsoid, dip_deg=60.0)
+>>> unmodelled = unmodelled_of(flight, calibrate.fit(flight).ellipsoid, dip_deg=60.0)
 >>> unmodelled.name, round(unmodelled.heading_deg)
 ('current', 6)
->>> unfollowed_of(simulate.tumble(seed=3).samples, calibrate.fit(flight).ellipsoid, dip_deg=60.0) is None
+>>> unmodelled_of(simulate.tumble(seed=3).samples, calibrate.fit(flight).ellipsoid, dip_deg=60.0) is None
 True
 """
 
@@ -64,7 +64,7 @@ class Unmodelled:
     chi_square: float
 
 
-def unfollowed_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0) -> Unmodelled | None:
+def unmodelled_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0) -> Unmodelled | None:
     """Look at each disturbance that was recorded; of several the one that explains most.
 
     Parameters

@@ -118,13 +118,13 @@ class Aided:
         Readings.
     outliers : (K,) int
         Readings that did not belong, counted from 0.
-    held : float
+    prior_influence : float
         Share of the least known parameter of the shape that the prior speaks for.
     walk : float, rad/√s
         Random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it.
     rotation_seen : (3,) float
         Share of the prior's variance that is left of the rotation about the body's x, y and z.
-    creep : float
+    excess_variance : float
         Factor by which stretches of the recording scatter more than their residuals explain, in variance.
     site_off : float, optional
         Standard deviations between the dip found and that of the site.
@@ -144,10 +144,10 @@ class Aided:
     aiding: tuple[str, ...]
     used: int
     outliers: NDArray[np.intp]
-    held: float
+    prior_influence: float
     walk: float
     rotation_seen: Floats
-    creep: float = 1.0
+    excess_variance: float = 1.0
     site_off: float | None = None
     disturbances: tuple[str, ...] = ()
     scales_off: float = 0.0
@@ -192,7 +192,7 @@ class Aided:
             self.covariance[:9, :9],
             self.noise,
             "aided",
-            held=self.held,
+            prior_influence=self.prior_influence,
             textbook=self.textbook[:9, :9],
             used=self.used,
         )
@@ -429,13 +429,13 @@ def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
         inverse = _inverse(equations)
         walk = random_walk_of(problem, iterate, inverse)
     scatter = scatter_of(problem, iterate, walk)
-    whole = equations.prior.matrix + scatter.creep * scatter.covariance
+    whole = equations.prior.matrix + scatter.excess_variance * scatter.covariance
     believed = equations.prior.matrix
     information = without(equations.matrix, spurious_information_of(problem, iterate), believed)
     textbook = replace(equations.prior, matrix=information).inverse()
     covariance = textbook @ whole @ textbook
     of_shape = prior.equations(Ellipsoid(iterate.at.offset, iterate.at.shape), spread=problem.spread).matrix
-    held = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))
+    prior_influence = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))
     seen: Floats = np.ones(3)
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]
@@ -451,10 +451,10 @@ def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
         problem.aiding,
         sum(group.count for group in iterate.groups),
         np.sort(np.concatenate(outliers)),
-        held,
+        prior_influence,
         math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
-        scatter.creep,
+        scatter.excess_variance,
         _site_off(problem, iterate, covariance),
         () if problem.disturbances is None else problem.disturbances.names,
     )

@@ -106,7 +106,9 @@ class Auto:
             return estimate
         turned = level.estimate(readings)
         is_turn = any(is_level(one, estimate.noise) for one in covariances)
-        nearly = estimate.unseen > 0 or any(is_level(one, estimate.noise, within=NEARLY_FLAT_NOISE) for one in covariances)
+        nearly = estimate.unobserved > 0 or any(
+            is_level(one, estimate.noise, within=NEARLY_FLAT_NOISE) for one in covariances
+        )
         much = 1.0 if nearly else np.inf if turned.outliers else MUCH_BETTER  # what leaves the plane are no outliers
         return turned if is_turn or much * self._claimed(turned) < self._claimed(estimate) else estimate
 

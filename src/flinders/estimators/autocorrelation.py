@@ -93,7 +93,7 @@ class Correlation:
         Readings that say as much as one independent reading.
     direction : float
         Standard deviation of the distortion that belongs to directions, in the unit of the readings.
-    creep : float
+    excess_variance : float
         Factor by which blocks of the recording scatter more than that allows, in variance.
     """
 
@@ -101,32 +101,32 @@ class Correlation:
     lag_one: float
     time: float
     direction: float
-    creep: float = 1.0
+    excess_variance: float = 1.0
 
     @property
     def is_white(self) -> bool:
         """Nothing but independent noise was found."""
-        return self.time == 1.0 and self.direction == 0.0 and self.creep == 1.0
+        return self.time == 1.0 and self.direction == 0.0 and self.excess_variance == 1.0
 
     def effective(self, count: float) -> float:
         """How many independent readings say as much as `count` of these."""
-        return count / (self.time * self.creep)
+        return count / (self.time * self.excess_variance)
 
 
-def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> Correlation:
+def correlation_of(segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> Correlation:
     """Look at stretches of consecutive readings.
 
     Parameters
     ----------
-    stretches : sequence of (m, 3) float
+    segments : sequence of (m, 3) float
         Readings in the order of recording, without gaps within a stretch.
     count : int
         Readings that they stand for.
     ellipsoid : Ellipsoid
         The fit.
     """
-    lengths = np.array([len(stretch) for stretch in stretches])
-    readings = stretches[0] if len(stretches) == 1 else np.concatenate(stretches)
+    lengths = np.array([len(segment) for segment in segments])
+    readings = segments[0] if len(segments) == 1 else np.concatenate(segments)
     directions = directions_of(readings, ellipsoid)
     residuals = Residuals(
         magnitude.distances(readings, ellipsoid),
@@ -149,8 +149,8 @@ def correlation_of(stretches: Sequence[Floats], count: int, ellipsoid: Ellipsoid
     independent = len(readings) * share / time
     freedom = min(independent / max(independent - 9.0, 1.0), MOST_FREEDOM)
     in_time = freedom * residuals.scatter(autocovariance)
-    creep = 1.0 + share * (residuals.creep(in_time) - 1.0)
-    return Correlation(scatter + share * creep * in_time, lag_one, time, direction, creep)
+    excess_variance = 1.0 + share * (residuals.excess_variance(in_time) - 1.0)
+    return Correlation(scatter + share * excess_variance * in_time, lag_one, time, direction, excess_variance)
 
 
 def time_of(autocovariance: Floats) -> float:
@@ -166,21 +166,21 @@ class Residuals:
     ----------
     distances : (N,) float
     jacobian : (N, 9) float
-    stretches : list of (m,) int
+    segments : list of (m,) int
         Places of consecutive ones.
     """
 
     distances: Floats
     jacobian: Floats
-    stretches: list[NDArray[np.int64]]
+    segments: list[NDArray[np.int64]]
 
     def less(self, smooth: Floats) -> Residuals:
         """Take something off."""
-        return Residuals(self.distances - smooth, self.jacobian, self.stretches)
+        return Residuals(self.distances - smooth, self.jacobian, self.segments)
 
     def lag_one(self) -> float:
         """Correlation of one with the next."""
-        products = sum(float(self.distances[s][1:] @ self.distances[s][:-1]) for s in self.stretches)
+        products = sum(float(self.distances[s][1:] @ self.distances[s][:-1]) for s in self.segments)
         return products / max(float(self.distances @ self.distances), 1e-300)
 
     def variance(self) -> Floats:
@@ -194,16 +194,16 @@ class Residuals:
         if abs(self.lag_one()) < SIGNIFICANT / np.sqrt(total) or most < 2:
             return self.variance()
         sums = np.zeros(most)
-        for stretch in self.stretches:
-            spectrum = np.fft.rfft(self.distances[stretch], 2 * len(stretch))
-            products = np.fft.irfft(np.abs(spectrum) ** 2)[: min(most, len(stretch))]
+        for segment in self.segments:
+            spectrum = np.fft.rfft(self.distances[segment], 2 * len(segment))
+            products = np.fft.irfft(np.abs(spectrum) ** 2)[: min(most, len(segment))]
             sums[: len(products)] += products
         sunk = np.flatnonzero(sums < SIGNIFICANT / np.sqrt(total) * sums[0])
         return sums[: sunk[0] if len(sunk) else most] / total
 
     def _longest_lag(self) -> int:
         """The largest lag at which enough readings still have a partner in their stretch, however short some are."""
-        lengths = np.array([len(stretch) for stretch in self.stretches])
+        lengths = np.array([len(segment) for segment in self.segments])
         lags = np.arange(1, min(int(lengths.max()), LONGEST_LAG) + 1)
         partners = np.maximum(lengths - lags[:, np.newaxis], 0).sum(axis=1)
         return int(np.count_nonzero(partners >= PARTNERS * lengths.sum()))
@@ -214,13 +214,13 @@ class Residuals:
         total = white.copy()
         lags, weights = quadrature(autocovariance)
         for lag, weight in zip(lags, weights, strict=True):
-            for stretch in self.stretches:
-                rows = self.jacobian[stretch]
+            for segment in self.segments:
+                rows = self.jacobian[segment]
                 product = rows[:-lag].T @ rows[lag:]
                 total += weight * (product + product.T)
         return total if not lags else _not_below(total, white)
 
-    def creep(self, scatter: Floats) -> float:
+    def excess_variance(self, scatter: Floats) -> float:
         """Factor by which blocks of the recording scatter more than a scatter (9, 9) of the whole allows; at least 1.
 
         With gᵦ = Σ J s and Nᵦ = Σ JJᵀ of a block, N and B of the whole, q = Σ gᵦᵀB⁻¹gᵦ has the mean

@@ -33,7 +33,7 @@ class Estimate:
     bias : (9,) float
         Difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
         not explain it; in the covariance already.
-    held : float
+    prior_influence : float
         Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
         it all, 1 where they say nothing.
     correlation : Correlation, optional
@@ -42,7 +42,7 @@ class Estimate:
         Covariance that would hold for independent residuals.
     used : int
         Readings that it rests on.
-    unseen : int
+    unobserved : int
         Directions of parameter space of which the readings say nothing.
     rejected_beyond : float
         Distance from the surface beyond which readings were left out, in their unit.
@@ -66,11 +66,11 @@ class Estimate:
     noise: float
     method: str
     bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
-    held: float = 0.0
+    prior_influence: float = 0.0
     correlation: Correlation | None = None
     textbook: Floats | None = None
     used: int = 0
-    unseen: int = 0
+    unobserved: int = 0
     rejected_beyond: float = np.inf
     outliers: tuple[Outlier, ...] = ()
     strength: float | None = None

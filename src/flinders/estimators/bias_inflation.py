@@ -55,6 +55,6 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
     surprise = float(apart @ chance @ apart)
     bias = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise)) if surprise > 0.0 else np.zeros(9)
     covariance = estimate.covariance + np.outer(bias, bias)
-    if likelihood.unseen:  # where the readings leave it open, nobody knows how far off a method is
+    if likelihood.unobserved:  # where the readings leave it open, nobody knows how far off a method is
         covariance = covariance + likelihood.covariance
     return replace(estimate, covariance=covariance, bias=bias)

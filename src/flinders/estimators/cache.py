@@ -1,7 +1,7 @@
 """Recordings that are kept in memory where they are short enough.
 
->>> held = Kept(Samples(np.ones((5, 3))), room=10)
->>> [len(block) for block in held.blocks()], held.in_memory().field.shape
+>>> in_memory = Cached(Samples(np.ones((5, 3))), room=10)
+>>> [len(block) for block in in_memory.blocks()], in_memory.in_memory().field.shape
 ([5], (5, 3))
 """
 
@@ -24,7 +24,7 @@ HELD: Final = 500_000
 """Readings that are kept in memory, 16 MB with times, 76 MB with all columns; what is longer is gone through again."""
 
 
-class Kept(Wrapped):
+class Cached(Wrapped):
     """A recording that remembers its readings on the first pass, unless there are too many.
 
     Attributes
@@ -62,13 +62,13 @@ def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recor
     them in turn.
     """
     joined = Joined(tuple(recordings))
-    held = [recording for recording in recordings if isinstance(recording, Samples)]
-    if len(held) < len(recordings) or sum(map(len, held)) > HELD:
+    in_memory = [recording for recording in recordings if isinstance(recording, Samples)]
+    if len(in_memory) < len(recordings) or sum(map(len, in_memory)) > HELD:
         return joined, recordings
-    whole = concatenated(held, joined)
-    ends = np.cumsum([len(part) for part in held])
+    whole = concatenated(in_memory, joined)
+    ends = np.cumsum([len(part) for part in in_memory])
     return whole, [
-        replace(part, field=whole.field[end - len(part) : end]) for part, end in zip(held, ends, strict=True)
+        replace(part, field=whole.field[end - len(part) : end]) for part, end in zip(in_memory, ends, strict=True)
     ]
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from flinders.core.samples import Samples, singles
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.estimators import cache
-from flinders.estimators.cache import Kept, concatenated, together
-from flinders.estimators.inliers import NO_RUN, Near
+from flinders.estimators.cache import Cached, concatenated, together
+from flinders.estimators.inliers import NO_RUN, Inliers
 from flinders.summary.cloud import keys_of
 from flinders.summary.summary import Summary
 
@@ -89,8 +89,8 @@ class Readings:
         """Summarise one recording, and keep it if it has no more readings than there is room for."""
         if isinstance(recording, Samples):
             return cls(Summary.of(recording), recording)
-        held = Kept(recording, room)
-        return cls(Summary.through(held), held.in_memory())
+        cached = Cached(recording, room)
+        return cls(Summary.through(cached), cached.in_memory())
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:
@@ -133,7 +133,7 @@ class Readings:
         """The recordings one by one: the parts, or this."""
         return self.parts or (self,)
 
-    def stretches(self, method: str) -> list[Floats]:
+    def segments(self, method: str) -> list[Floats]:
         """Some consecutive readings, spread over the recordings; all of them where they are not too many."""
         if len(self) <= STRETCHES * STRETCH:
             return [part.thinned(len(part), method) for part in self.each if len(part)]
@@ -154,7 +154,7 @@ class Readings:
         """Those readings that are close to a surface, see `flinders.estimators.inliers`, with the sums of all."""
         if np.isinf(limit):
             return self
-        return self.through(lambda recording: Near(recording, ellipsoid, limit, dense))
+        return self.through(lambda recording: Inliers(recording, ellipsoid, limit, dense))
 
     def through(self, wrapped: Callable[[Recording], Recording]) -> Self:
         """What another recording makes of each, with the sums of all; in memory where the readings are."""

@@ -34,13 +34,22 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from flinders.core.calibration import Calibration
-from flinders.core.compensation import settled
+from flinders.core.compensation import compensated
 from flinders.core.disturbance import Disturbance, motor
 from flinders.core.samples import singles
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.disturbance_solver import DisturbanceProblem, Solver, settle
 from flinders.estimators.linearity import curvature
-from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, pooled, rounding, widened
+from flinders.estimators.regressor_noise import (
+    RegressorError,
+    attenuation,
+    collinearity,
+    monotonicity,
+    noise_of,
+    pooled,
+    rounding,
+    widened,
+)
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
 from flinders.estimators.time_delay import kept, lagging, lags_of, residuals_of
@@ -77,7 +86,7 @@ class DisturbanceQuality:
     name : str
     shared : float
         Share of what readings tell about it, in the worst direction, that offset and shape could explain as well.
-    one_way : float
+    monotonicity : float
         Share of its course that a monotone function of time explains.
     attenuation : float
         By which share P is too small, as its meter is noisy.
@@ -89,19 +98,19 @@ class DisturbanceQuality:
         The end of the search for a lag is best.
     curvature : float
         How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
-    alike : float
+    collinearity : float
         Share of its course that the other disturbances explain.
     """
 
     name: str
     shared: float
-    one_way: float
+    monotonicity: float
     attenuation: float
     lag_sigma_s: float
     chi_square: float
     is_beyond: bool = False
     curvature: float = 0.0
-    alike: float = 0.0
+    collinearity: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,13 +208,13 @@ def driving_of(
     """
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()
-    held = prior.SPREAD if spread is None else spread
-    without = settle(DisturbanceProblem(logged, (), held, {}))
+    prior_spread = prior.SPREAD if spread is None else spread
+    without = settle(DisturbanceProblem(logged, (), prior_spread, {}))
     if not moving:
         nothing = np.zeros((0, 0)), np.zeros((9, 0))
         return Driving((), *nothing, without.ellipsoid, without.noise, without.noise, (), constant)
-    lags, near = lags_of(logged, moving, held)
-    problem = DisturbanceProblem(logged, moving, held, kept(lags))
+    lags, near = lags_of(logged, moving, prior_spread)
+    problem = DisturbanceProblem(logged, moving, prior_spread, kept(lags))
     return _identified(problem, settle(problem, near), lags, without, constant)
 
 
@@ -268,13 +277,15 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
         rounded, setting = rounding(problem.logged.values[name])
         root = np.zeros((len(inverse), 3))
         root[9 + 3 * place : 12 + 3 * place] = per_variance
-        meters.append(Meter(noises[name], rounded, root))
+        meters.append(RegressorError(noises[name], rounded, root))
         rows = solved.jacobian[used] * (normals @ solved.coefficients[3 * place : 3 * place + 3])[:, np.newaxis]
         pulls = np.stack([np.bincount(setting[used], weights=column) for column in rows.T], axis=1)
         moved = pulls @ inverse / solved.noise**2
         pulled += rounded * moved.T @ moved
     coefficients = np.append(np.zeros(9), solved.coefficients)
-    coefficients[9 + 3 * len(problem.names) :] = 0.0  # the growth of the scale is multiplied with no column of a meter alone
+    coefficients[9 + 3 * len(problem.names) :] = (
+        0.0  # the growth of the scale is multiplied with no column of a meter alone
+    )
     return widened(covariance, inverse, coefficients, meters) + pulled
 
 
@@ -327,13 +338,13 @@ def _found(
     return DisturbanceQuality(
         name,
         shared=disturbance.shared(solved.jacobian[used, :9], coefficients),
-        one_way=one_way(values),
+        monotonicity=monotonicity(values),
         attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
         lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
         chi_square=float(per_unit @ np.linalg.solve(inverse[rows, rows], per_unit)),
         is_beyond=lag is not None and lag.is_beyond,
         curvature=curvature(values, residuals_of(solved), normals, per_unit),
-        alike=alike(values, np.delete(problem.departures[used], place, axis=1)),
+        collinearity=collinearity(values, np.delete(problem.departures[used], place, axis=1)),
     )
 
 
@@ -362,4 +373,4 @@ def following(source: object, names: Sequence[str], *, spread: float | None) -> 
     if unturned is not None:
         raise NotTurned(unturned.noise, " and ".join(names))
     driving = driving_of(parts, names, spread=spread)
-    return driving, settled(recording, driving.calibration)
+    return driving, compensated(recording, driving.calibration)

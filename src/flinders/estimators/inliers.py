@@ -6,7 +6,7 @@ nothing of their neighbours; so a run is where more of eleven readings are far t
 
 >>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
->>> near = Near(Samples(np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 0, 51.0]])), sphere, 5.0)
+>>> near = Inliers(Samples(np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 0, 51.0]])), sphere, 5.0)
 >>> [block.field for block in near.blocks()]
 [array([[50.,  0.,  0.],
        [ 0.,  0., 51.]])]
@@ -56,7 +56,7 @@ _REACH: Final = MARGIN + WINDOW // 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Near(Wrapped):
+class Inliers(Wrapped):
     """The readings of a recording that are close to a surface, without those around a run of others.
 
     Attributes
@@ -120,14 +120,14 @@ def left_out(
     Every reading is judged together with its neighbours, so where one block ends and the next begins has no say.
     """
     ahead = iter(blocks)
-    held = deque(islice(ahead, 1))  # not `itertools.tee`, which lets go of blocks by 57
+    pending = deque(islice(ahead, 1))  # not `itertools.tee`, which lets go of blocks by 57
     begun: Floats = np.zeros(_REACH)  # before the first reading nothing is far
-    known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in held)])
-    while held:
-        block = held.popleft()
+    known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in pending)])
+    while pending:
+        block = pending.popleft()
         needed = _REACH + len(block) + _REACH
         while len(known) < needed and (following := next(ahead, None)) is not None:
-            held.append(following)
+            pending.append(following)
             known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
         here = slice(_REACH, _REACH + len(block))
         far = known[:needed] > limit

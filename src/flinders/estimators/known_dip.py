@@ -287,8 +287,8 @@ def _by_strength(estimate: Estimate, site: Site) -> Estimate:
     if abs(apart) > CONTRADICTED * spread:
         return estimate
     claims = [claimed for claimed in (estimate.covariance, estimate.textbook) if claimed is not None]
-    held = _with(estimate, [conditioned(parameters, claimed, row, value, sigma) for claimed in claims])
-    return estimate if held is estimate else replace(held, strength=site.strength)
+    conditioned_estimate = _with(estimate, [conditioned(parameters, claimed, row, value, sigma) for claimed in claims])
+    return estimate if conditioned_estimate is estimate else replace(conditioned_estimate, strength=site.strength)
 
 
 def _with(estimate: Estimate, posteriors: list[tuple[Floats, Floats]]) -> Estimate:

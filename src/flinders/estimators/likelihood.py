@@ -139,23 +139,23 @@ class Likelihood:
             ellipsoid = _closed(estimate.ellipsoid, step)
             if _is_small(step, estimate.covariance, ellipsoid.radius):
                 break
-        if estimate.support.unseen and self.prior is None:
-            raise Undetermined(estimate.support.unseen)
+        if estimate.support.unobserved and self.prior is None:
+            raise Undetermined(estimate.support.unobserved)
         correlation = None
         covariance = estimate.covariance
         if not estimate.plain and len(readings) >= FEW:
-            correlation = correlation_of(readings.stretches(self.name), len(readings), ellipsoid)
+            correlation = correlation_of(readings.segments(self.name), len(readings), ellipsoid)
             covariance = estimate.widened(correlation)
         return Estimate(
             ellipsoid,
             covariance,
             estimate.noise,
             self.name,
-            held=self._held(estimate),
+            prior_influence=self._prior_influence(estimate),
             correlation=correlation,
             textbook=estimate.covariance,
             used=estimate.likelihood.count,
-            unseen=estimate.support.unseen,
+            unobserved=estimate.support.unobserved,
         )
 
     def _settled(self, some: _Some, ellipsoid: Ellipsoid) -> _Posterior:
@@ -180,7 +180,7 @@ class Likelihood:
             moved = _moved(now.ellipsoid, step)
             if _is_closed(moved):
                 tried = self._seen([now.some.field], moved, now.some, sound=now.sound or now.support.is_sound)
-                if not tried.sound and now.support.unseen:
+                if not tried.sound and now.support.unobserved:
                     return tried
                 if tried.cost(now.variance) <= now.cost(now.variance) + NO_WORSE:
                     return tried
@@ -203,7 +203,7 @@ class Likelihood:
         bent = share * magnitude.curvature(posterior.some.field, posterior.ellipsoid)
         return posterior.combined(replace(posterior.weighed, gradient=posterior.weighed.gradient - bent))
 
-    def _held(self, posterior: _Posterior) -> float:
+    def _prior_influence(self, posterior: _Posterior) -> float:
         """Largest share of the information about any combination of parameters that comes from the prior."""
         if self.prior is None:
             return 0.0

@@ -82,7 +82,7 @@ def curvature(values: Floats, residuals: Residuals, sensitivity: Floats, per_uni
         return 0.0
     pulled = rest.T @ residuals.distances
     solution = np.linalg.pinv(rest.T @ rest, hermitian=True) @ pulled
-    within = Residuals(residuals.distances - rest @ solution, rest, residuals.stretches)
+    within = Residuals(residuals.distances - rest @ solution, rest, residuals.segments)
     chi_square = float(pulled @ np.linalg.pinv(within.scatter(within.autocovariance()), hermitian=True) @ pulled)
     if chi_square < PROVEN:
         return 0.0

@@ -147,7 +147,7 @@ def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
 
 def _read(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """What fits best with the shape of one ellipsoid."""
-    first, last, rate, interval = _stretches(samples, ellipsoid)
+    first, last, rate, interval = _segments(samples, ellipsoid)
     if len(first) < FEW:
         return Mounted()
     still = float(np.sqrt(np.mean(np.sum((last - first) ** 2, axis=1))))
@@ -260,7 +260,7 @@ def _rounded(field: Floats, ellipsoid: Ellipsoid) -> Floats:
     return seen
 
 
-def _stretches(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, Floats, Floats]:
+def _segments(samples: Samples, ellipsoid: Ellipsoid) -> tuple[Floats, Floats, Floats, Floats]:
     """Readings (W, 3) at the beginning and the end of stretches, and what the gyro says in between."""
     segments: tuple[Floats, Floats, Floats, Floats] = (
         np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 1, 3)), np.empty((0, 1)),

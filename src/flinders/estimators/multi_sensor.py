@@ -141,11 +141,11 @@ class Several:
         Of the field at each moment, in the axes of the reference.
     belongs : (m, N) bool
         Readings that are there, and agree with the others.
-    held : (m,) float
+    prior_influence : (m,) float
         Share of the least known parameter of each shape that the prior speaks for.
-    unseen : int
+    unobserved : int
         Directions of parameter space of which the readings say nothing.
-    creep : float
+    excess_variance : float
         Factor by which stretches of the recording scatter more than their residuals explain, in variance.
     """
 
@@ -157,9 +157,9 @@ class Several:
     noise: Floats
     directions: Floats
     belongs: NDArray[np.bool_]
-    held: Floats
-    unseen: int
-    creep: float
+    prior_influence: Floats
+    unobserved: int
+    excess_variance: float
 
     def of(self, sensor: int) -> Floats:
         """(9 or 12, 9 or 12) covariance of the parameters of one sensor."""
@@ -200,10 +200,10 @@ class Several:
             self.covariance[np.ix_(nine, nine)],
             float(self.noise[sensor]),
             "together",
-            held=float(self.held[sensor]),
+            prior_influence=float(self.prior_influence[sensor]),
             textbook=self.textbook[np.ix_(nine, nine)],
             used=int(np.count_nonzero(self.belongs[sensor])),
-            unseen=self.unseen,
+            unobserved=self.unobserved,
         )
 
 
@@ -446,7 +446,7 @@ def _components(rows: ObservationRows, part: Linearised, weight: Floats) -> tupl
 
 def is_sound(estimate: Estimate) -> bool:
     """Whether a sensor by itself leaves nothing open."""
-    return not estimate.plane and not estimate.unseen
+    return not estimate.plane and not estimate.unobserved
 
 
 def _alone(field: Floats) -> Estimate | None:
@@ -645,17 +645,19 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
     equations = _Equations.of(state)
     support = Support.of(equations.matrix, lambda: _spurious_information(state))
     textbook = replace(equations.prior, matrix=support.information + equations.prior.matrix).inverse()
-    scatter, creep = _scatter(state, textbook, alone)
-    covariance = textbook @ (equations.prior.matrix + creep * support.projected(scatter)) @ textbook
+    scatter, excess_variance = _scatter(state, textbook, alone)
+    covariance = textbook @ (equations.prior.matrix + excess_variance * support.projected(scatter)) @ textbook
     covariance = 0.5 * (covariance + covariance.T)
-    held = []
+    prior_influence = []
     for at, columns in zip(state.at, state.problem.columns, strict=True):
         nine = slice(columns.start, columns.start + 9)
         believed = prior.equations(Ellipsoid(at.offset, at.shape), spread=state.problem.spread).matrix
-        held.append(float(np.clip(np.real(np.linalg.eigvals(textbook[nine, nine] @ believed)).max(), 0.0, 1.0)))
+        prior_influence.append(
+            float(np.clip(np.real(np.linalg.eigvals(textbook[nine, nine] @ believed)).max(), 0.0, 1.0))
+        )
     return Several(
         state.at, state.problem.reference, state.problem.columns, covariance, textbook, state.noise, state.directions,
-        state.weight > 0.0, np.array(held), support.unseen, creep,
+        state.weight > 0.0, np.array(prior_influence), support.unobserved, excess_variance,
     )  # fmt: skip
 
 
@@ -710,20 +712,20 @@ def _scatter(state: _State, textbook: Floats, alone: Sequence[Estimate | None]) 
     jacobian = rows.jacobian.reshape(count, -1, size)
     residual = residual - (taken @ (residual[:, np.newaxis] @ own).swapaxes(1, 2))[..., 0]
     jacobian = jacobian - taken @ (np.swapaxes(own, 1, 2) @ jacobian)
-    stretches = [np.arange(count)]
+    segments = [np.arange(count)]
     total = np.zeros((size, size))
     for sensor in range(sensors):
         white, coloured = np.zeros((size, size)), np.zeros((size, size))
         for axis in range(3):
             kind = axis * sensors + sensor
-            series = Residuals(residual[:, kind], jacobian[:, kind], stretches)
+            series = Residuals(residual[:, kind], jacobian[:, kind], segments)
             autocovariance = series.autocovariance()
             white += jacobian[:, kind].T @ jacobian[:, kind]
             coloured += series.scatter(autocovariance / max(float(autocovariance[0]), 1e-300))
         wide = _wider(alone[sensor]) * white
         total += max(wide, coloured, key=lambda part: float(np.sum(part * textbook)))
     flat = Residuals(residual.ravel(), jacobian.reshape(-1, size), [np.arange(residual.size)])
-    return stride * total, flat.creep(total)
+    return stride * total, flat.excess_variance(total)
 
 
 def _wider(estimate: Estimate | None) -> float:

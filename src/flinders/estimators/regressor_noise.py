@@ -20,7 +20,7 @@ Around what was found, P̂ with its covariance C, the truth scatters by
     M C Mᵀ + (M − 1) P̂ P̂ᵀ (M − 1)ᵀ,        M = (N − V)⁻¹ N
 
 **One way.** What only rises, or is switched on once, goes with time as well: an offset that drifts, or a sensor that
-moved, would look the same. `one_way` is the share of its variance that a monotone function of time explains.
+moved, would look the same. `monotonicity` is the share of its variance that a monotone function of time explains.
 
 Source: errors in variables as in Fuller, "Measurement Error Models" (1987), §1.1 and chapter 2; isotonic regression by
 pooling adjacent violators, Barlow et al. (1972).
@@ -35,7 +35,7 @@ pooling adjacent violators, Barlow et al. (1972).
 ...     print(f"{slope:.2f} {too_small:.1%}")
 0.50 0.0%
 0.39 20.9%
->>> one_way(np.linspace(0.0, 1.0, 100) ** 2), round(one_way(np.sin(np.linspace(0.0, 20.0, 1000))), 1)
+>>> monotonicity(np.linspace(0.0, 1.0, 100) ** 2), round(monotonicity(np.sin(np.linspace(0.0, 20.0, 1000))), 1)
 (1.0, 0.2)
 """
 
@@ -188,7 +188,7 @@ def pooled(noises: Sequence[Noise]) -> list[Noise]:
     return [Noise(mean, sigma, noise.own) for noise in noises]
 
 
-class Meter(NamedTuple):
+class RegressorError(NamedTuple):
     """What the meter of one disturbance does to a solution.
 
     Attributes
@@ -205,7 +205,7 @@ class Meter(NamedTuple):
     root: Floats
 
 
-def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: Sequence[Meter]) -> Floats:
+def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: Sequence[RegressorError]) -> Floats:
     """(K, K) covariance of what was found, about what there is, with the noise of the meters.
 
     Noise that readings show moves all parameters at once, as above; how much of it there is, is known for each meter by
@@ -225,7 +225,7 @@ def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: S
     --------
     Half of what tells about the one parameter is noise:
 
-    >>> half = Meter(Noise(1.0, 0.0), 0.0, np.array([[1.0]]))
+    >>> half = RegressorError(Noise(1.0, 0.0), 0.0, np.array([[1.0]]))
     >>> widened(np.array([[0.01]]), np.array([[0.5]]), np.array([3.0]), [half])
     array([[9.04]])
     """
@@ -254,7 +254,7 @@ def attenuation(values: Floats, residuals: Floats, sensitivity: Floats) -> float
     return min(noise.variance / variance, 1.0) if noise.is_proven and variance > 0.0 else 0.0
 
 
-def one_way(values: Floats) -> float:
+def monotonicity(values: Floats) -> float:
     """Share of the variance of (N,) values, in the order of recording, that a monotone function of time explains."""
     course = np.array([part.mean() for part in np.array_split(values, min(STRETCHES, len(values)))])
     total = float(np.var(values))
@@ -263,11 +263,11 @@ def one_way(values: Floats) -> float:
     return float(max(np.var(_rising(course)), np.var(_rising(-course)))) / total
 
 
-def alike(values: Floats, others: Floats) -> float:
+def collinearity(values: Floats, others: Floats) -> float:
     """Share of the variance of (N,) values that a straight line in (N, K) other disturbances explains, 0 to 1.
 
     >>> drawn = np.random.default_rng(1).uniform(0.0, 20.0, (500, 3))
-    >>> round(alike(drawn[:, 0], drawn[:, 1:]), 1), round(alike(drawn.sum(axis=1), drawn), 3)
+    >>> round(collinearity(drawn[:, 0], drawn[:, 1:]), 1), round(collinearity(drawn.sum(axis=1), drawn), 3)
     (0.0, 1.0)
     """
     about = values - values.mean()

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.disturbance import MOTORS, Disturbance, known, lagged, place_of
+from flinders.deprecation import renamed_attribute
 from flinders.errors import InputError, TooFewSamples
 from flinders.estimators.time_series import Track
 
@@ -31,7 +32,10 @@ MOST: Final = 20_000
 """Readings of a longer recording that are looked at, spread evenly over it."""
 
 FEWEST: Final = 30
-"""Readings below which nothing is said of a driver."""
+"""Readings below which nothing is said of a disturbance."""
+
+KEYS: Final = {"monotonicity": "one_way", "collinearity": "alike"}
+"""Attributes of an estimate whose key in JSON is another: what other programs read keeps its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +61,13 @@ class DisturbanceEstimate:
         Of its lag; NaN where none was looked for.
     lag_is_beyond : bool
         The end of the search for a lag is best.
-    one_way : float
+    monotonicity : float
         Share of its course that a monotone function of time explains, 0 to 1.
     attenuation : float
         By which share its offset per unit is too small, as its meter is noisy.
     curvature : float
         How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
-    alike : float
+    collinearity : float
         Share of its course that the other disturbances explain, 0 to 1.
     """
 
@@ -75,17 +79,18 @@ class DisturbanceEstimate:
     chi_square: float = 0.0
     lag_sigma_s: float = np.nan
     lag_is_beyond: bool = False
-    one_way: float = 0.0
+    monotonicity: float = 0.0
     attenuation: float = 0.0
     curvature: float = 0.0
-    alike: float = 0.0
+    collinearity: float = 0.0
+
+    one_way = renamed_attribute("one_way", "monotonicity")
+    alike = renamed_attribute("alike", "collinearity")
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        fields = {name: getattr(self, name) for name in self.__slots__ if name != "disturbance"}
-        finite = {
-            name: value if isinstance(value, str) or np.isfinite(value) else None for name, value in fields.items()
-        }
+        fields = {KEYS.get(name, name): getattr(self, name) for name in self.__slots__ if name != "disturbance"}
+        finite = {key: value if isinstance(value, str) or np.isfinite(value) else None for key, value in fields.items()}
         return {**finite, "found": self.disturbance is not None}
 
 
@@ -229,20 +234,20 @@ def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[
     >>> spelled_out([Samples.of([[1, 2, 3]], currents=[[4.0, 5.0]])], ["temperature", "currents"])
     ('temperature', 'current1', 'current2')
     """
-    found: list[str] = []
+    columns: list[str] = []
     for name in names:
         of = next((of for of, many in MOTORS.items() if many == name), None)
         if of is None:
             known(name)
-            found.append(name)
+            columns.append(name)
             continue
         for recording in recordings:
             there = next(iter(recording.blocks())).disturbances
             each = [one for one in there if one != of and one.startswith(of)]
             if not each:
                 raise InputError(_lacking(recording.source, name, there))
-            found += each
-    return tuple(dict.fromkeys(found))
+            columns += each
+    return tuple(dict.fromkeys(columns))
 
 
 def _lacking(source: str, name: str, there: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ to it:
 - in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
   S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
 - residuals of single readings hang together in time, as in `flinders.estimators.autocorrelation`;
-- stretches of the recording differ by more than that explains: the factor `creep`.
+- stretches of the recording differ by more than that explains: the factor `excess_variance`.
 """
 
 from __future__ import annotations
@@ -92,11 +92,11 @@ class Scatter(NamedTuple):
     ----------
     covariance : (P, P) float
         Of the gradient, without what creeps.
-    creep : float
+    excess_variance : float
     """
 
     covariance: Floats
-    creep: float
+    excess_variance: float
 
 
 class CorrelationLength(NamedTuple):
@@ -199,7 +199,7 @@ def scatter_of(problem: JointProblem, iterate: Iterate, walk: DirectionRandomWal
         elif index in chosen:
             evidence.scatter += looked * _autocorrelated(rows, _free(rows.own[:, :, 0], iterate.at.direction))
     evidence.scatter += walk.variance * walk.steps
-    return Scatter(evidence.scatter, _creep(evidence))
+    return Scatter(evidence.scatter, _excess_variance(evidence))
 
 
 def _later(rows: Floats, pushes: Floats) -> Floats:
@@ -316,10 +316,10 @@ def _free(own: Floats, direction: Floats) -> Floats:
     return free
 
 
-def _creep(evidence: _Evidence) -> float:
+def _excess_variance(evidence: _Evidence) -> float:
     """Factor by which stretches of the recording scatter more than a scatter of the whole allows; at least 1.
 
-    As `flinders.estimators.autocorrelation.Residuals.creep`, over all parameters.
+    As `flinders.estimators.autocorrelation.Residuals.excess_variance`, over all parameters.
     """
     diagonal = np.sqrt(np.maximum(np.diag(evidence.scatter), 1e-300))
     values, vectors = np.linalg.eigh(evidence.scatter / np.outer(diagonal, diagonal))

@@ -202,16 +202,16 @@ class JointProblem:
         """Where to start, with directions and dip that follow from an ellipsoid."""
         count = 0 if self.disturbances is None else len(self.disturbances.names)
         at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, disturbances=count), rotation=self.rotation)
-        return self.facing(replace(at, rotation=self._seated(at)))
+        return self.facing(replace(at, rotation=self._aligned(at)))
 
     def begin_near(self, near: Parameters, layout: ParameterLayout) -> Parameters:
         """Where to start with what a fit of another `ParameterLayout` has found, of as many drivers."""
         free = ("rotation", "disturbances", "slope", "gyro_bias", "gyro_scale", "gyro_turn", "delay")
         values = {name: getattr(near, name) for name in free if name in layout and name in self.layout}
         at = replace(self.begin(Ellipsoid(near.offset, near.shape)), **values)
-        return self.facing(replace(at, rotation=self._seated(at)))
+        return self.facing(replace(at, rotation=self._aligned(at)))
 
-    def _seated(self, at: Parameters) -> Floats:
+    def _aligned(self, at: Parameters) -> Floats:
         """(3, 3) how the magnetometer sits, so that attitudes make the field stand still: as it is unless far better.
 
         From an attitude turned far the way down leads elsewhere, so that each of 24 ways to sit is tried.
@@ -225,7 +225,7 @@ class JointProblem:
         if not attitudes:
             return at.rotation
         rows = slice(None, None, max(1, sum(map(len, seen)) // MANY_ATTITUDES))
-        return seated(np.concatenate(attitudes)[rows], np.concatenate(seen)[rows], at.rotation)
+        return aligned(np.concatenate(attitudes)[rows], np.concatenate(seen)[rows], at.rotation)
 
     def facing(self, at: Parameters) -> Parameters:
         """The same with the dip, or the direction of the site's field, that readings show."""
@@ -292,7 +292,7 @@ class JointProblem:
         return thoughts
 
 
-def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
+def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     """How a magnetometer sits on a body of known attitude: as was thought, unless another way is far better.
 
     From each of the 24 ways in which axes can be exchanged, the field's mean direction m = Σ C R q and the rotation
@@ -317,7 +317,7 @@ def seated(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     >>> attitudes = attitude.body_to_world(of_angles(angles))
     >>> upturned = np.swapaxes(attitudes, 1, 2) @ [0.6, 0.0, 0.8] * [1.0, -1.0, -1.0]
-    >>> seated(attitudes, upturned, np.eye(3)).round(6) + 0.0
+    >>> aligned(attitudes, upturned, np.eye(3)).round(6) + 0.0
     array([[ 1.,  0.,  0.],
            [ 0., -1.,  0.],
            [ 0.,  0., -1.]])
@@ -483,7 +483,7 @@ def starts(samples: Samples, site: Site | None) -> Iterable[Ellipsoid]:
     known = site.strength if site is not None else None
     try:
         estimate = Auto().estimate(Readings.of(samples.field))
-        if not estimate.plane and not estimate.unseen:
+        if not estimate.plane and not estimate.unobserved:
             yield estimate.ellipsoid
     except FitError:
         pass
@@ -578,7 +578,9 @@ def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:
     return step
 
 
-def _moved(problem: JointProblem, iterate: Iterate, equations: Equations, step: Floats, before: float) -> Iterate | None:
+def _moved(
+    problem: JointProblem, iterate: Iterate, equations: Equations, step: Floats, before: float
+) -> Iterate | None:
     """Take a step if it leads to a closed surface and costs no more."""
     largest = float(np.abs(step[:9]).max()) / float(np.cbrt(np.linalg.det(iterate.at.shape)))
     tried = taken(problem, iterate, equations, step * min(1.0, LONGEST_STEP / max(largest, 1e-300)))
@@ -594,7 +596,9 @@ def taken(problem: JointProblem, iterate: Iterate, equations: Equations, step: F
     if not axes[0] > 1e-3 * axes[2]:
         return None
     groups = tuple(group.at(at) for group in iterate.groups)
-    directions = tuple(part.follow(known, step) for part, known in zip(equations.parts, iterate.directions, strict=True))
+    directions = tuple(
+        part.follow(known, step) for part, known in zip(equations.parts, iterate.directions, strict=True)
+    )
     return replace(iterate, at=at, groups=groups, directions=directions)
 
 

@@ -34,7 +34,15 @@ from flinders.errors import counted
 from flinders.estimators.autocorrelation import Residuals
 from flinders.estimators.disturbance_solver import WEAK
 from flinders.estimators.linearity import curvature
-from flinders.estimators.regressor_noise import Meter, alike, attenuation, noise_of, one_way, rounding, widened
+from flinders.estimators.regressor_noise import (
+    RegressorError,
+    attenuation,
+    collinearity,
+    monotonicity,
+    noise_of,
+    rounding,
+    widened,
+)
 from flinders.estimators.regressors import DisturbanceEstimate, Logged
 from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
 from flinders.findings import CATALOGUE, Finding, Record
@@ -219,7 +227,7 @@ def _metered(
     about = departures - departures.mean(axis=0)
     inverse = np.kron(np.linalg.pinv(about.T @ about, hermitian=True), np.eye(3))
     meters = [
-        Meter(
+        RegressorError(
             noise_of(departures[:, place], *_along(disturbance, left)),
             rounding(logged.values[disturbance.name])[0],
             np.sqrt(len(left)) * np.eye(3 * len(disturbances))[:, 3 * place : 3 * place + 3],
@@ -280,12 +288,12 @@ def _driven(
     return DisturbanceEstimate(
         disturbance.name,
         disturbance,
-        one_way=one_way(departures),
+        monotonicity=monotonicity(departures),
         attenuation=attenuation(departures, *_along(disturbance, left)),
         lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
         lag_is_beyond=lag is not None and lag.is_beyond,
         curvature=_curvature(disturbance, departures, left, design),
-        alike=alike(departures, np.delete(disturbances, place, axis=1)),
+        collinearity=collinearity(departures, np.delete(disturbances, place, axis=1)),
     )
 
 

@@ -76,12 +76,12 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
         counted @ jacobian / variance,
         lambda: basis.T @ spurious_information(directions, ellipsoid, cloud.counts) @ basis,
     )
-    seen, unseen = support.directions
+    seen, unobserved = support.directions
     gradients = np.linalg.solve(ellipsoid.shape, directions.T) * ellipsoid.radius
     weights = np.einsum("ij,ij->j", gradients, gradients)
     rows = jacobian @ seen
     weighted = rows.T * (weights * cloud.counts)
     inverse = basis @ seen @ np.linalg.inv(weighted @ rows)
-    open_ended = ellipsoid.radius * basis @ unseen
+    open_ended = ellipsoid.radius * basis @ unobserved
     covariance: Floats = variance * inverse @ ((weighted * weights) @ rows) @ inverse.T + open_ended @ open_ended.T
     return covariance

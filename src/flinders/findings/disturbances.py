@@ -143,7 +143,7 @@ ROWS: Final = (
             "let it go up and down again while recording: a drift of the offset, or a sensor that moved, would "
             "look the same"
         ),
-        rule=Rule("one_way", (Grade("limits", 0.95),)),
+        rule=Rule("monotonicity", (Grade("limits", 0.95),)),
         said=(
             "{name} only went one way while this was recorded: an offset that drifts, or a sensor that moved, "
             "would look the same; let {name} go up and down again while recording"

@@ -160,9 +160,9 @@ ROWS: Final = (
             "as where all readings lie on one ring or on two: turn the sensor about another axis too; until then "
             "the prior that soft iron is mild holds what is open"
         ),
-        rule=Rule("unseen", (Grade("limits", 0.0),)),
+        rule=Rule("unobserved", (Grade("limits", 0.0),)),
         said=(
-            "the readings leave {unseen:.0f} of nine parameters open{rings}, and the prior holds them: turn the "
+            "the readings leave {unobserved:.0f} of nine parameters open{rings}, and the prior holds them: turn the "
             "sensor about all three of its axes"
         ),
         plain=(

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 import numpy as np
 
-from flinders.diagnostics.hold_out import Missed, fitted, missed
+from flinders.diagnostics.hold_out import HoldOutMisfit, fitted, hold_out_misfit
 from flinders.diagnostics.instruments import (
     UPRIGHT,
     Mistake,
@@ -244,9 +244,9 @@ class _Candidate:
         rotation = self.rotation if self.found.sees_rotation else None
         return fitted(self.samples, self.found.aiding, rotation, self.found)
 
-    def missed(self, vertical: str | None) -> Missed:
+    def hold_out_misfit(self, vertical: str | None) -> HoldOutMisfit:
         """How far off what was left out is, by verticals of one kind."""
-        return missed(self.samples, self.in_parts, vertical)
+        return hold_out_misfit(self.samples, self.in_parts, vertical)
 
 
 class _Trial(NamedTuple):
@@ -296,9 +296,9 @@ class _Trial(NamedTuple):
             f"{figures(float(np.rad2deg(before)))}° without, where it was left out; offset and shape stay"
         )
 
-    def _missed(self, candidate: _Candidate) -> Missed:
+    def _missed(self, candidate: _Candidate) -> HoldOutMisfit:
         """How far off what was left out is, by the vertical that the aid brings."""
-        return candidate.missed(next((aid for aid in self.found.aiding if aid in UPRIGHT[:2]), None))
+        return candidate.hold_out_misfit(next((aid for aid in self.found.aiding if aid in UPRIGHT[:2]), None))
 
 
 def turned_deg(rotation: Floats, dip_deg: float) -> float:
@@ -330,7 +330,7 @@ def _told(aided: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mi
     """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
     if turned is not None and not aided.sees_rotation:
         alone = _told(turned, None, each, mistakes)
-        return replace(alone, creep=aided.creep)
+        return replace(alone, excess_variance=aided.excess_variance)
     at = aided.parameters
     rotation = aided.rotation_covariance if aided.sees_rotation else None
     sine, bias, delay, leaning = (aided.of(name) for name in ("sine", "gyro_bias", "delay", "acceleration_bias"))
@@ -348,16 +348,16 @@ def _told(aided: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mi
         delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
         dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),
         dip_sigma_deg=None if sine is None else float(np.rad2deg(np.sqrt(sine[0, 0]) / level)),
-        creep=aided.creep,
+        excess_variance=aided.excess_variance,
         mistakes=mistakes,
     )
 
 
-def settled(aided: Aided) -> Aided:
+def without_rotation(aided: Aided) -> Aided:
     """The same with the rotation left as it is where nothing saw it: an ellipsoid's symmetric root."""
     if aided.sees_rotation:
         return aided
     return replace(aided, parameters=replace(aided.parameters, rotation=np.eye(3)))
 
 
-__all__ = ["AIDS", "AUTO", "aided_by", "available", "change_deg", "claim_deg", "settled"]
+__all__ = ["AIDS", "AUTO", "aided_by", "available", "change_deg", "claim_deg", "without_rotation"]

@@ -62,7 +62,7 @@ class Aiding:
         By how much the magnetometer is behind the gyro.
     dip_deg, dip_sigma_deg : float, optional
         Inclination of the field as the recording shows it.
-    creep : float
+    excess_variance : float
         Factor by which stretches of the recording scatter more than their residuals explain, in variance.
     mistakes : tuple of Mistake
     """
@@ -78,7 +78,7 @@ class Aiding:
     delay_sigma_s: float | None = None
     dip_deg: float | None = None
     dip_sigma_deg: float | None = None
-    creep: float = 1.0
+    excess_variance: float = 1.0
     mistakes: tuple[Mistake, ...] = ()
 
     def alignment_error_deg(self, dip_deg: float) -> float | None:
@@ -115,7 +115,8 @@ class Aiding:
         return {
             "each": [dataclasses.asdict(aid) for aid in self.each],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},
-            **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg", "creep")},
+            **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
+            "creep": self.excess_variance,
         }
 
 

@@ -19,10 +19,10 @@ from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
-from flinders.diagnostics.axis_swap import slip_of
+from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.diagnostics.drift import drift_of
 from flinders.diagnostics.repeatability import RecordingFit, compared
-from flinders.diagnostics.unmodelled import unfollowed_of
+from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, as_correlated, at_one_strength, method_of, with_bias, within_range
@@ -157,16 +157,18 @@ def fit(
     require_moved(readings.summary, (unit or Unit.of()).inside, how)
     readings = within_range(readings)
     instruments = {"gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
-    aided, told_by = _aided(
+    aided, aiding_result = _aided(
         readings, aiding, site, method=method, dip_deg=dip_deg, options=options, instruments=instruments
     )
-    told_by = told_by if told_by is None else replace(told_by, each=(*tried, *told_by.each))
+    aiding_result = (
+        aiding_result if aiding_result is None else replace(aiding_result, each=(*tried, *aiding_result.each))
+    )
     estimate = aided or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
     readings = readings if aided else at_one_strength(readings, estimate)
     if site is not None and field_strength is None and estimate.strength == site.strength:
         field_strength = site.strength
     calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor, frame=frame)
-    calibration = _turned(calibration, told_by)
+    calibration = _turned(calibration, aiding_result)
     likelihood = Auto(options.get("prior", SPREAD), dip_deg=dip_deg)
     if aided is None:
         estimate, repeated = _widened(estimate, likelihood, readings, is_biased=estimator.is_biased)
@@ -178,7 +180,7 @@ def fit(
         estimate = replace(estimate, covariance=estimate.covariance + repeats.scatter)
     if driving is not None:
         estimate = replace(estimate, covariance=driving.widened(estimate.covariance))
-    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats, repeated, driving, told_by)
+    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats, repeated, driving, aiding_result)
     fitted = _mounted(fitted, alignment_sigma_deg)
     if fitted.verdict == "refused":
         raise Refused(fitted)
@@ -189,7 +191,7 @@ def judged_as(
     estimate: Estimate,
     source: Recording,
     *,
-    told_by: Aiding | None = None,
+    aiding_result: Aiding | None = None,
     field_strength: float | None = None,
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
@@ -203,7 +205,7 @@ def judged_as(
         Its covariance knows how residuals hang together.
     source : Recording
         The readings that it belongs to, for coverage and health.
-    told_by : Aiding, optional
+    aiding_result : Aiding, optional
         With the rotation that corrected readings are turned by.
     field_strength, target_deg, dip_deg, sensor
         As for `fit`.
@@ -220,18 +222,18 @@ def judged_as(
     )  # fmt: skip
     repeated = _repeated(estimate, readings.summary)
     estimate = replace(estimate, covariance=estimate.covariance * repeated)
-    calibration = _turned(calibration, told_by)
-    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, None, repeated, None, told_by)
+    calibration = _turned(calibration, aiding_result)
+    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, None, repeated, None, aiding_result)
     if fitted.verdict == "refused":
         raise Refused(fitted)
     return fitted
 
 
-def _turned(calibration: Calibration, told_by: Aiding | None) -> Calibration:
+def _turned(calibration: Calibration, aiding_result: Aiding | None) -> Calibration:
     """Turn corrected readings into the axes of the body, where an aid saw how the sensor sits in them."""
-    if told_by is None or told_by.rotation is None:
+    if aiding_result is None or aiding_result.rotation is None:
         return calibration
-    return replace(calibration, matrix=told_by.rotation @ calibration.matrix, rotation="estimated")
+    return replace(calibration, matrix=aiding_result.rotation @ calibration.matrix, rotation="estimated")
 
 
 def _mounted(fitted: Fit, sigma_deg: float | None) -> Fit:
@@ -304,10 +306,10 @@ def _aided(
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, aiding)
     spread = options.get("prior", SPREAD) or SPREAD
-    aided, told_by = aided_by(samples, aiding, site=site, dip_deg=dip_deg, spread=spread, **instruments)
+    aided, aiding_result = aided_by(samples, aiding, site=site, dip_deg=dip_deg, spread=spread, **instruments)
     if is_flat(readings.summary.moments.principal_variances, aided.noise):
         return None, _of_no_use(samples, aiding)
-    return aided.estimate() if aided.aiding else None, told_by
+    return aided.estimate() if aided.aiding else None, aiding_result
 
 
 def _refuse_instruments(gyro_scale: float, acceleration_bias: float) -> None:
@@ -385,7 +387,7 @@ def _widened(estimate: Estimate, likelihood: Auto, readings: Readings, *, is_bia
             beside = likelihood.estimate(readings)
         except FitError:  # too few readings to see beyond the simpler model
             beside = None
-    if beside is not None and not looked_at and not beside.plane and not beside.unseen:
+    if beside is not None and not looked_at and not beside.plane and not beside.unobserved:
         estimate = as_correlated(estimate, beside)
     repeated = _repeated(estimate, readings.summary)
     few = _few(estimate, len(readings.summary) / repeated)
@@ -417,7 +419,7 @@ def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | No
 
     What a model is too simple for looks like a change, too, and is told as a bias.
     """
-    if readings.recording is None or readings.parts or estimate.unseen or estimate.bias.any():
+    if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias.any():
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
         return None
@@ -431,16 +433,16 @@ def _slip(estimate: Estimate, readings: Readings) -> AxisSwap | None:
         return None
     if not estimate.outliers and (estimate.correlation is None or estimate.correlation.is_white):
         return None
-    return slip_of(readings.recording.field, estimate.noise)
+    return axis_swap_of(readings.recording.field, estimate.noise)
 
 
 def _unfollowed(estimate: Estimate, readings: Readings, dip_deg: float, driving: Driving | None) -> Unmodelled | None:
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
-    if driving is not None or estimate.unseen or not isinstance(readings.recording, Samples):
+    if driving is not None or estimate.unobserved or not isinstance(readings.recording, Samples):
         return None
     near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
-    return unfollowed_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
+    return unmodelled_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
 
 
 def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
@@ -483,7 +485,7 @@ def _repeats(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeat
         except FitError:
             continue
         source = "" if part.recording is None else part.recording.source
-        if alone.plane or not alone.unseen:
+        if alone.plane or not alone.unobserved:
             alike = turns if alone.plane else others
             covariance = alone.covariance * _few(alone, len(part.summary))
             alike.append(RecordingFit(source, alone.used, alone.ellipsoid, covariance))
@@ -500,7 +502,7 @@ def _judged(
     repeats: Repeats | None,
     repeated: float,
     driving: Driving | None = None,
-    told_by: Aiding | None = None,
+    aiding_result: Aiding | None = None,
 ) -> Fit:
     """Put together what is known and judge it."""
     summary, covariance = readings.summary, estimate.covariance
@@ -525,8 +527,8 @@ def _judged(
         distortion=_distortion(estimate),
         target_deg=target_deg,
         dip_deg=dip_deg,
-        held=estimate.held,
-        unseen=estimate.unseen,
+        prior_influence=estimate.prior_influence,
+        unobserved=estimate.unobserved,
         textbook_heading_error_deg=_textbook(estimate, dip),
         independent_samples=_independent(estimate, len(summary) / repeated),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
@@ -538,8 +540,8 @@ def _judged(
         repeats=repeats,
         plane=estimate.plane,
         z_down=estimate.z_down,
-        aiding=told_by,
-        alignment_error_deg=None if told_by is None else told_by.alignment_error_deg(dip),
+        aiding=aiding_result,
+        alignment_error_deg=None if aiding_result is None else aiding_result.alignment_error_deg(dip),
     )
     fitted = replace(fitted, heading_error_deg=fitted.heading_error_deg.beside(fitted.structure_deg))
     if driving is not None:
@@ -558,11 +560,11 @@ def _with_disturbances(fitted: Fit, driving: Driving) -> Fit:
             taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
             left_deg=driving.left(fitted.ellipsoid, place, dip_deg=dip, down=down).worst,
             shared=quality.shared,
-            one_way=quality.one_way,
+            monotonicity=quality.monotonicity,
             attenuation=quality.attenuation,
             lag_is_beyond=quality.is_beyond,
             curvature=quality.curvature,
-            alike=quality.alike,
+            collinearity=quality.collinearity,
             chi_square=quality.chi_square,
             lag_sigma_s=quality.lag_sigma_s,
         )

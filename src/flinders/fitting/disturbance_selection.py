@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.compensation import settled
+from flinders.core.compensation import compensated
 from flinders.core.disturbance import KINDS, MOTORS, motor
 from flinders.core.samples import Samples, singles
 from flinders.diagnostics.hold_out import folds
@@ -182,7 +182,7 @@ def left_over(
         for names, distances in zip((without, tried), misses, strict=True):
             driving = driving_of(fitted, names, spread=spread)
             for run in rest:
-                calm = settled(run, driving.calibration)
+                calm = compensated(run, driving.calibration)
                 assert isinstance(calm, Samples)
                 distances.append(magnitude.distances(calm.field, driving.ellipsoid))
     sizes = [np.abs(np.concatenate(distances)) for distances in misses]

@@ -151,7 +151,7 @@ class Fit(Outcome):
     dip_deg : float
         Inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
         other one for a sensor mounted upside down.
-    held : float
+    prior_influence : float
         Share of the least known shape parameter that the prior speaks for, 0 to 1.
     textbook_heading_error_deg : HeadingError
         What the covariance for independent residuals would claim.
@@ -161,7 +161,7 @@ class Fit(Outcome):
         Correlation of a residual with the next; None where the residuals were not looked at.
     outliers : tuple of Outlier
         Runs of readings that were rejected.
-    unseen : int
+    unobserved : int
         Directions of parameter space of which the readings say nothing; the prior holds them.
     alignment_error_deg : float, optional
         Heading error (1 σ) from a mounting of the stated uncertainty, beside `heading_error_deg`.
@@ -211,8 +211,8 @@ class Fit(Outcome):
     heading_error_deg: HeadingError = NO_ERROR
     target_deg: float = 1.0
     dip_deg: float = 60.0
-    held: float = 0.0
-    unseen: int = 0
+    prior_influence: float = 0.0
+    unobserved: int = 0
     alignment_error_deg: float | None = None
     bias_deg: float = 0.0
     textbook_heading_error_deg: HeadingError | None = None
@@ -241,6 +241,8 @@ class Fit(Outcome):
     driven = renamed_attribute("driven", "disturbances")
     noise_undriven = renamed_attribute("noise_undriven", "noise_uncompensated")
     aids = renamed_attribute("aids", "aiding")
+    held = renamed_attribute("held", "prior_influence")
+    unseen = renamed_attribute("unseen", "unobserved")
 
     def __post_init__(self) -> None:
         """Refuse a covariance of another shape.
@@ -406,8 +408,8 @@ class Fit(Outcome):
             "attitude_limit_deg": self.attitude_limit_deg,
             "direction_error_deg": _rms_and_worst(self.direction_error_deg),
             "bias_deg": self.bias_deg,
-            "held": self.held,
-            "unseen": self.unseen,
+            "held": self.prior_influence,
+            "unseen": self.unobserved,
             "noise": _stated(self.noise),
             "samples": self.samples,
             "independent_samples": min(self.independent_samples, float(self.samples)),

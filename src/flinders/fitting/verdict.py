@@ -145,8 +145,8 @@ def _evidence(fit: Fit) -> dict[str, float]:
     return {
         "hole_deg": math.nan if fit.plane else fit.coverage.hole_deg,
         "covered": fit.coverage.fraction,
-        "unseen": 0.0 if fit.plane else fit.unseen,
-        "prior_share": math.nan if fit.plane or fit.unseen else fit.held,
+        "unobserved": 0.0 if fit.plane else fit.unobserved,
+        "prior_share": math.nan if fit.plane or fit.unobserved else fit.prior_influence,
         "independent": independent,
         "independent_share": independent / max(fit.samples, 1),
     }
@@ -154,7 +154,7 @@ def _evidence(fit: Fit) -> dict[str, float]:
 
 def _evidence_words(fit: Fit) -> dict[str, Callable[[], str]]:
     return {
-        "rings": lambda: ", as two rings of readings would" if fit.unseen == 1 else "",
+        "rings": lambda: ", as two rings of readings would" if fit.unobserved == 1 else "",
         "independent_readings": lambda: _independent_readings(fit),
         "correlation": lambda: _correlation(fit),
         "why_biased": lambda: (
@@ -437,7 +437,7 @@ def _disturbance_record(estimate: DisturbanceEstimate, disturbance: Disturbance,
             "taken_deg": estimate.taken_deg,
             "left_deg": estimate.left_deg,
             "shared": estimate.shared,
-            "one_way": estimate.one_way,
+            "monotonicity": estimate.monotonicity,
             "lag_is_beyond": float(estimate.lag_is_beyond),
             "lag_s": disturbance.lag_s,
             "curvature": estimate.curvature,
@@ -499,8 +499,10 @@ def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     """Whether disturbances went along with each other, so that what one does cannot be told from what another does."""
     row = CATALOGUE["disturbances-collinear"]
     limit = row.rule.grades[0].factor if row.rule else math.inf
-    names = [one.name for one in estimates if one.alike > limit]
-    record = Record({"most_alike": max((one.alike for one in estimates), default=0.0)}, alike=lambda: ", ".join(names))
+    names = [one.name for one in estimates if one.collinearity > limit]
+    record = Record(
+        {"most_alike": max((one.collinearity for one in estimates), default=0.0)}, alike=lambda: ", ".join(names)
+    )
     yield from _applied((row,), record)
 
 

@@ -148,20 +148,20 @@ class Support:
         return bool(self.values[0] > WELL_CONDITIONED)
 
     @property
-    def unseen(self) -> int:
+    def unobserved(self) -> int:
         """How many they say nothing about."""
         return int(np.count_nonzero(~self.seen))
 
     @property
     def directions(self) -> tuple[Floats, Floats]:
         """(K, seen) and (K, unseen): bases of what is seen and, of unit length, of what is not, in parameters."""
-        unseen = self.vectors[:, ~self.seen] / self.scale[:, np.newaxis]
-        lengths = np.sqrt(np.einsum("ij,ij->j", unseen, unseen))
-        return self.vectors[:, self.seen] / self.scale[:, np.newaxis], unseen / lengths
+        unobserved = self.vectors[:, ~self.seen] / self.scale[:, np.newaxis]
+        lengths = np.sqrt(np.einsum("ij,ij->j", unobserved, unobserved))
+        return self.vectors[:, self.seen] / self.scale[:, np.newaxis], unobserved / lengths
 
     def keep(self, equations: NormalEquations) -> NormalEquations:
         """Take the unseen directions out of the equations that this belongs to."""
-        if not self.unseen:
+        if not self.unobserved:
             return equations
         kept = self.vectors[:, self.seen]
         scaled = kept * self.scale[:, np.newaxis]

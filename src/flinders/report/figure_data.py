@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final, Self
 import msgspec
 import numpy as np
 
-from flinders.core.compensation import settled
+from flinders.core.compensation import compensated
 from flinders.core.samples import Samples, singles
 from flinders.core.units import label
 from flinders.diagnostics.random_walk import FEWEST, random_walk_of
@@ -105,7 +105,7 @@ class FigureData:
             _whole(recording),
             {disturbance.name: _column(recording, disturbance.name) for disturbance in disturbances},
         )
-        samples = recorded if fit is None or not disturbances else _whole(settled(recording, fit.calibration))
+        samples = recorded if fit is None or not disturbances else _whole(compensated(recording, fit.calibration))
         seen = None if fit is None else _seen(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:

@@ -370,10 +370,10 @@ def counted_in(places: Array, size: int, weights: Array | None = None) -> Array:
     return at_ends[1:] - at_ends[:-1]
 
 
-def stretches(units: int, readings: int) -> Iterator[slice]:
+def segments(units: int, readings: int) -> Iterator[slice]:
     """Cut units of so many readings each into stretches that fit the cache.
 
-    >>> [stretch.stop for stretch in stretches(60, 500)]
+    >>> [stretch.stop for stretch in segments(60, 500)]
     [30, 60]
     """
     count = min(max(1, round(units * readings / READINGS_AT_A_TIME)), units)
@@ -381,7 +381,7 @@ def stretches(units: int, readings: int) -> Iterator[slice]:
     yield from (slice(begin, end) for begin, end in pairwise(edges))
 
 
-def in_stretches(kernel: Callable[..., Array], readings: Array, *others: Array | None) -> Array:
+def in_segments(kernel: Callable[..., Array], readings: Array, *others: Array | None) -> Array:
     """Run a kernel over stretches of units, and put together what it gives.
 
     Parameters
@@ -394,7 +394,7 @@ def in_stretches(kernel: Callable[..., Array], readings: Array, *others: Array |
     xp = namespace(readings)
     found = [
         kernel(readings[cut, ...], *(None if other is None else other[cut, ...] for other in others))
-        for cut in stretches(readings.shape[0], readings.shape[2])
+        for cut in segments(readings.shape[0], readings.shape[2])
     ]
     if not isinstance(found[0], tuple):
         return found[0] if len(found) == 1 else xp.concat(found)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.samples import Samples
-from flinders.diagnostics.unmodelled import unfollowed_of
+from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
@@ -227,7 +227,7 @@ def _unmoved(lane: Lane, sources: Sequence[Samples], dip_deg: float) -> NDArray[
     kept = []
     for place, (one, (offset, matrix, radius)) in enumerate(zip(sources, columns, strict=True)):
         surface = Ellipsoid(offset, radius * np.linalg.inv(matrix.reshape(3, 3))) if one.disturbances else None
-        if surface is None or unfollowed_of(one, surface, dip_deg=dip_deg, time=1.0 - DOUBTFUL) is None:
+        if surface is None or unmodelled_of(one, surface, dip_deg=dip_deg, time=1.0 - DOUBTFUL) is None:
             kept.append(place)
     return np.array(kept, dtype=np.intp)
 

@@ -32,7 +32,7 @@ from flinders.stacked.algebra import (
     carriers,
     counted_in,
     gathered,
-    in_stretches,
+    in_segments,
     lengths,
     like,
     monomials,
@@ -86,7 +86,7 @@ class BatchResiduals:
     @classmethod
     def of(cls, readings: Array, inside: Array | None, count: Array, ellipsoids: EllipsoidBatch) -> Self:
         """Go through the readings once."""
-        return cls(*in_stretches(_residuals, readings, inside, count, ellipsoids.centre, ellipsoids.inverse))
+        return cls(*in_segments(_residuals, readings, inside, count, ellipsoids.centre, ellipsoids.inverse))
 
     def only(self, which: Array) -> Self:
         """Those that (K,) integers name."""
@@ -277,13 +277,13 @@ class Hung:
     scatter: Array
     lag_one: Array
     time: Array
-    creep: Array
+    excess_variance: Array
     are_plain: Array
 
     @cached_property
     def are_white(self) -> Array:
         """(U,) bool."""
-        return (self.time == 1.0) & (self.creep == 1.0)
+        return (self.time == 1.0) & (self.excess_variance == 1.0)
 
     def widened(self, found: BatchFit) -> Array:
         """(U, 9, 9) covariances with the scatter that residuals which hang together give the gradient."""
@@ -293,7 +293,7 @@ class Hung:
 
     def effective(self, count: Array) -> Array:
         """(U,) how many independent readings say as much as so many of these."""
-        return count / (self.time * self.creep)
+        return count / (self.time * self.excess_variance)
 
 
 def autocorrelated(
@@ -317,11 +317,11 @@ def autocorrelated(
     in_time_inverse = inverse / (freedom * found.values[:, 0])[:, None, None]
     if hangs.shape[0]:
         in_time_inverse = put(in_time_inverse, hangs, scaled_inverse(xp.take(in_time, hangs, axis=0)))
-    creep = _creep(in_time_inverse, inverse, left)
+    excess_variance = _excess_variance(in_time_inverse, inverse, left)
     direction = _belongs(left, count, found.length, time)
     carrier = carriers(ellipsoids.inverse)
-    scatter = carrier @ (creep[:, None, None] * in_time) @ xp.matrix_transpose(carrier)
-    return Hung(scatter, found.lag_one, time, creep, ~direction)
+    scatter = carrier @ (excess_variance[:, None, None] * in_time) @ xp.matrix_transpose(carrier)
+    return Hung(scatter, found.lag_one, time, excess_variance, ~direction)
 
 
 def _monomials(readings: Array, inside: Array | None, ellipsoids: EllipsoidBatch) -> Array:
@@ -339,8 +339,8 @@ def _rows(readings: Array, inside: Array | None, ellipsoids: EllipsoidBatch) -> 
     return rows if inside is None else rows * inside[:, None, :]
 
 
-def _creep(inverse: Array, whole: Array, left: BatchResiduals) -> Array:
-    """(U,) factor by which blocks scatter more than scatters of the whole allow, as `BatchResiduals.creep`.
+def _excess_variance(inverse: Array, whole: Array, left: BatchResiduals) -> Array:
+    """(U,) factor by which blocks scatter more than scatters of the whole allow, as `BatchResiduals.excess_variance`.
 
     Parameters
     ----------
@@ -389,7 +389,7 @@ def standard_deviations(chi_square: Array, freedom: Array, others: Array | float
 
 def _belongs(left: BatchResiduals, count: Array, length: Array, time: Array) -> Array:
     """(U,) whether a distortion belongs to directions, as `_Sphere.distortion` proves it."""
-    return in_stretches(_proven, left.distances[:, None, :], left.cells, count, length, time)
+    return in_segments(_proven, left.distances[:, None, :], left.cells, count, length, time)
 
 
 def _proven(distances: Array, cells: Array, count: Array, length: Array, time: Array) -> Array:

@@ -23,7 +23,7 @@ from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.findings import CATALOGUE, VERDICTS
 from flinders.fitting.verdict import ALTERNATING
 from flinders.heading.error_propagation import HEADINGS, level_turn
-from flinders.stacked.algebra import Array, gathered, in_stretches, like, namespace, put, signs
+from flinders.stacked.algebra import Array, gathered, in_segments, like, namespace, put, signs
 from flinders.summary.coverage import CELLS, LEANING, LEANING_LEAST, UPRIGHT
 from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
 
@@ -67,7 +67,7 @@ class BatchQuality:
     @classmethod
     def of(cls, readings: Array, inside: Array | None, count: Array) -> Self:
         """Look at (U, 3, N) readings, or those `with_ones`."""
-        return cls(*in_stretches(_health, readings, inside, count))
+        return cls(*in_segments(_health, readings, inside, count))
 
     def only(self, which: Array) -> Self:
         """Those that (K,) integers name."""
@@ -170,8 +170,9 @@ class Evidence:
     Attributes
     ----------
     ellipsoids : EllipsoidBatch
-    worst_deg, noise, held, independent, lag_one, count
-        As the attributes of `flinders.fitting.result.Fit`; `held` is zero and `lag_one` too where nobody looked.
+    worst_deg, noise, prior_influence, independent, lag_one, count
+        As the attributes of `flinders.fitting.result.Fit`; `prior_influence` is zero and `lag_one` too where
+        nobody looked.
     has_hole : bool
     extent : (U, 3)
     repeats
@@ -182,7 +183,7 @@ class Evidence:
     ellipsoids: EllipsoidBatch
     worst_deg: Array
     noise: Array
-    held: Array
+    prior_influence: Array
     independent: Array
     lag_one: Array
     count: Array
@@ -236,7 +237,7 @@ def _columns(evidence: Evidence, inside: str, target_deg: float) -> dict[str, Ar
         "worst_deg": evidence.worst_deg,
         "hole_deg": xp.where(evidence.has_hole, nothing + 180.0, nothing),
         "noise_share": evidence.noise / radius,
-        "prior_share": evidence.held,
+        "prior_share": evidence.prior_influence,
         "independent": independent,
         "independent_share": independent / count,
         "inflation": 2.0 * axes[:, 2] / xp.max(evidence.extent, axis=1),

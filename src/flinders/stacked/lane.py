@@ -33,7 +33,7 @@ from flinders.stacked.algebra import (
     Array,
     carriers,
     diagonals,
-    in_stretches,
+    in_segments,
     like,
     monomials,
     moving,
@@ -207,7 +207,7 @@ class _Claimed:
         Which of the units they are.
     ellipsoids : EllipsoidBatch
     covariance : (U, 9, 9)
-    noise, held, lag_one : (U,)
+    noise, prior_influence, lag_one : (U,)
     independent : (U,)
         Readings that say as much.
     repeated : (U,)
@@ -222,7 +222,7 @@ class _Claimed:
     ellipsoids: EllipsoidBatch
     covariance: Array
     noise: Array
-    held: Array
+    prior_influence: Array
     lag_one: Array
     independent: Array
     repeated: Array
@@ -234,8 +234,8 @@ class _Claimed:
     def only(self, which: Array) -> _Claimed:
         """Those that (K,) ascending integers name."""
         xp = namespace(which)
-        names = ("units", "covariance", "noise", "held", "lag_one", "independent", "repeated", "counts", "has_hole",
-                 "are_plain")  # fmt: skip
+        names = ("units", "covariance", "noise", "prior_influence", "lag_one", "independent", "repeated",
+                 "counts", "has_hole", "are_plain")  # fmt: skip
         columns = {name: xp.take(getattr(self, name), which, axis=0) for name in names}
         return _Claimed(ellipsoids=self.ellipsoids.only(which), method=self.method, **columns)
 
@@ -250,13 +250,13 @@ def _of_readings(units: _Units) -> _Claimed | None:
     surfaces = found.ellipsoids
     left = BatchResiduals.of(units.readings, units.inside, units.count, surfaces)
     hangs = autocorrelated(units.readings, units.inside, units.count, surfaces, left)
-    counts, has_hole, clear, open_, sigma = in_stretches(
+    counts, has_hole, clear, open_, sigma = in_segments(
         placed, units.readings, units.count, surfaces.centre, surfaces.inverse, surfaces.radius, left.distances
     )
     (doubtful,) = xp.nonzero(clear & open_)
     if doubtful.shape[0]:
         part = units.only(doubtful)
-        bent = in_stretches(may_be_bent, part.readings, part.count, xp.take(sigma, doubtful))
+        bent = in_segments(may_be_bent, part.readings, part.count, xp.take(sigma, doubtful))
         clear = put(clear, doubtful, ~bent)
     (coloured,) = xp.nonzero(~hangs.are_white)
     changed = xp.zeros(units.at.shape, dtype=xp.bool)
@@ -270,8 +270,8 @@ def _of_readings(units: _Units) -> _Claimed | None:
     repeated = xp.maximum(share / known, 1.0)
     independent = hangs.effective(units.counted / repeated)
     loud = found.noise > QUIETEST * xp.sqrt(xp.sum(units.sums.mean**2, axis=1) + units.sums.spread**2)
-    return _Claimed(found.at, surfaces, covariance, found.noise, found.held, hangs.lag_one, independent, repeated,
-                    counts, has_hole, hangs.are_plain & clear & ~changed & loud, "likelihood")  # fmt: skip
+    return _Claimed(found.at, surfaces, covariance, found.noise, found.prior_influence, hangs.lag_one, independent,
+                    repeated, counts, has_hole, hangs.are_plain & clear & ~changed & loud, "likelihood")  # fmt: skip
 
 
 def placed(
@@ -293,7 +293,7 @@ def _of_sums(units: _Units) -> _Claimed | None:
     if not closed.shape[0]:
         return None
     units, surfaces, noise = units.only(closed), start.ellipsoids.only(closed), xp.take(start.noise, closed)
-    covariance, counts, has_hole, clear = in_stretches(
+    covariance, counts, has_hole, clear = in_segments(
         _claimed_of_sums, units.readings, units.count, surfaces.centre, surfaces.inverse, surfaces.shape, noise
     )
     repeated = units.counted / xp.maximum(units.counted - units.health.repeats, 1.0)
@@ -361,8 +361,8 @@ def _judged(units: _Units, claimed: _Claimed, inside: str, target_deg: float, di
     covariance = claimed.covariance * (claimed.repeated * freedom / (freedom - 2.0))[:, None, None]
     rms, worst, facing = errors_facing(claimed.ellipsoids, covariance, claimed.counts, dip_deg)
     evidence = Evidence(
-        claimed.ellipsoids, worst, claimed.noise, claimed.held, claimed.independent, claimed.lag_one, units.counted,
-        claimed.has_hole, units.health.extent, units.health.repeats, units.steps,
+        claimed.ellipsoids, worst, claimed.noise, claimed.prior_influence, claimed.independent, claimed.lag_one,
+        units.counted, claimed.has_hole, units.health.extent, units.health.repeats, units.steps,
     )  # fmt: skip
     findings, plain = found_in(evidence, inside, target_deg)
     radius, matrix = _corrections(claimed.ellipsoids)

@@ -32,7 +32,7 @@ from flinders.likelihood.equations import FINEST
 from flinders.likelihood.prior import DEVIATOR, SENSE, SPREAD
 from flinders.stacked.algebra import (
     Array,
-    in_stretches,
+    in_segments,
     like,
     namespace,
     put,
@@ -185,7 +185,7 @@ def _seen(
 ) -> Posteriors:
     """Linearise at surfaces: one pass through the readings of units `at`."""
     xp = namespace(readings)
-    products = in_stretches(
+    products = in_segments(
         products_at, *of_units(readings, inside, at), ellipsoids.centre, ellipsoids.inverse
     ) if at.shape[0] else xp.zeros((0, 10, 10), dtype=readings.dtype)  # fmt: skip
     sound = xp.zeros(at.shape, dtype=xp.bool) if sound is None else sound
@@ -246,7 +246,7 @@ class BatchFit:
         Information of the prior.
     variance : (U,)
         That readings are weighed with.
-    held : (U,)
+    prior_influence : (U,)
         Share of the worst known shape parameter that the prior speaks for.
     """
 
@@ -256,18 +256,18 @@ class BatchFit:
     covariance: Array
     prior: Array
     variance: Array
-    held: Array
+    prior_influence: Array
 
     def only(self, which: Array) -> Self:
         """Those that (K,) ascending integers name."""
         if which.shape[0] == self.at.shape[0]:
             return self
         xp = namespace(which)
-        at, noise, covariance, prior, variance, held = (
+        at, noise, covariance, prior, variance, prior_influence = (
             xp.take(part, which, axis=0)
-            for part in (self.at, self.noise, self.covariance, self.prior, self.variance, self.held)
+            for part in (self.at, self.noise, self.covariance, self.prior, self.variance, self.prior_influence)
         )
-        return type(self)(at, self.ellipsoids.only(which), noise, covariance, prior, variance, held)
+        return type(self)(at, self.ellipsoids.only(which), noise, covariance, prior, variance, prior_influence)
 
 
 def _fitted(found: Posteriors, readings: Array, inside: Array | None) -> BatchFit:
@@ -277,17 +277,17 @@ def _fitted(found: Posteriors, readings: Array, inside: Array | None) -> BatchFi
     (kept,) = xp.nonzero(supports.are_plain)
     found, information = found.only(kept), xp.take(supports.information, kept, axis=0)
     surfaces = found.ellipsoids
-    bias = in_stretches(
+    bias = in_segments(
         bent, *of_units(readings, inside, found.at), surfaces.centre, surfaces.inverse
     ) if kept.shape[0] else 0.0  # fmt: skip
     moved = surfaces.moved(found.step(bias))
     covariance = scaled_inverse(found.prior[:, :9, :9] + information)
-    held = _held(covariance, surfaces)
-    fitted = BatchFit(found.at, moved, found.noise, covariance, found.prior[:, :9, :9], found.variance, held)
+    prior_influence = _prior_influence(covariance, surfaces)
+    fitted = BatchFit(found.at, moved, found.noise, covariance, found.prior[:, :9, :9], found.variance, prior_influence)
     return fitted.only(xp.nonzero(moved.are_closed)[0])
 
 
-def _held(covariance: Array, ellipsoids: EllipsoidBatch) -> Array:
+def _prior_influence(covariance: Array, ellipsoids: EllipsoidBatch) -> Array:
     """(U,) largest share of the information about any parameters that is the prior's, as `Likelihood` finds it."""
     xp = namespace(covariance)
     rows = mild(ellipsoids)[:, :, :9]
@@ -322,6 +322,6 @@ def _supports(now: Posteriors, readings: Array, inside: Array | None) -> Support
     def spurious(weak: Array) -> Array:
         part = now.only(weak)
         chosen = of_units(readings, inside, part.at)
-        return in_stretches(spurious_information, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
+        return in_segments(spurious_information, *chosen, part.ellipsoids.centre, part.ellipsoids.inverse)
 
     return Supports.of(now.weighed, spurious)

@@ -17,7 +17,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from flinders.stacked.algebra import ENOUGH, POWERS, Array, in_stretches, like, monomials, namespace, rows_like, turned
+from flinders.stacked.algebra import ENOUGH, POWERS, Array, in_segments, like, monomials, namespace, rows_like, turned
 from flinders.summary.moments import EXPONENTS, FORMS, SMALLEST_UNIT, packing
 
 PACKING: Final = packing()
@@ -68,7 +68,7 @@ class BatchMoments:
         if largest is None:
             xp = namespace(readings)
             largest = xp.max(xp.abs(readings[:, :3, :]), axis=(1, 2))
-        values, unit = in_stretches(_summed, readings, inside, powers_of_two_above(largest))
+        values, unit = in_segments(_summed, readings, inside, powers_of_two_above(largest))
         return cls(values, unit)
 
     def only(self, which: Array) -> Self:

@@ -16,13 +16,13 @@ from flinders.estimators.reference.attitude_independent import (
     ProductSums,
     Reference,
     Weights,
-    beside_consistent,
     check_options,
+    converged_noise,
     estimate_of,
     jacobian,
     parameters,
-    settled_noise,
     shrunk,
+    widened_by_consistent,
 )
 
 if TYPE_CHECKING:
@@ -145,18 +145,18 @@ class AlonsoShuster:
         noise = self._given(reference) or reference.noise
         sums = ProductSums.of(reference, noise, self.weights)
         start = self.start(reference, sums)
-        if unseen := sums.unseen(start):
-            raise Undetermined(unseen)
+        if unobserved := sums.unobserved(start):
+            raise Undetermined(unobserved)
         theta = start
         for _ in range(ROUNDS if self._given(reference) is None else 1):
-            theta = settled(sums, theta, start, self.name)
+            theta = converged(sums, theta, start, self.name)
             b, d = parameters(theta, self.name)
-            noise = self._given(reference) or settled_noise(reference, b, d, self.unknowns - 1)
+            noise = self._given(reference) or converged_noise(reference, b, d, self.unknowns - 1)
             sums = ProductSums.of(reference, noise, self.weights)
         inverse = np.linalg.inv(jacobian(b, d))
         covariance = inverse @ sums.covariance(theta) @ inverse.T
         estimate = estimate_of(reference, b, d, covariance, self.name)
-        return estimate if reference.varies else beside_consistent(estimate, reference)
+        return estimate if reference.varies else widened_by_consistent(estimate, reference)
 
     def start(self, reference: Reference, sums: ProductSums) -> Floats:
         """(9,) θ' of step 1 where the strength varies enough, else of the consistent ellipsoid.
@@ -181,7 +181,7 @@ class AlonsoShuster:
         return None if self.noise is None else self.noise / reference.mean
 
 
-def settled(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Floats:
+def converged(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Floats:
     """(9,) θ' that minimises the whole cost: step 2.
 
     Parameters

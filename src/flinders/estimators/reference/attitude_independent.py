@@ -493,7 +493,7 @@ class ProductSums:
         across = self.means[:9] - beta(theta)[1]
         return self.centred[:9, :9] + np.outer(across, across) / self.variance
 
-    def unseen(self, theta: Floats) -> int:
+    def unobserved(self, theta: Floats) -> int:
         """Combinations of parameters of which rounding leaves nothing, as where the readings lie on two rings."""
         information = self.information(theta)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -522,7 +522,7 @@ def rows_of(field: Floats, strength: Floats, noise: float) -> Floats:
     return np.column_stack([regressors(field), z, np.ones(len(z))])
 
 
-def settled_noise(reference: Reference, b: Floats, d: Floats, taken: int) -> float:
+def converged_noise(reference: Reference, b: Floats, d: Floats, taken: int) -> float:
     """Standard deviation of |m| about the strength, in units of the mean strength; no less than a sensor resolves."""
     count, total, square = 0, 0.0, 0.0
     for field, strength in reference.blocks():
@@ -614,7 +614,7 @@ def estimate_of(
     return replace(estimate, noise=noise, used=len(alike))
 
 
-def beside_consistent(estimate: Estimate, reference: Reference) -> Estimate:
+def widened_by_consistent(estimate: Estimate, reference: Reference) -> Estimate:
     """Add what separates it from the consistent fit of the same readings to its claim, all of it.
 
     That fit looks at all readings at once, and noise does not pull it. Nothing is taken off for chance: the claim that

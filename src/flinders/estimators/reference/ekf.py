@@ -16,11 +16,11 @@ from flinders.estimators.reference.attitude_independent import (
     Collapsed,
     ProductSums,
     Reference,
-    beside_consistent,
     check_options,
+    converged_noise,
     estimate_of,
     parameters,
-    settled_noise,
+    widened_by_consistent,
 )
 from flinders.estimators.reference.sphere import Sphere
 from flinders.geometry.ellipsoid import symmetric, upper
@@ -141,7 +141,7 @@ class Ekf:
                 self.name, kept, "they come in an order that leads a filter astray, and a smaller spread may keep it"
             )
         estimate = self._estimate(ended, reference)
-        return estimate if reference.varies else beside_consistent(estimate, reference)
+        return estimate if reference.varies else widened_by_consistent(estimate, reference)
 
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Follow the estimate at about so many steps; where it goes to D = −I, up to there.
@@ -184,7 +184,7 @@ class Ekf:
             sums = ProductSums.of(reference, noise)
             reference.refuse_unrelated(sums.explained)
             if sums.explained >= ENOUGH_EXPLAINED:
-                return settled_noise(reference, *parameters(sums.solved(), self.name), 9)
+                return converged_noise(reference, *parameters(sums.solved(), self.name), 9)
         return noise
 
     def _begun(self, reference: Reference) -> FilterState:

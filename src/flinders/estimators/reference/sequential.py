@@ -18,11 +18,11 @@ from flinders.estimators.reference.attitude_independent import (
     Weights,
     beta,
     check_options,
+    converged_noise,
     estimate_of,
     jacobian,
     parameters,
     rows_of,
-    settled_noise,
 )
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class Sequential:
             explained = sums.explained
             reference.refuse_unrelated(explained)
             if self.noise is None and explained >= ENOUGH_EXPLAINED:
-                noise = settled_noise(reference, *parameters(sums.solved(), self.name), 9)
+                noise = converged_noise(reference, *parameters(sums.solved(), self.name), 9)
         enough = explained >= ENOUGH_EXPLAINED
         if self.find == "all" and not enough:
             raise ConstantStrength(self.name, explained)

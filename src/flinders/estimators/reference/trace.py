@@ -49,7 +49,9 @@ class Convergence:
         """
         unknown = np.full(9, np.nan)
         parameters = [
-            unknown if estimate is None else np.concatenate([estimate.ellipsoid.centre, upper(estimate.ellipsoid.shape)])
+            unknown
+            if estimate is None
+            else np.concatenate([estimate.ellipsoid.centre, upper(estimate.ellipsoid.shape)])
             for estimate in estimates
         ]
         sigmas = [unknown if estimate is None else np.sqrt(np.diag(estimate.covariance)) for estimate in estimates]
