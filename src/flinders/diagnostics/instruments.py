@@ -353,8 +353,8 @@ def _misread(aid: str, mounted: Mounted, *, contradicted: bool) -> Mistake:
         )
     elif contradicted:
         how = (
-            f"with the magnetometer's axes turned by {mounted.axes}, and the {other} does not: the {what} sits otherwise "
-            "than the two, turn its columns; it was not used"
+            f"with the magnetometer's axes turned by {mounted.axes}, and the {other} does not: the {what} sits "
+            "otherwise than the two, turn its columns; it was not used"
         )
     elif not mounted.is_clear:
         how = (

@@ -105,8 +105,8 @@ class AlonsoShuster:
     >>> strength = 35.0 + 10.0 * np.sin(np.arange(2000) / 86)
     >>> field = (strength[:, None] * directions) @ np.diag([0.9, 1.0, 1.2]) + [20, 120, 90]
     >>> field += rng.normal(scale=0.2, size=field.shape)
-    >>> estimate = AlonsoShuster().estimate(Readings.of(Samples.of(field, strength=strength)))
-    >>> estimate.ellipsoid.centre.round(1), (estimate.strength * np.linalg.inv(estimate.ellipsoid.shape)).diagonal().round(2)
+    >>> fit = AlonsoShuster().estimate(Readings.of(Samples.of(field, strength=strength)))
+    >>> fit.ellipsoid.centre.round(1), (fit.strength * np.linalg.inv(fit.ellipsoid.shape)).diagonal().round(2)
     (array([ 20., 120.,  90.]), array([1.11, 1.  , 0.83]))
     """
 
