@@ -43,6 +43,8 @@ def test_both_names_at_once_are_refused() -> None:
         ("driven", "disturbances"),
         ("noise_undriven", "noise_uncompensated"),
         ("aids", "aiding"),
+        ("held", "prior_influence"),
+        ("unseen", "unobserved"),
     ],
 )
 def test_a_fit_has_attributes_by_their_old_names(old: str, new: str) -> None:
