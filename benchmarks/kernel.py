@@ -24,8 +24,8 @@ import flinders
 from benchmarks.readers import write_csv
 from benchmarks.speed import MILLION, blocked_products, readings
 from flinders.estimators import Readings
-from flinders.estimators.autocorrelation import correlation_of
 from flinders.estimators.consistent import Consistent
+from flinders.estimators.covariance import correlation_of
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import asks_for_it
 from flinders.heading.error_propagation import level_error

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from flinders.core.samples import Samples
 from flinders.estimators import Readings, outliers_of
-from flinders.estimators.inliers import LEAST, MARGIN, NO_RUN, WINDOW, Inliers, dense_enough, dense_in, left_out
+from flinders.estimators.data import LEAST, MARGIN, NO_RUN, WINDOW, Inliers, dense_enough, dense_in, left_out
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude

@@ -14,7 +14,7 @@ from benchmarks.datasets import parameter_error
 import flinders
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto
-from flinders.estimators.autocorrelation import correlation_of
+from flinders.estimators.covariance import correlation_of
 from flinders.estimators.likelihood import Likelihood
 from flinders.simulate import Sensor, tumble
 

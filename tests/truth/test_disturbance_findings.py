@@ -18,7 +18,7 @@ from flinders.comparison.evaluation import evaluate
 from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples
 from flinders.estimators.disturbance import driving_of
-from flinders.estimators.regressor_noise import noise_of
+from flinders.estimators.regressor_quality import noise_of
 from flinders.estimators.static_bench import still
 from flinders.findings import CATALOGUE
 from flinders.fitting.result import Fit, Refused

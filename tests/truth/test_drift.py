@@ -13,7 +13,7 @@ from tests.worlds import SENSOR, judged
 import flinders
 from flinders.core.samples import Joined, Samples
 from flinders.diagnostics.drift import drift_of
-from flinders.estimators import Readings, autocorrelation
+from flinders.estimators import Readings, covariance
 from flinders.estimators.likelihood import Likelihood
 from flinders.geometry.ellipsoid import upper
 from flinders.simulate import RATE_HZ, Sensor, tumble
@@ -188,7 +188,7 @@ def test_an_offset_that_wanders_slowly_below_the_noise_widens_the_claim(monkeypa
     """A fifth of the noise, over ten seconds, for two minutes: the autocovariance alone misses most of it."""
     fields = [tumbled(seed, 6000) + wandering(seed, 0.1, 10.0, 6000) for seed in range(40)]
     allowing = float(np.mean([weighed(field) for field in fields]))
-    monkeypatch.setattr(autocorrelation.Residuals, "excess_variance", lambda *_: 1.0)
+    monkeypatch.setattr(covariance.Residuals, "excess_variance", lambda *_: 1.0)
     missing = float(np.mean([weighed(field) for field in fields]))
     assert 0.5 < allowing < 1.6
     assert missing > 3.0

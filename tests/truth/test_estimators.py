@@ -14,7 +14,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import FitError, NeedsSamples
-from flinders.estimators import Estimator, Readings, cache, likelihood
+from flinders.estimators import Estimator, Readings, data, likelihood
 from flinders.estimators.algebraic import Algebraic
 from flinders.estimators.auto import Auto
 from flinders.estimators.consistent import Consistent
@@ -180,7 +180,7 @@ def test_a_recording_too_long_to_hold_gives_the_fit_of_the_array(monkeypatch: py
     held = flinders.fit(short)
     assert short.passes == 1
     npt.assert_allclose(held.calibration.offset, whole.calibration.offset, rtol=0, atol=1e-9)
-    monkeypatch.setattr(cache, "HELD", 1000)
+    monkeypatch.setattr(data, "HELD", 1000)
     long = Streamed(truth.samples)
     streamed = flinders.fit(long)
     assert long.passes > 1
@@ -201,7 +201,7 @@ def test_iterating_on_a_part_and_finishing_on_the_whole_is_as_good_as_iterating_
     off = np.abs(thinned.calibration.offset - whole.calibration.offset)
     assert (off < 0.02 * whole.offset_sigma).all()
     npt.assert_allclose(np.diag(thinned.covariance), np.diag(whole.covariance), rtol=0.03)
-    monkeypatch.setattr(cache, "HELD", 1000)
+    monkeypatch.setattr(data, "HELD", 1000)
     streamed = flinders.fit(Streamed(truth.samples))
     npt.assert_allclose(streamed.calibration.offset, thinned.calibration.offset, rtol=0, atol=1e-9)
 

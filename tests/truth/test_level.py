@@ -14,7 +14,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
-from flinders.estimators import Readings, cache
+from flinders.estimators import Readings, data
 from flinders.estimators.level import Level
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
@@ -256,7 +256,7 @@ def test_a_file_an_array_and_blocks_give_the_same(tmp_path: Path, monkeypatch: p
     path.write_text("mx_uT,my_uT,mz_uT\n" + rows, encoding="utf-8")
     array = flinders.fit(samples)
     file = flinders.fit(flinders.read(path))
-    monkeypatch.setattr(cache, "HELD", 500)
+    monkeypatch.setattr(data, "HELD", 500)
     blocks = flinders.fit(Streamed(samples))
     assert {fit.method for fit in (array, file, blocks)} == {"level"}
     for other in (file, blocks):

@@ -13,7 +13,7 @@ import flinders
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.estimators import Readings, cache
+from flinders.estimators import Readings, data
 from flinders.simulate import tumble
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def peak_of(recording: Long) -> int:
 
 @pytest.mark.parametrize("outliers", [0.0, 0.01])
 def test_memory_does_not_grow_with_the_recording(outliers: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "HELD", 20_000)
+    monkeypatch.setattr(data, "HELD", 20_000)
     short, long = (peak_of(Long(blocks, outliers)) for blocks in (12, 36))
     assert long - short < 0.5 * 24 * 8192, "not one block more"
 

@@ -12,7 +12,7 @@ from tests.worlds import SENSOR, Streamed, moved_alike, passed_by_a_magnet
 import flinders
 from flinders import simulate
 from flinders.errors import NotAnEllipsoid
-from flinders.estimators import Readings, cache, likelihood
+from flinders.estimators import Readings, data, likelihood
 from flinders.estimators.auto import Auto
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust, asks_for_it
@@ -103,7 +103,7 @@ def test_what_is_listed_is_what_was_left_out(rows: int | None, monkeypatch: pyte
     _, samples = passed_by_a_magnet(PASSED)
     whole = Robust().estimate(Readings.of(samples))
     if rows is not None:
-        monkeypatch.setattr(cache, "HELD", 500)
+        monkeypatch.setattr(data, "HELD", 500)
     found = whole if rows is None else Robust().estimate(Readings.of(Streamed(samples, rows)))
     assert found.used + sum(outlier.rows for outlier in found.outliers) == len(samples)
     assert [str(outlier) for outlier in found.outliers] == [str(outlier) for outlier in whole.outliers]
@@ -130,7 +130,7 @@ def test_a_stream_too_long_to_hold_lists_the_same_strays(monkeypatch: pytest.Mon
     """The fit from a part of the readings, then the whole again and again, block by block."""
     _, samples = passed_by_a_magnet(PASSED)
     whole = flinders.fit(samples)
-    monkeypatch.setattr(cache, "HELD", 1000)
+    monkeypatch.setattr(data, "HELD", 1000)
     streamed = flinders.fit(Streamed(samples))
     apart = np.abs(streamed.calibration.offset - whole.calibration.offset)
     assert (apart < 0.1 * whole.offset_sigma).all()

@@ -11,8 +11,8 @@ from tests.worlds import SENSOR
 
 import flinders
 from flinders.core.samples import Joined, Samples, Wrapped
-from flinders.estimators import Readings, cache
-from flinders.estimators.autocorrelation import correlation_of
+from flinders.estimators import Readings, data
+from flinders.estimators.covariance import correlation_of
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.simulate import tumble
@@ -86,7 +86,7 @@ def test_one_recording_that_was_joined_is_a_single_one() -> None:
 
 
 def test_what_is_kept_in_memory_is_bounded_over_all_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "HELD", 5000)
+    monkeypatch.setattr(data, "HELD", 5000)
     streams = [Streamed(by_hand(seed, n)) for seed, n in ((1, 3000), (2, 3000), (3, 1500), (4, 1500))]
     readings = Readings.of(Joined(tuple(streams)))
     in_memory = [isinstance(part.recording, Samples) for part in readings.parts]
@@ -103,7 +103,7 @@ def test_long_or_short_the_fit_is_the_same(method: str, monkeypatch: pytest.Monk
     joined = Joined(tuple(map(Streamed, samples)))
     whole = flinders.fit(joined, method=method)
     for room in (3000, 1000):
-        monkeypatch.setattr(cache, "HELD", room)
+        monkeypatch.setattr(data, "HELD", room)
         streamed = flinders.fit(joined, method=method)
         npt.assert_allclose(streamed.calibration.offset, whole.calibration.offset, rtol=0, atol=1e-6)
         npt.assert_allclose(streamed.covariance, whole.covariance, rtol=1e-4, atol=1e-9)

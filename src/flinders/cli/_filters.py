@@ -180,7 +180,7 @@ def _tried(parts: Sequence[Recording], options: dict[str, Any]) -> Fit | None:
 
 def _within_range(part: Recording) -> Recording:
     """A recording without the readings at a rail."""
-    from flinders.estimators.saturation import WithinRange
+    from flinders.estimators.data import WithinRange
     from flinders.summary.summary import Summary
 
     rails = Summary.through(part).health.rails

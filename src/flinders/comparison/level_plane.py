@@ -36,7 +36,7 @@ import numpy as np
 from flinders.comparison.comparison import IN_PLANE, compare_level
 from flinders.core.calibration import Calibration
 from flinders.core.samples import singles
-from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.known_dip import Heights
 from flinders.fitting.result import Fit
 from flinders.geometry.equator import equator, to_equator

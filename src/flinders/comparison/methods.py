@@ -22,7 +22,7 @@ from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cr
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
-from flinders.estimators.cache import concatenated
+from flinders.estimators.data import concatenated
 from flinders.findings import VERDICTS
 from flinders.fitting.calibrate import estimator_of, fit
 from flinders.fitting.result import Refused

@@ -34,8 +34,7 @@ from flinders.deprecation import renamed_keywords
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
-from flinders.estimators.cache import concatenated
-from flinders.estimators.inliers import dense_in, left_out
+from flinders.estimators.data import concatenated, dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.aiding import Aiding

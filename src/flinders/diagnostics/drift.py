@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.covariance import Residuals, time_of
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude

@@ -41,7 +41,7 @@ import numpy as np
 
 from flinders.core.samples import singles
 from flinders.errors import NeedsSamples, TooFewSamples, figures
-from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.disturbance_solver import spread_of
 from flinders.estimators.in_plane import equator
 from flinders.geometry.ellipsoid import Ellipsoid

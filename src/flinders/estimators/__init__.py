@@ -18,13 +18,11 @@ from typing import Any, Final
 
 from flinders.errors import UsageError
 from flinders.estimators.algebraic import fit_error
-from flinders.estimators.base import Estimate, Estimator, Method
-from flinders.estimators.bias_inflation import as_correlated, with_bias
-from flinders.estimators.data import Readings
+from flinders.estimators.base import Estimate, Estimator, Method, as_correlated, with_bias
+from flinders.estimators.data import Readings, within_range
 from flinders.estimators.outliers import outliers_of
 from flinders.estimators.reference.attitude_independent import at_one_strength
 from flinders.estimators.reference.trace import Convergence
-from flinders.estimators.saturation import within_range
 
 FIRST: Final = (
     "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",

@@ -31,8 +31,13 @@ import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.base import Estimate
-from flinders.estimators.noise_information import spurious_information_of, without
-from flinders.estimators.sandwich_covariance import random_walk_of, scatter_of, span_of
+from flinders.estimators.joint_covariance import (
+    random_walk_of,
+    scatter_of,
+    span_of,
+    spurious_information_of,
+    without,
+)
 from flinders.estimators.solver import (
     ACCELERATION_SIGMA,
     ROTATION_SIGMA,
@@ -59,7 +64,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.likelihood.disturbances import Disturbances
+    from flinders.likelihood.disturbance import Disturbances
     from flinders.likelihood.parameters import ParameterLayout, Parameters
     from flinders.likelihood.site_field import Site
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.estimators.base import Estimate, Method
-from flinders.estimators.uncertainty import algebraic_covariance
+from flinders.estimators.covariance import algebraic_covariance
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.summary.moments import EXPONENTS, packed, unpacked
 

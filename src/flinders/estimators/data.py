@@ -1,36 +1,281 @@
-"""What an estimator looks at: the sums of a recording, and the recording itself where it is there.
+"""Readings as an estimator takes them: the sums of a recording, and the recording itself where it is there.
 
 >>> readings = Readings.of(np.random.default_rng(1).normal(size=(50, 3)))
 >>> len(readings.summary), readings.thinned(20).shape
 (50, (17, 3))
+
+A recording that is short enough stays in memory after the first pass:
+
+>>> in_memory = Cached(Samples(np.ones((5, 3))), room=10)
+>>> [len(block) for block in in_memory.blocks()], in_memory.in_memory().field.shape
+([5], (5, 3))
+
+Inliers are what a robust fit uses: readings near the surface that are not part of a run of outliers. What passes by
+fades in and out, and its field crosses zero along the surface's normal: readings between outliers and shortly before
+and after them are no better. Single outliers, of a bus that drops bits, say nothing of their neighbours; so a run is
+where more of eleven readings are far than chance would put there.
+
+>>> from flinders.geometry.ellipsoid import Ellipsoid
+>>> sphere = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
+>>> inliers = Inliers(Samples(np.array([[50.0, 0, 0], [0, 90.0, 0], [0, 0, 51.0]])), sphere, 5.0)
+>>> [block.field for block in inliers.blocks()]
+[array([[50.,  0.,  0.],
+       [ 0.,  0., 51.]])]
+
+A saturated reading says only that the field was stronger, so none is used:
+
+>>> from flinders.summary.quality import Rail
+>>> samples = Samples(np.array([[50.0, 0, 0], [40.0, 9, 0], [50.0, 3, 2]]))
+>>> [block.field.tolist() for block in WithinRange(samples, (Rail(0, "highest", 50.0, 0.66),)).blocks()]
+[[[40.0, 9.0, 0.0]]]
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import islice
+from math import comb
 from typing import TYPE_CHECKING, Final, Self, TypeGuard, cast
 
 import numpy as np
 
-from flinders.core.samples import Samples, singles
+from flinders.core.samples import Joined, Recording, Samples, Wrapped, singles
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
-from flinders.estimators import cache
-from flinders.estimators.cache import Cached, concatenated, together
-from flinders.estimators.inliers import NO_RUN, Inliers
+from flinders.likelihood import magnitude
 from flinders.summary.cloud import keys_of
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.random import Generator
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.summary.quality import Rail
+
+HELD: Final = 500_000
+"""Readings that are kept in memory, 16 MB with times, 76 MB with all columns; what is longer is gone through again."""
+
+
+class Cached(Wrapped):
+    """A recording that remembers its readings on the first pass, unless there are too many.
+
+    Attributes
+    ----------
+    recording : Recording
+    room : int
+        Readings that may be remembered.
+    """
+
+    def __init__(self, recording: Recording, room: int) -> None:
+        self.recording = recording
+        self.room = room
+        self._blocks: list[Samples] | None = None
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording and keep its readings as long as there is room."""
+        self._blocks, rows = [], 0
+        for block in self.recording.blocks():
+            rows += len(block)
+            if rows > self.room:
+                self._blocks = None
+            if self._blocks is not None:
+                self._blocks.append(block)
+            yield block
+
+    def in_memory(self) -> Recording:
+        """The readings, or the recording itself where they were too many."""
+        return self.recording if self._blocks is None else concatenated(self._blocks, self)
+
+
+def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
+    """Several recordings as one, and each of them.
+
+    Where all are in memory and not too long, so is the whole, and each is a view of it; else the whole goes through
+    them in turn.
+    """
+    joined = Joined(tuple(recordings))
+    in_memory = [recording for recording in recordings if isinstance(recording, Samples)]
+    if len(in_memory) < len(recordings) or sum(map(len, in_memory)) > HELD:
+        return joined, recordings
+    whole = concatenated(in_memory, joined)
+    ends = np.cumsum([len(part) for part in in_memory])
+    return whole, [
+        replace(part, field=whole.field[end - len(part) : end]) for part, end in zip(in_memory, ends, strict=True)
+    ]
+
+
+def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
+    """All columns of the blocks of a recording; none of those that one of them lacks."""
+    filled = [block for block in blocks if len(block)]
+    return Samples(
+        np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
+        unit=recording.unit,
+        axes=recording.axes,
+        time=_whole([block.time for block in filled]),
+        acceleration=_whole([block.acceleration for block in filled]),
+        rate=_whole([block.rate for block in filled]),
+        temperature=_whole([block.temperature for block in filled]),
+        current=_whole([block.current for block in filled]),
+        strength=_whole([block.strength for block in filled]),
+        throttle=_whole([block.throttle for block in filled]),
+        attitude=_whole([block.attitude for block in filled]),
+        currents=_whole([block.currents for block in filled]),
+        throttles=_whole([block.throttles for block in filled]),
+        source=recording.source,
+    )
+
+
+def _whole(columns: Sequence[Floats | None]) -> Floats | None:
+    """Put a column of several blocks together, if each has it."""
+    there = [column for column in columns if column is not None]
+    return np.concatenate(there) if there and len(there) == len(columns) else None
+
+
+WINDOW: Final = 11
+"""Readings in a row that are looked at together: a fifth of a second at 50 Hz, and what passes by hand takes longer."""
+
+MARGIN: Final = 25
+"""Readings before and after a run that go with it: half a second at 50 Hz, in which a magnet's field fades away."""
+
+LEAST: Final = 3
+"""Far readings of a window that make a run at the least, however rare they are."""
+
+BY_CHANCE: Final = 1e-3
+"""Runs that outliers thrown in at random may make in a whole recording, on average."""
+
+LOOKS: Final = 3
+"""At the readings, before what is in runs and what is not is told apart."""
+
+NO_RUN: Final = WINDOW + 1
+"""More than a window holds: no run is looked for."""
+
+_REACH: Final = MARGIN + WINDOW // 2
+"""Readings before and after one that have a say in whether it is left out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inliers(Wrapped):
+    """The readings of a recording that are close to a surface, without those around a run of others.
+
+    Attributes
+    ----------
+    recording : Recording
+    ellipsoid : Ellipsoid
+    limit : float
+        Farthest Sampson distance, in the unit of the readings.
+    dense : int
+        Far readings of a window that make a run, see `dense_in`.
+    """
+
+    recording: Recording
+    ellipsoid: Ellipsoid
+    limit: float
+    dense: int = NO_RUN
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording without what is left out."""
+        for block, _, out in left_out(self.recording.blocks(), self.ellipsoid, self.limit, self.dense):
+            yield block[~out]
+
+
+def dense_in(far: NDArray[np.bool_], rows: int) -> int:
+    """Fewest far readings of a window that make a run, given (N,) which of some consecutive readings are far.
+
+    Only those outside runs are there by chance, so runs that are beyond doubt are set aside before the rest is counted.
+    """
+    dense = NO_RUN
+    for _ in range(LOOKS):
+        rest = far[~_around_runs(far, dense)]
+        dense = dense_enough(float(rest.mean()), rows) if len(rest) else NO_RUN
+    return dense
+
+
+def dense_enough(share: float, rows: int) -> int:
+    """Fewest far readings of a window that chance hardly ever puts there.
+
+    Parameters
+    ----------
+    share : float
+        Of the readings, how many are far.
+    rows : int
+        How many readings there are, and so how many windows.
+
+    Examples
+    --------
+    >>> dense_enough(0.001, 500), dense_enough(0.08, 500), dense_enough(0.4, 500) == NO_RUN
+    (3, 8, True)
+    """
+    chances = [comb(WINDOW, far) * share**far * (1.0 - share) ** (WINDOW - far) for far in range(WINDOW + 1)]
+    rare = (least for least in range(LEAST, WINDOW + 1) if rows * sum(chances[least:]) < BY_CHANCE)
+    return next(rare, NO_RUN)
+
+
+def left_out(
+    blocks: Iterable[Samples], ellipsoid: Ellipsoid, limit: float, dense: int
+) -> Iterator[tuple[Samples, Floats, NDArray[np.bool_]]]:
+    """Go through a recording: each block, (m,) distances from a surface and (m,) which readings are left out.
+
+    Every reading is judged together with its neighbours, so where one block ends and the next begins has no say.
+    """
+    ahead = iter(blocks)
+    pending = deque(islice(ahead, 1))  # not `itertools.tee`, which lets go of blocks by 57
+    begun: Floats = np.zeros(_REACH)  # before the first reading nothing is far
+    known = np.concatenate([begun, *(np.abs(magnitude.distances(block.field, ellipsoid)) for block in pending)])
+    while pending:
+        block = pending.popleft()
+        needed = _REACH + len(block) + _REACH
+        while len(known) < needed and (following := next(ahead, None)) is not None:
+            pending.append(following)
+            known = np.concatenate([known, np.abs(magnitude.distances(following.field, ellipsoid))])
+        here = slice(_REACH, _REACH + len(block))
+        far = known[:needed] > limit
+        yield block, known[here], (far | _around_runs(far, dense))[here]
+        known = known[len(block) :]
+
+
+def _around_runs(far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
+    """(N,) readings in a run and within a margin of it, from (N,) which are far."""
+    runs = far if not far.any() else far & (np.convolve(far, np.ones(WINDOW), mode="same") > dense - 0.5)
+    if not runs.any():
+        return runs
+    reach = np.convolve(runs, np.ones(2 * MARGIN + 1))[MARGIN : MARGIN + len(far)]
+    return np.asarray(reach > 0.5, dtype=bool)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithinRange(Wrapped):
+    """A recording without the readings at a rail.
+
+    Attributes
+    ----------
+    recording : Recording
+    rails : tuple of Rail
+    """
+
+    recording: Recording
+    rails: tuple[Rail, ...]
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        for block in self.recording.blocks():
+            free = np.ones(len(block), dtype=bool)
+            for rail in self.rails:
+                free &= block.field[:, rail.axis] != rail.value
+            yield block[free]
+
+
+def within_range(readings: Readings) -> Readings:
+    """Those readings that are at no rail, with the sums of all."""
+    rails = readings.summary.health.rails
+    return readings.through(lambda recording: WithinRange(recording, rails)) if rails else readings
+
 
 SMALLEST, LARGEST = 1e-12, 1e15
 """Between these sizes, in any unit, fourth powers and their inverses are numbers."""
@@ -75,7 +320,7 @@ class Readings:
             return cls(source)
         recording = source if is_recording(source) else Samples.of(cast("ArrayLike", source))
         parts: list[Self] = []
-        room = cache.HELD
+        room = HELD
         for single in singles(recording):
             part = cls._of_one(single, room)
             parts.append(part)
@@ -151,7 +396,7 @@ class Readings:
         return replace(self, recording=Samples(field), parts=())
 
     def near(self, ellipsoid: Ellipsoid, limit: float, dense: int = NO_RUN) -> Self:
-        """Those readings that are close to a surface, see `flinders.estimators.inliers`, with the sums of all."""
+        """Those readings that are close to a surface, see `flinders.estimators.data`, with the sums of all."""
         if np.isinf(limit):
             return self
         return self.through(lambda recording: Inliers(recording, ellipsoid, limit, dense))
@@ -163,7 +408,7 @@ class Readings:
         if self.parts:
             return self._of_parts(self.summary, [part.through(wrapped) for part in self.parts])
         other = wrapped(self.recording)
-        is_short = isinstance(self.recording, Samples) and len(self) <= cache.HELD
+        is_short = isinstance(self.recording, Samples) and len(self) <= HELD
         return replace(self, recording=concatenated(list(other.blocks()), other) if is_short else other)
 
     def spread_out(self, field: Floats, rng: Generator) -> Floats:

@@ -7,7 +7,7 @@ Minimises
 over offset b, shape S, the offset per unit P of each disturbance, the growth a of the scale with the temperature, and
 the lag of motors, s being the Sampson distance. `flinders.estimators.regressors` has the columns,
 `flinders.estimators.disturbance_solver` takes the steps, `flinders.estimators.time_delay` looks for lags and keeps
-those that readings prove, and `flinders.estimators.regressor_noise` says whether a column is fit to be followed.
+those that readings prove, and `flinders.estimators.regressor_quality` says whether a column is fit to be followed.
 
 Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
 turned. Not where the disturbance only changed in step with the attitude (see `DisturbanceQuality.shared`), nor for a
@@ -39,11 +39,11 @@ from flinders.core.disturbance import Disturbance, motor
 from flinders.core.samples import singles
 from flinders.errors import NotTurned, UsageError
 from flinders.estimators.disturbance_solver import DisturbanceProblem, Solver, settle
-from flinders.estimators.linearity import curvature
-from flinders.estimators.regressor_noise import (
+from flinders.estimators.regressor_quality import (
     RegressorError,
     attenuation,
     collinearity,
+    curvature,
     monotonicity,
     noise_of,
     pooled,
@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
     from flinders.estimators.disturbance_solver import Solved
-    from flinders.estimators.regressor_noise import Noise
+    from flinders.estimators.regressor_quality import Noise
     from flinders.estimators.time_delay import Lag
     from flinders.geometry.ellipsoid import Ellipsoid
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
-from flinders.estimators.autocorrelation import FEW, Correlation, correlation_of
 from flinders.estimators.base import Estimate, Method
 from flinders.estimators.consistent import adjusted
+from flinders.estimators.covariance import FEW, Correlation, correlation_of
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood import magnitude, prior
 from flinders.likelihood.equations import FINEST, NormalEquations

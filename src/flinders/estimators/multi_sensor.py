@@ -41,8 +41,8 @@ import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples
 from flinders.estimators.auto import Auto
-from flinders.estimators.autocorrelation import Residuals
 from flinders.estimators.base import Estimate
+from flinders.estimators.covariance import Residuals
 from flinders.estimators.data import Readings
 from flinders.estimators.solver import solved
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -698,7 +698,7 @@ def _off_own(jacobian: Floats, own: Floats, inverse: Floats) -> Floats:
 def _scatter(state: _State, textbook: Floats, alone: Sequence[Estimate | None]) -> tuple[Floats, float]:
     """(P, P) scatter of the gradient, with residuals that hang together, and the creep.
 
-    Each component of each sensor is a series of its own, as in `flinders.estimators.autocorrelation`; a sensor's part
+    Each component of each sensor is a series of its own, as in `flinders.estimators.covariance`; a sensor's part
     grows by no less than what it finds by itself, where distortions that belong to the direction are looked for.
     """
     stride = max(1, len(state.directions) // (ROOM * 4))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.estimators.inliers import NO_RUN, left_out
+from flinders.estimators.data import NO_RUN, left_out
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -93,7 +93,7 @@ def outliers_of(
     blocks : iterable of Samples
         A recording.
     ellipsoid, limit, dense
-        See `flinders.estimators.inliers`; by default only what is farther than the limit is left out.
+        See `flinders.estimators.data`; by default only what is farther than the limit is left out.
     first_row : int
         Number of the first reading.
     """

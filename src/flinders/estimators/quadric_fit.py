@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.estimators.base import Estimate
-from flinders.estimators.uncertainty import EVERYTHING, algebraic_covariance, algebraic_noise
+from flinders.estimators.covariance import EVERYTHING, algebraic_covariance, algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:

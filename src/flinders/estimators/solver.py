@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.likelihood.disturbances import Disturbances
+    from flinders.likelihood.disturbance import Disturbances
     from flinders.likelihood.site_field import Site
 
 STEPS: Final = 60

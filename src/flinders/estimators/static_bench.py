@@ -31,13 +31,13 @@ import numpy as np
 
 from flinders.core.disturbance import Disturbance
 from flinders.errors import counted
-from flinders.estimators.autocorrelation import Residuals
+from flinders.estimators.covariance import Residuals
 from flinders.estimators.disturbance_solver import WEAK
-from flinders.estimators.linearity import curvature
-from flinders.estimators.regressor_noise import (
+from flinders.estimators.regressor_quality import (
     RegressorError,
     attenuation,
     collinearity,
+    curvature,
     monotonicity,
     noise_of,
     rounding,

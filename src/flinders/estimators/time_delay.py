@@ -4,7 +4,7 @@ With the surface as it is, and all parameters free to first order, what a lag le
 
     χ²(lag) = min Σ (s + J_P P − J θ(lag))² / σ²
 
-with columns smoothed as in `flinders.estimators.time_series`, as the noise of a meter would otherwise be less between
+with columns smoothed as in `flinders.estimators.regressors`, as the noise of a meter would otherwise be less between
 two of its values than at one, and any such lag look better. With d = ∂s/∂lag, made free of the parameters, and C the
 covariance of what is left, the best lag scatters by
 
@@ -34,7 +34,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import motor
-from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.disturbance_solver import DisturbanceProblem, settle
 
 if TYPE_CHECKING:
@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.estimators.disturbance_solver import Solved
-    from flinders.estimators.regressors import Logged
-    from flinders.estimators.time_series import Track
+    from flinders.estimators.regressors import Logged, Track
 
 SEARCHED_S: Final = 1.0
 """A lag is looked for up to so many seconds, either way."""

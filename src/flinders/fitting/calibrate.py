@@ -28,7 +28,7 @@ from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, as_correlated, at_one_strength, method_of, with_bias, within_range
 from flinders.estimators.aiding import refuse_without
 from flinders.estimators.auto import Auto
-from flinders.estimators.cache import concatenated
+from flinders.estimators.data import concatenated
 from flinders.estimators.disturbance import following
 from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level

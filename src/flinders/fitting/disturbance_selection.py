@@ -27,7 +27,7 @@ from flinders.core.disturbance import KINDS, MOTORS, motor
 from flinders.core.samples import Samples, singles
 from flinders.diagnostics.hold_out import folds
 from flinders.errors import FitError, InputError, figures
-from flinders.estimators.cache import concatenated
+from flinders.estimators.data import concatenated
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still

@@ -18,7 +18,7 @@ import numpy as np
 
 from flinders.core.disturbance import KINDS, MOTORS
 from flinders.errors import UnitError
-from flinders.estimators.cache import concatenated
+from flinders.estimators.data import concatenated
 from flinders.fleet.dataset import HALF, Interner, KeyedTable, Runs
 from flinders.fleet.results import UnitResult
 from flinders.fleet.unreadable import open_as_planned

@@ -1,4 +1,4 @@
-"""How the residuals of many units hang together: `flinders.estimators.autocorrelation`, unit by unit.
+"""How the residuals of many units hang together: `flinders.estimators.covariance`, unit by unit.
 
 Correlation in time and what creeps widen a covariance here as there. A unit in which a distortion belongs to
 directions, or whose offset changed while it was recorded, leaves the stack.
@@ -23,7 +23,7 @@ import numpy as np
 
 from flinders.diagnostics.axis_swap import BROKEN
 from flinders.diagnostics.drift import FEWEST, FEWEST_INDEPENDENT
-from flinders.estimators import autocorrelation
+from flinders.estimators import covariance as residual_covariance
 from flinders.findings import limit_of
 from flinders.likelihood.identifiability import WELL_CONDITIONED
 from flinders.stacked.algebra import (
@@ -54,7 +54,7 @@ from flinders.summary.coverage import BANDS, CELLS, EDGES, STARTS
 if TYPE_CHECKING:
     from flinders.stacked.likelihood import BatchFit
 
-CREEPS: Final = NormalDist().inv_cdf(1.0 - autocorrelation.BY_CHANCE)
+CREEPS: Final = NormalDist().inv_cdf(1.0 - residual_covariance.BY_CHANCE)
 CHANGES: Final = NormalDist().inv_cdf(1.0 - limit_of("field-changed", "drift_by_chance"))
 """Standard deviations that chance exceeds as often as it may make what creeps, and what looks like a change."""
 HINTS: Final = NormalDist().inv_cdf(0.95)
@@ -113,21 +113,26 @@ def _residuals(
     rows = monomials(unit, room=1)
     products = _of_blocks(rows, weighing(rows, distances, square, inside), count)
     units = products.shape[0]
-    blocks = weighed(xp.reshape(products[:, :, :9, :4], (units * autocorrelation.BLOCKS, 9, 4)))
-    return distances, cells_of(unit), products[:, :, :9, 4], xp.reshape(blocks, (units, autocorrelation.BLOCKS, 9, 9))
+    blocks = weighed(xp.reshape(products[:, :, :9, :4], (units * residual_covariance.BLOCKS, 9, 4)))
+    return (
+        distances,
+        cells_of(unit),
+        products[:, :, :9, 4],
+        xp.reshape(blocks, (units, residual_covariance.BLOCKS, 9, 9)),
+    )
 
 
 def _of_blocks(rows: Array, others: Array, count: Array) -> Array:
     """(u, 8, k, m) products of (u, k, N) and (u, m, N) rows over eight blocks, cut as `numpy.array_split` cuts."""
     xp = namespace(rows)
     counts = np.unique(np.asarray(count))
-    block = np.arange(autocorrelation.BLOCKS + 1)
-    edges = block * (counts[:, None] // autocorrelation.BLOCKS) + np.minimum(
-        counts[:, None] % autocorrelation.BLOCKS, block
+    block = np.arange(residual_covariance.BLOCKS + 1)
+    edges = block * (counts[:, None] // residual_covariance.BLOCKS) + np.minimum(
+        counts[:, None] % residual_covariance.BLOCKS, block
     )
     first, last = edges.min(axis=0).tolist(), edges.max(axis=0).tolist()
     products = []
-    for begin, end in pairwise(range(autocorrelation.BLOCKS + 1)):
+    for begin, end in pairwise(range(residual_covariance.BLOCKS + 1)):
         cut = slice(first[begin], last[end])
         part = rows[:, :, cut]
         if len(counts) > 1:
@@ -188,8 +193,10 @@ class Autocovariances:
         count = xp.astype(count, distances.dtype)
         square = xp.sum(distances * distances, axis=1)
         lag_one = xp.sum(distances[:, 1:] * distances[:, :-1], axis=1) / xp.maximum(square, 1e-300)
-        most = xp.minimum(xp.floor(count - autocorrelation.PARTNERS * count), float(autocorrelation.LONGEST_LAG))
-        (hangs,) = xp.nonzero((xp.abs(lag_one) >= autocorrelation.SIGNIFICANT / xp.sqrt(count)) & (most >= 2.0))
+        most = xp.minimum(
+            xp.floor(count - residual_covariance.PARTNERS * count), float(residual_covariance.LONGEST_LAG)
+        )
+        (hangs,) = xp.nonzero((xp.abs(lag_one) >= residual_covariance.SIGNIFICANT / xp.sqrt(count)) & (most >= 2.0))
         length = xp.ones(count.shape, dtype=xp.int64)
         values = (square / count)[:, None]
         if not hangs.shape[0]:
@@ -213,7 +220,7 @@ def _correlated(distances: Array, count: Array, most: Array) -> tuple[Array, Arr
     power = xp.real(spectrum) ** 2 + xp.imag(spectrum) ** 2
     sums = xp.fft.irfft(xp.astype(power, spectrum.dtype), n=2 * distances.shape[1])[:, : int(xp.max(most))]
     lag = xp.arange(sums.shape[1], dtype=sums.dtype, device=sums.device)[None, :]
-    sunk = (sums < (autocorrelation.SIGNIFICANT / xp.sqrt(count) * sums[:, 0])[:, None]) | (lag >= most[:, None])
+    sunk = (sums < (residual_covariance.SIGNIFICANT / xp.sqrt(count) * sums[:, 0])[:, None]) | (lag >= most[:, None])
     sunk = xp.concat([sunk, xp.ones((sunk.shape[0], 1), dtype=xp.bool)], axis=1)
     length = xp.argmax(xp.astype(sunk, xp.int64), axis=1)
     longest = int(xp.max(length))
@@ -233,7 +240,7 @@ def scatters(rows: Array, white: Array, found: Autocovariances) -> Array:
     for length in np.unique(np.asarray(found.length)).tolist():
         (those,) = xp.nonzero(found.length == length)
         total = xp.take(squares, those, axis=0)
-        lags, _ = autocorrelation.quadrature(np.ones(length))
+        lags, _ = residual_covariance.quadrature(np.ones(length))
         if lags:
             hats = np.stack([np.interp(np.arange(1, length), lags, unit) for unit in np.eye(len(lags))])
             weights = xp.take(found.values, those, axis=0)[:, 1:length] @ like(hats.T, rows)
@@ -249,7 +256,7 @@ def scatters(rows: Array, white: Array, found: Autocovariances) -> Array:
 
 
 def _not_below(scatter: Array, white: Array) -> Array:
-    """Keep (U, k, k) scatters within what `flinders.estimators.autocorrelation` lets them claim."""
+    """Keep (U, k, k) scatters within what `flinders.estimators.covariance` lets them claim."""
     xp = namespace(scatter)
     scale = scale_of(white)
     root = xp.linalg.cholesky(white / outer(scale))
@@ -264,7 +271,7 @@ def _not_below(scatter: Array, white: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Hung:
-    """What the residuals of U units say of each other, see `flinders.estimators.autocorrelation.Correlation`.
+    """What the residuals of U units say of each other, see `flinders.estimators.covariance.Correlation`.
 
     Attributes
     ----------
@@ -311,7 +318,7 @@ def autocorrelated(
         part = scatters(rows, xp.take(white, hangs, axis=0), found.only(hangs))
         scatter = put(scatter, hangs, part)
     independent = readings_of / time
-    freedom = xp.minimum(independent / xp.maximum(independent - 9.0, 1.0), autocorrelation.MOST_FREEDOM)
+    freedom = xp.minimum(independent / xp.maximum(independent - 9.0, 1.0), residual_covariance.MOST_FREEDOM)
     in_time = freedom[:, None, None] * scatter
     inverse = scaled_inverse(white)
     in_time_inverse = inverse / (freedom * found.values[:, 0])[:, None, None]
@@ -424,7 +431,7 @@ def _proven(distances: Array, cells: Array, count: Array, length: Array, time: A
     found = xp.sum(between_visits(sums)[1] / counts, axis=1)
     square = xp.sum(distances**2, axis=1) / xp.astype(count, distances.dtype)
     noise = square * time * xp.sqrt(2.0 * xp.sum(pairs / counts**2, axis=1))
-    return found > autocorrelation.PROVEN * noise
+    return found > residual_covariance.PROVEN * noise
 
 
 def may_have_changed(

@@ -23,7 +23,7 @@ import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.diagnostics.unmoved import NARROW
-from flinders.estimators.autocorrelation import FEW as FEW_TO_CORRELATE
+from flinders.estimators.covariance import FEW as FEW_TO_CORRELATE
 from flinders.estimators.data import LARGEST, SMALLEST
 from flinders.estimators.likelihood import GLANCE
 from flinders.likelihood.equations import FINEST

@@ -10,18 +10,20 @@ from typing import Final
 
 import numpy as np
 
-from flinders.estimators.least_median import LONGEST_AXIS, POINTS, RIDGE
 from flinders.estimators.robust import (
     ENOUGH_TO_JUDGE,
     FAR_OUT,
     FEW_DRAWS,
     FEW_SCORED,
     HEAVY_TAIL,
+    LONGEST_AXIS,
     MASKED,
     NORMAL,
     PEAKED,
     PEAKED_ERRORS,
+    POINTS,
     QUIET,
+    RIDGE,
     SEED,
     TO_SIGMA,
     VERY_FAR_OUT,
@@ -149,7 +151,7 @@ def _lengths_of_each(moves: Array, readings: Array, tried: int) -> Array:
 def _ellipsoids(points: Array) -> tuple[Array, Array, Array]:
     """Centres (H, 3) and inverse shapes (H, 3, 3) through (H, 3, 12) points, and (H,) whether they are sensible.
 
-    As `flinders.estimators.least_median` finds them; those that are not sensible are unit spheres.
+    As `flinders.estimators.robust` finds them; those that are not sensible are unit spheres.
     """
     xp = namespace(points)
     x, y, z = points[:, 0, :], points[:, 1, :], points[:, 2, :]

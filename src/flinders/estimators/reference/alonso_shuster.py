@@ -81,7 +81,7 @@ class AlonsoShuster:
     with ``"prior"`` weights F⁻¹BF⁻¹ in place of F⁻¹, as they are not what v varies. With one strength the difference
     from `Consistent` joins it: that is how far noise has pulled. How residuals hang together, and
     what separates it from the likelihood, of readings brought to one strength, joins it
-    (`flinders.estimators.bias_inflation`).
+    (`flinders.estimators.base`).
 
     Steps are halved where the cost would grow; where their way leads to D = −I it ends with `Collapsed`. Whole steps,
     as published, go round in a circle on half a sphere with 4 % noise (`tests/golden/test_twostep_golden.py`).

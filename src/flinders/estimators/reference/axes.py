@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.estimators.base import Method
+from flinders.estimators.covariance import AXES_ALIGNED
 from flinders.estimators.quadric_fit import ENTRIES, Frame, claimed, constrained
-from flinders.estimators.uncertainty import AXES_ALIGNED
 
 if TYPE_CHECKING:
     from flinders.estimators.base import Estimate

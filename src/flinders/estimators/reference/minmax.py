@@ -12,10 +12,10 @@ import numpy as np
 
 from flinders.errors import NeedsSamples, NotAnEllipsoid, TooFewSamples, UsageError
 from flinders.estimators.base import Estimate, Method
-from flinders.estimators.inliers import NO_RUN
+from flinders.estimators.covariance import algebraic_noise
+from flinders.estimators.data import NO_RUN
 from flinders.estimators.outliers import outliers_among
 from flinders.estimators.robust import Robust
-from flinders.estimators.uncertainty import algebraic_noise
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood.equations import FINEST
 from flinders.summary.summary import Summary
@@ -71,7 +71,7 @@ class MinMax:
 
     Covariance: each end is off by the noise of its one reading and by the gap to the next,
     σ² + 8 h² / ((K+1)(K+2)) for K places of readings, as coordinates of an even sphere are even along each axis. What
-    else separates it from the likelihood is seen, and joins it (`flinders.estimators.bias_inflation`).
+    else separates it from the likelihood is seen, and joins it (`flinders.estimators.base`).
 
     References
     ----------

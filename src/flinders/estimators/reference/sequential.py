@@ -83,7 +83,7 @@ class Sequential:
     -----
     It starts from a batch of the first 20 readings, doubled until they determine the unknowns. Covariance:
     P, carried over to centre and shape; what separates it from the likelihood joins it
-    (`flinders.estimators.bias_inflation`).
+    (`flinders.estimators.base`).
 
     References
     ----------

@@ -12,8 +12,8 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators.base import Method
+from flinders.estimators.covariance import SPHERICAL
 from flinders.estimators.quadric_fit import Frame, claimed
-from flinders.estimators.uncertainty import SPHERICAL
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.base import Method
+from flinders.estimators.covariance import AXES_ALIGNED, EVERYTHING
 from flinders.estimators.quadric_fit import Frame, claimed, least_squares
-from flinders.estimators.uncertainty import AXES_ALIGNED, EVERYTHING
 
 if TYPE_CHECKING:
     from flinders.estimators.base import Estimate

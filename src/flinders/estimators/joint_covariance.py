@@ -1,23 +1,34 @@
-"""How far residuals of a joint fit hang together, and what that does to its covariance.
+"""Covariance of a joint fit: autocorrelated residuals, and information that is but noise.
 
 What a fit's error depends on is the scatter of Σ Jr. White residuals give the normal matrix itself. Three things add
 to it:
 
 - in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
   S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
-- residuals of single readings hang together in time, as in `flinders.estimators.autocorrelation`;
+- residuals of single readings hang together in time, as in `flinders.estimators.covariance`;
 - stretches of the recording differ by more than that explains: the factor `excess_variance`.
+
+Noise-induced information is taken off, as `flinders.likelihood.identifiability` does for the magnitude alone. A
+reading's Jacobian is taken where its noise has put the field's direction q, and an accelerometer's noise stands in
+the vertical d itself. Both move the Jacobian, and the squares of what they move add up in JᵀJ to information that is
+not there. With the Jacobian J(q, d), the group's own direction taken off, it is
+
+    Σ (∂J/∂ε)ᵀ (∂J/∂ε)
+
+over the noises ε in standard deviations: two of q, from what its readings say of it, and two across d. Where parameters
+are well seen that is nothing; a body that leans by a few degrees sees the bias of its accelerometer, and the offset
+along its vertical, by so little that it counts.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.estimators.autocorrelation import Residuals, time_of
+from flinders.estimators.covariance import Residuals, time_of
 from flinders.likelihood import gyro_noise as walked
 from flinders.likelihood.observations import (
     ObservationGroup,
@@ -27,16 +38,82 @@ from flinders.likelihood.observations import (
     residuals_of,
     rows_of,
 )
-from flinders.likelihood.parameters import across
+from flinders.likelihood.parameters import across, on_the_sphere
 from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.estimators.solver import Iterate, JointProblem
+    from flinders.likelihood.observations import ObservationGroup
+
+INFORMATION_READINGS: Final = 2000
+"""Readings that stand for all."""
+
+MOST: Final = 0.9
+"""Share of what a direction of parameters is told that noise may pretend: beyond, the prior alone speaks."""
+
+
+def spurious_information_of(problem: JointProblem, iterate: Iterate) -> Floats:
+    """(P, P) what noise adds to the normal matrix, in standard deviations."""
+    size = problem.layout.size
+    total = np.zeros((size, size))
+    every = max(1, -(-sum(group.rows.size for group in iterate.groups) // INFORMATION_READINGS))
+    for group, directions in zip(iterate.groups, iterate.directions, strict=True):
+        some, towards = group.every(every), directions[::every]
+        seen = len(directions) / len(towards)
+        for first, second in _moved(some, towards, problem, iterate):
+            moved = 0.5 * (first - second).transpose(3, 1, 0, 2).reshape(size, -1)
+            total += seen * (moved @ moved.T)
+    return total
+
+
+def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
+    """(P, P) the normal matrix with the prior, less what noise pretends of it.
+
+    Examples
+    --------
+    >>> without(np.diag([4.0, 4.0]), np.diag([1.0, 0.0]), np.eye(2)).round(9)
+    array([[4., 0.],
+           [0., 5.]])
+    """
+    whole = matrix + believed
+    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    values, vectors = np.linalg.eigh(whole / np.outer(scale, scale))
+    root = vectors * np.sqrt(np.maximum(values, 1e-15 * values[-1])) * scale[:, np.newaxis]  # whole = root rootᵀ
+    inverse = np.linalg.inv(root)
+    shares, ways = np.linalg.eigh(inverse @ spurious @ inverse.T)
+    from_readings = np.einsum("ij,ik,kj->j", ways, inverse @ matrix @ inverse.T, ways)
+    left = root @ ways
+    less: Floats = (left * (1.0 - np.clip(shares, 0.0, MOST * from_readings))) @ left.T
+    return less
+
+
+def _moved(
+    group: ObservationGroup, directions: Floats, problem: JointProblem, iterate: Iterate
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield Jacobians on both sides of where noise has put them, a standard deviation away, of each kind of noise."""
+
+    def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
+        return projected(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[0]
+
+    own = rows_of(group, iterate.at, directions, problem.layout, iterate.weights).own
+    covariance = inverse_of(np.einsum("wkna,wknb->wab", own, own))
+    values, vectors = np.linalg.eigh(covariance)
+    for steps in np.moveaxis(vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis], 2, 0):
+        yield jacobian(group, on_the_sphere(directions, steps)), jacobian(group, on_the_sphere(directions, -steps))
+    if group.down is None or group.attitudes is not None:
+        return
+    sigma = iterate.weights.vertical / np.sqrt(max(1.0 - iterate.at.sine**2, 1e-3))
+    alternating = np.where(np.arange(group.down.shape[1]) % 2, sigma, -sigma)[:, np.newaxis]  # each on its own
+    observed = np.asarray(group.down.any(axis=2, keepdims=True))
+    for aside in np.moveaxis(across(np.where(observed, group.down, [0.0, 0.0, 1.0])) * observed[..., np.newaxis], 3, 0):
+        up, down = group.down + alternating * aside, group.down - alternating * aside
+        yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)
+
 
 BLOCKS: Final = 8
 BY_CHANCE: Final = 0.02
@@ -319,7 +396,7 @@ def _free(own: Floats, direction: Floats) -> Floats:
 def _excess_variance(evidence: _Evidence) -> float:
     """Factor by which stretches of the recording scatter more than a scatter of the whole allows; at least 1.
 
-    As `flinders.estimators.autocorrelation.Residuals.excess_variance`, over all parameters.
+    As `flinders.estimators.covariance.Residuals.excess_variance`, over all parameters.
     """
     diagonal = np.sqrt(np.maximum(np.diag(evidence.scatter), 1e-300))
     values, vectors = np.linalg.eigh(evidence.scatter / np.outer(diagonal, diagonal))
