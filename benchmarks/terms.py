@@ -44,13 +44,14 @@ from flinders.errors import FlindersError
 from flinders.estimators.aiding import solve
 from flinders.estimators.data import Readings
 from flinders.estimators.level import Level
-from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.rotation import across
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_error, level_turn
-from flinders.likelihood.gyro import grown
-from flinders.likelihood.parameters import Parameters, across
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GRAVITY
+from flinders.likelihood.gyro import SCALE_SIGMA, grown
+from flinders.likelihood.parameters import Parameters
 from flinders.likelihood.site_field import Site
 from flinders.simulate.rotations import rotation_vectors
 

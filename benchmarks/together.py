@@ -31,7 +31,7 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.multi_sensor import Several, solve
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper
-from flinders.likelihood.gyro import rotations
+from flinders.geometry.rotation import rotations
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -18,7 +18,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Joined, Samples
 from flinders.fitting.result import Fit, Refused
-from flinders.likelihood.gyro import rotations
+from flinders.geometry.rotation import rotations
 from flinders.simulate import Sensor, Simulated
 
 if TYPE_CHECKING:

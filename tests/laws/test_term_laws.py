@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flinders.geometry.rotation import on_the_sphere, rotations
 from flinders.likelihood import gyro
 from flinders.likelihood.observations import (
     ObservationGroup,
@@ -21,7 +22,7 @@ from flinders.likelihood.observations import (
     residuals_of,
     rows_of,
 )
-from flinders.likelihood.parameters import ParameterLayout, Parameters, on_the_sphere
+from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,13 +71,13 @@ def with_attitudes(seed: int) -> ObservationGroup:
     """The same with attitudes in place of verticals."""
     plain = group(seed)
     vectors = np.random.default_rng(seed).normal(size=(plain.weight.size, 3))
-    return replace(plain, down=None, attitudes=gyro.rotations(vectors).reshape(*plain.weight.shape, 3, 3))
+    return replace(plain, down=None, attitudes=rotations(vectors).reshape(*plain.weight.shape, 3, 3))
 
 
 def somewhere(seed: int) -> Parameters:
     rng = np.random.default_rng(seed)
     plain = Parameters.at(rng.normal(scale=5.0, size=3), 50.0 * np.eye(3) + np.diag(rng.normal(size=3)), disturbances=2)
-    turned = gyro.rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
+    turned = rotations(rng.normal(scale=0.3, size=(1, 3)))[0]
     scale = rng.normal(scale=0.02, size=6)
     lean = 0.03 * rng.standard_normal(3)
     return replace(
@@ -150,7 +151,7 @@ def test_integration_is_the_product_of_its_steps(seed: int, n: int) -> None:
     attitude = np.eye(3)
     for k in range(n):
         npt.assert_allclose(turned.rotations[0, k], attitude, atol=1e-12)
-        attitude = attitude @ gyro.rotations(((rate[0, k] - bias) * interval[0, k])[None])[0]
+        attitude = attitude @ rotations(((rate[0, k] - bias) * interval[0, k])[None])[0]
 
 
 @given(st.integers(0, 10_000))

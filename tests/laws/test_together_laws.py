@@ -14,7 +14,7 @@ from flinders import simulate
 from flinders.comparison.agreement import departures
 from flinders.core.time_alignment import between
 from flinders.estimators.multi_sensor import mirror_or_rotation, solve
-from flinders.likelihood.gyro import rotations
+from flinders.geometry.rotation import rotations
 
 seeds: Final = st.integers(0, 1000)
 

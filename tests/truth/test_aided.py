@@ -18,9 +18,9 @@ from flinders.estimators.likelihood import Likelihood
 from flinders.fitting.aid_selection import aided_by
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_angles, of_matrix, product
+from flinders.geometry.rotation import rotations
 from flinders.heading.error_propagation import level_turn
 from flinders.likelihood.disturbance import Disturbances
-from flinders.likelihood.gyro import rotations
 from flinders.likelihood.site_field import Site
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from flinders import simulate
 from flinders.estimators.aiding import solve
 from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.disturbance_selection import earned
+from flinders.geometry.rotation import rotations
 from flinders.heading.error_propagation import level_turn
-from flinders.likelihood.gyro import rotations
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,9 +14,9 @@ from flinders import simulate
 from flinders.diagnostics.instruments import elsewhere
 from flinders.errors import FitError, UsageError
 from flinders.estimators.aiding import FAR_SCALES, parameters_of, solve
-from flinders.estimators.solver import SCALE_SIGMA
 from flinders.fitting.aid_selection import aided_by
-from flinders.likelihood.gyro import bridged, rotations
+from flinders.geometry.rotation import rotations
+from flinders.likelihood.gyro import SCALE_SIGMA, bridged
 from flinders.likelihood.site_field import Site
 from flinders.readers._beside import Beside
 

@@ -20,7 +20,7 @@ from flinders.errors import FitError, InputError, UsageError
 from flinders.estimators import multi_sensor
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import upper
-from flinders.likelihood.gyro import rotations
+from flinders.geometry.rotation import rotations
 
 if TYPE_CHECKING:
     from tests.trials import Choose

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 
+from flinders.geometry.rotation import rotations
 from flinders.likelihood import gyro
 from flinders.likelihood import gyro_noise as walked
 from flinders.likelihood.observations import ObservationGroup, Weights, linearised, rows_of
@@ -25,7 +26,7 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
     rng = np.random.default_rng(0)
     rate, interval = rng.normal(size=(2, 1, 3)) + 0.3 * rng.normal(size=(2, 12, 3)), np.full((2, 12), EACH_S)
     shape = np.array([[55.0, 4.0, 2.0], [4.0, 45.0, 1.0], [2.0, 1.0, 60.0]])
-    mounted = gyro.rotations(np.array([[0.2, -0.1, 0.3]]))[0]
+    mounted = rotations(np.array([[0.2, -0.1, 0.3]]))[0]
     at = replace(Parameters.at(np.array([3.0, -2.0, 5.0]), shape), rotation=mounted)
     layout, weights = ParameterLayout.of(rotation=True, gyro_bias=True), Weights(1.0)
     directions: Floats = rng.normal(size=(2, 3))

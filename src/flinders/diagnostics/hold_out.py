@@ -18,9 +18,10 @@ import numpy as np
 
 from flinders.errors import FitError
 from flinders.estimators.aiding import parameters_of
-from flinders.estimators.solver import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import dip, magnitude
+from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.gyro import SCALE_SIGMA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -33,10 +33,10 @@ from flinders.estimators.mounting import (
     by_vertical,
     second_axis,
 )
-from flinders.estimators.solver import SCALE_SIGMA
 from flinders.findings import CATALOGUE, Finding, Record
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import attitude, dip, gyro
+from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:

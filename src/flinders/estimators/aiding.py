@@ -39,9 +39,6 @@ from flinders.estimators.joint_covariance import (
     without,
 )
 from flinders.estimators.solver import (
-    ACCELERATION_SIGMA,
-    ROTATION_SIGMA,
-    SCALE_SIGMA,
     Equations,
     Iterate,
     JointProblem,
@@ -56,6 +53,9 @@ from flinders.estimators.solver import (
 )
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
+from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.gyro import SCALE_SIGMA
+from flinders.likelihood.parameters import ROTATION_SIGMA, TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -68,12 +68,7 @@ if TYPE_CHECKING:
     from flinders.likelihood.parameters import ParameterLayout, Parameters
     from flinders.likelihood.site_field import Site
 
-AIDS: Final = {
-    "rate": "the gyro: the field turns as the body turns back",
-    "dip": "the accelerometer: the field's angle to the vertical stays the same",
-    "tilt": "the logged attitude without its yaw, as `dip`",
-    "attitude": "the logged attitude: the field stands still in the world",
-}
+AIDS: Final = {term.name: term.words for term in TERMS.values()}
 """What can be asked for, and what it goes by."""
 
 UNSEEN: Final = 0.5
@@ -408,11 +403,10 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
     UsageError
         Naming what is needed.
     """
-    needed = {"rate": ("rate", "time"), "dip": ("acceleration",), "tilt": ("attitude",), "attitude": ("attitude",)}
     for term in terms:
-        if term not in AIDS:
-            raise UsageError(f"aid {term!r} is not known: use one of {', '.join(AIDS)}, or auto")
-        for column in needed[term]:
+        if term not in TERMS:
+            raise UsageError(f"aid {term!r} is not known: use one of {', '.join(TERMS)}, or auto")
+        for column in TERMS[term].needs:
             if getattr(samples, column) is None:
                 raise UsageError(
                     f"{samples.source} has no {column}, which {term!r} goes by: leave {term!r} out, or record {column}"

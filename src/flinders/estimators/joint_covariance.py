@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.estimators.covariance import Residuals, time_of
+from flinders.geometry.rotation import across, on_the_sphere
 from flinders.likelihood import gyro_noise as walked
 from flinders.likelihood.observations import (
     ObservationGroup,
@@ -38,7 +39,6 @@ from flinders.likelihood.observations import (
     residuals_of,
     rows_of,
 )
-from flinders.likelihood.parameters import across, on_the_sphere
 from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:

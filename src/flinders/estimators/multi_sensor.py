@@ -46,6 +46,7 @@ from flinders.estimators.covariance import Residuals
 from flinders.estimators.data import Readings
 from flinders.estimators.solver import solved
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.rotation import across
 from flinders.likelihood import prior
 from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.identifiability import Support
@@ -58,7 +59,7 @@ from flinders.likelihood.observations import (
     inverse_of,
     rows_of,
 )
-from flinders.likelihood.parameters import ParameterLayout, Parameters, across
+from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -18,13 +18,16 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.data import Readings
 from flinders.estimators.mounting import TURNS
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.rotation import across, in_pieces
 from flinders.likelihood import attitude, dip, gyro, prior
+from flinders.likelihood.dip import ACCELERATION_SIGMA
 from flinders.likelihood.equations import FINEST, NormalEquations
+from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.observations import Linearised, ObservationGroup, Weights, cost_of, linearised, residuals_of
-from flinders.likelihood.parameters import ParameterLayout, Parameters, across
+from flinders.likelihood.parameters import BLOCKS, ParameterLayout, Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -41,27 +44,6 @@ SETTLED: Final = 1e-3
 
 LONGEST_STEP: Final = 0.5
 """Of the radius: a longer step is cut."""
-
-ROTATION_SIGMA: Final = 0.35
-"""rad: how far the axes of instruments on one body are thought to be apart, beyond what was looked for."""
-
-BIAS_SIGMA: Final = 0.1
-"""rad/s: what the bias of a gyro may be."""
-
-SCALE_SIGMA: Final = 0.02
-"""What the scales of a gyro may be off by, and its axes from square, in rad: data sheets of small ones say 1 to 3 %."""
-
-GRAVITY: Final = 9.80665
-"""m/s², that biases of accelerometers are told in parts of."""
-
-ACCELERATION_SIGMA: Final = 0.3
-"""m/s²: what the bias of an accelerometer may be; small ones that nobody has calibrated have as much."""
-
-DELAY_SIGMA: Final = 0.05
-"""s: by how much a magnetometer may lag."""
-
-SLOPE_SIGMA: Final = 0.01
-"""1/°C: no scale changes by more than a hundredth a degree."""
 
 FEWEST_LEFT: Final = 0.8
 """Share of the readings that have to belong: where fewer do, the model is wrong and not the readings."""
@@ -255,12 +237,11 @@ class JointProblem:
         ellipsoid = Ellipsoid(at.offset, at.shape)
         of_shape = prior.equations(ellipsoid, spread=self.spread) + prior.sense(ellipsoid, self.middle, self.width)
         matrix[:9, :9], gradient[:9], cost = of_shape.matrix, of_shape.gradient, of_shape.cost
-        for name, value, sigma in self._thoughts(at):
-            if name in self.layout:
-                columns = self.layout.columns[name]
-                matrix[columns, columns] += np.eye(columns.stop - columns.start) / sigma**2
-                gradient[columns] -= value / sigma**2
-                cost += float(np.sum(np.square(value))) / sigma**2
+        for name, value, sigma in self._priors(at):
+            columns = self.layout.columns[name]
+            matrix[columns, columns] += np.eye(columns.stop - columns.start) / sigma**2
+            gradient[columns] -= value / sigma**2
+            cost += float(np.sum(np.square(value))) / sigma**2
         if self.site is not None and self.site.strength is not None:
             row = np.zeros(size)
             width = self.site.gain_sigma * self.site.strength
@@ -274,22 +255,19 @@ class JointProblem:
             matrix, gradient, cost = matrix + np.outer(row, row), gradient + row * left, cost + left**2
         return NormalEquations(matrix, gradient, cost, 0)
 
-    def _thoughts(self, at: Parameters) -> list[tuple[str, Floats | float, float]]:
-        """Blocks that are near zero, or near what is known, with their standard deviations."""
+    def _priors(self, at: Parameters) -> Iterator[tuple[str, Floats | float, float]]:
+        """Blocks that are thought to be near zero, or near what is known, with their standard deviations."""
         turned = at.rotation @ self.rotation.T
         angle = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
-        thoughts: list[tuple[str, Floats | float, float]] = [
-            ("rotation", angle, ROTATION_SIGMA),
-            ("gyro_bias", at.gyro_bias, BIAS_SIGMA),
-            ("gyro_scale", at.gyro_scale, self.gyro_scale),
-            ("gyro_turn", at.gyro_turn, self.gyro_scale),
-            ("delay", at.delay, DELAY_SIGMA),
-            ("acceleration_bias", at.acceleration_bias, self.acceleration_bias / GRAVITY),
-            ("slope", at.slope, SLOPE_SIGMA),
-        ]
-        if self.site is not None and self.site.sine is not None:
-            thoughts.append(("sine", at.sine - self.site.sine, self.site.sine_sigma))
-        return thoughts
+        asked = {
+            "gyro_scale": self.gyro_scale, "gyro_turn": self.gyro_scale,
+            "acceleration_bias": self.acceleration_bias / dip.GRAVITY,
+        }  # fmt: skip
+        for name, _, sigma in BLOCKS:
+            if sigma is not None and name in self.layout:
+                yield name, angle if name == "rotation" else getattr(at, name), asked.get(name, sigma)
+        if self.site is not None and self.site.sine is not None and "sine" in self.layout:
+            yield "sine", at.sine - self.site.sine, self.site.sine_sigma
 
 
 def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
@@ -389,10 +367,10 @@ def _group(
     """Take what belongs to (W, n) readings."""
     return ObservationGroup(
         rows,
-        gyro.in_pieces(samples.field[rows]),
+        in_pieces(samples.field[rows]),
         np.ones(rows.shape),
-        attitudes=None if beside.attitudes is None else gyro.in_pieces(beside.attitudes[rows], 2),
-        down=None if beside.down is None else gyro.in_pieces(beside.down[rows]),
+        attitudes=None if beside.attitudes is None else in_pieces(beside.attitudes[rows], 2),
+        down=None if beside.down is None else in_pieces(beside.down[rows]),
         trust=None if beside.trust is None else beside.trust[rows],
         disturbances=None if disturbances is None or not disturbances.names else disturbances.columns[rows],
         warmth=None if disturbances is None or disturbances.warmth is None else disturbances.warmth[rows],

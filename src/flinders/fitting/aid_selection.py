@@ -45,11 +45,13 @@ from flinders.errors import FitError, figures
 from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, start
-from flinders.estimators.solver import ACCELERATION_SIGMA, GRAVITY, SCALE_SIGMA
 from flinders.fitting.aiding import Aiding, AidingSensor
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GRAVITY
+from flinders.likelihood.gyro import SCALE_SIGMA
+from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -193,13 +195,9 @@ def available(samples: Samples) -> tuple[str, ...]:
     >>> available(Samples.of([[1.0, 2.0, 3.0]], time=[0.0], acceleration=[[0.0, 0.0, -9.8]]))
     ('dip',)
     """
-
-    def has(*columns: str) -> bool:
-        return all(getattr(samples, column) is not None for column in columns)
-
-    names = [("rate", has("rate", "time")), ("dip", has("acceleration"))]
-    names += [("tilt", has("attitude")), ("attitude", has("attitude"))]
-    return tuple(name for name, is_there in names if is_there)
+    return tuple(
+        name for name, term in TERMS.items() if all(getattr(samples, column) is not None for column in term.needs)
+    )
 
 
 def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:

@@ -33,7 +33,6 @@ from flinders.estimators.disturbance import following
 from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.regressors import DisturbanceEstimate
-from flinders.estimators.solver import ACCELERATION_SIGMA, SCALE_SIGMA
 from flinders.fitting.aid_selection import AUTO, aided_by, available
 from flinders.fitting.aiding import Aiding, AidingSensor
 from flinders.fitting.disturbance_selection import earned
@@ -41,6 +40,8 @@ from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import alignment_error_deg, level_error
+from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.identifiability import is_flat
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage

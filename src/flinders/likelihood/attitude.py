@@ -39,8 +39,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.geometry.quaternions import rotated
+from flinders.geometry.rotation import across, product
+from flinders.likelihood.term import Block, Term
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from flinders.arrays import Floats
 
 HUBER: Final = 3.0
@@ -51,3 +55,41 @@ def body_to_world(attitude: Floats) -> Floats:
     """(N, 3, 3) matrices of (N, 4) attitudes, from body axes into north, east and down; NaN where one is not known."""
     columns = [rotated(attitude, np.broadcast_to(axis, (len(attitude), 3))) for axis in np.eye(3)]
     return np.stack(columns, axis=-1)
+
+
+def fill(
+    jacobian: Floats,
+    columns: Mapping[str, slice],
+    attitudes: Floats,
+    direction: Floats,
+    of_gyro: slice,
+    moved: Floats | None,
+) -> None:
+    """Write the Jacobian of C q − m.
+
+    Parameters
+    ----------
+    jacobian : (W, 3, n, P) float
+    columns : mapping of str to slice
+    attitudes : (W, n, 3, 3) float
+        C.
+    direction : (3,) float
+        m.
+    of_gyro : slice
+        Columns that go with `moved`.
+    moved : (W, n, 3, m) float, optional
+        How q goes with a gyro.
+    """
+    if "direction" in columns:
+        jacobian[..., columns["direction"]] = -across(direction)[:, np.newaxis]
+    if moved is not None:
+        jacobian[..., of_gyro] = np.swapaxes(product(attitudes, moved), 1, 2)
+
+
+TERM: Final = Term(
+    "attitude",
+    "logged attitude",
+    "the logged attitude: the field stands still in the world",
+    ("attitude",),
+    (Block("direction", 2),),
+)

@@ -37,8 +37,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.geometry.quaternions import inverse, rotated
+from flinders.geometry.rotation import lengths
+from flinders.likelihood.term import Block, Term
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from flinders.arrays import Floats
 
 QUIET: Final = 0.01
@@ -46,6 +50,12 @@ QUIET: Final = 0.01
 
 LEAST_REST: Final = 0.2
 """Of gravity: what an accelerometer shows at rest at least; no bias is as large, but a step towards one may be."""
+
+GRAVITY: Final = 9.80665
+"""m/s², that biases of accelerometers are told in parts of."""
+
+ACCELERATION_SIGMA: Final = 0.3
+"""m/s²: what the bias of an accelerometer may be; small ones that nobody has calibrated have as much."""
 
 HUBER: Final = 2.5
 """Standard deviations beyond which a residual counts less than its square."""
@@ -145,3 +155,66 @@ def huber(residuals: Floats, *, beyond: float = HUBER) -> Floats:
     """
     weights: Floats = beyond / np.maximum(np.abs(residuals), beyond)
     return weights
+
+
+def heights(down: Floats, q: Floats) -> Floats:
+    """(W, n) vᵀq, of verticals v and the field's direction q at each reading, both (W, n, 3)."""
+    height: Floats = np.einsum("wni,wni->wn", down, q)
+    return height
+
+
+def residuals(down: Floats, q: Floats, sine: float) -> Floats:
+    """(W, n) |v| sin I − vᵀq."""
+    left: Floats = sine * lengths(down) - heights(down, q)
+    return left
+
+
+def fill(
+    jacobian: Floats,
+    columns: Mapping[str, slice],
+    recorded: Floats,
+    q: Floats,
+    *,
+    sine: float,
+    bias: Floats,
+    of_gyro: slice,
+    moved: Floats | None,
+) -> None:
+    """Write the Jacobian of vᵀq − |v| sin I.
+
+    Parameters
+    ----------
+    jacobian : (W, n, P) float
+    columns : mapping of str to slice
+    recorded : (W, n, 3) float
+        Unit vectors d.
+    q : (W, n, 3) float
+        The field's direction.
+    sine : float
+    bias : (3,) float, of gravity
+    of_gyro : slice
+        Columns that go with `moved`.
+    moved : (W, n, 3, m) float, optional
+        How q goes with a gyro.
+    """
+    down, _ = upright(recorded, bias)
+    length = lengths(down)
+    if "sine" in columns:
+        jacobian[..., columns["sine"].start] = -length
+    if "acceleration_bias" in columns:
+        height = sine / np.maximum(length, 1e-300)
+        raised = q - height[..., np.newaxis] * down
+        jacobian[..., columns["acceleration_bias"]] = np.einsum("wni,wnij->wnj", raised, by_bias(recorded, bias))
+    if moved is not None:
+        jacobian[..., of_gyro] = np.einsum("wni,wnij->wnj", down, moved)
+
+
+TERM: Final = Term(
+    "dip",
+    "accelerometer",
+    "the accelerometer: the field's angle to the vertical stays the same",
+    ("acceleration",),
+    (Block("acceleration_bias", 3, ACCELERATION_SIGMA / GRAVITY), Block("sine", 1)),
+)
+TILT: Final = Term("tilt", "logged tilt", "the logged attitude without its yaw, as `dip`", ("attitude",))
+"""The same from a logged attitude, which has no bias."""

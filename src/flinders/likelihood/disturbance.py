@@ -30,17 +30,21 @@ Source: linear compensation by current or throttle as in ArduPilot's compassmot 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.likelihood import magnitude
+from flinders.likelihood.term import Block
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.arrays import Floats
+
+SLOPE_SIGMA: Final = 0.01
+"""1/°C: no scale changes by more than a hundredth a degree."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,3 +146,31 @@ def _sizes(columns: Floats) -> Floats:
     """(K,) lengths of columns; 1 for one of nothing."""
     sizes = np.linalg.norm(columns, axis=0)
     return np.where(sizes > 0.0, sizes, 1.0)
+
+
+def fill(
+    jacobian: Floats, blocks: Mapping[str, slice], disturbances: Floats | None, warmth: Floats | None, model: Floats
+) -> None:
+    """Write what disturbances add to the Jacobian of readings, in their unit.
+
+    Parameters
+    ----------
+    jacobian : (W, 3 or more, n, P) float
+    blocks : mapping of str to slice
+        Columns of all blocks that are free.
+    disturbances : (W, n, m) float, optional
+    warmth : (W, n) float, optional
+    model : (W, n, 3) float
+        Readings about their offset, without what the temperature makes of their scale.
+    """
+    if disturbances is not None and "disturbances" in blocks:
+        begin = blocks["disturbances"].start
+        for place in range(disturbances.shape[-1]):
+            for axis in range(3):
+                jacobian[:, axis, :, begin + 3 * place + axis] = disturbances[..., place]
+    if warmth is not None and "slope" in blocks:
+        jacobian[:, :3, :, blocks["slope"].start] = np.swapaxes(model * warmth[..., np.newaxis], 1, 2)
+
+
+BLOCKS: Final = (Block("disturbances", 3), Block("slope", 1, SLOPE_SIGMA))
+"""Parameters that disturbances bring: an offset for each unit of each, and a slope of the scale."""

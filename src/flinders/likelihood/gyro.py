@@ -37,8 +37,12 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.rotation import cross_matrices, in_pieces, product, rotations
+from flinders.likelihood.term import Block, Term
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
@@ -54,6 +58,15 @@ GAP: Final = 3.0
 
 BRIDGED: Final = 3
 """Missing rates in a row that their neighbours stand for."""
+
+BIAS_SIGMA: Final = 0.1
+"""rad/s: what the bias of a gyro may be."""
+
+SCALE_SIGMA: Final = 0.02
+"""What the scales of a gyro may be off by, and its axes from square, in rad: data sheets of small ones say 1 to 3 %."""
+
+DELAY_SIGMA: Final = 0.05
+"""s: by how much a magnetometer may lag."""
 
 AGAIN: Final = 2e-3
 """rad: the rate is integrated anew once a change of its bias has turned the end of a window by more."""
@@ -171,58 +184,6 @@ def _by_scale(along: Floats, turned: Floats) -> Floats:
     return product(np.swapaxes(along, 2, 3), summed)
 
 
-def in_pieces(array: Floats, axes: int = 1) -> Floats:
-    """The same array with each entry of its last axes in one piece of memory, for sums over readings to stream through.
-
-    >>> in_pieces(np.zeros((500, 3))).strides
-    (8, 4000)
-    """
-    lead = array.ndim - axes
-    pieces = np.ascontiguousarray(array.transpose(*range(lead, array.ndim), *range(lead)))
-    return pieces.transpose(*range(axes, array.ndim), *range(axes))
-
-
-def product(first: Floats, second: Floats) -> Floats:
-    """(W, n, i, k) of (W, n, i, j) and (W, n or 1, j, k), `in_pieces`: several times faster so than ``@``."""
-    pieces = np.empty((first.shape[2], second.shape[3], *first.shape[:2]))
-    return np.einsum("wnij,wnjk->wnik", first, second, out=np.moveaxis(pieces, (0, 1), (2, 3)))
-
-
-def applied(matrices: Floats, vectors: Floats) -> Floats:
-    """(W, n, i) of (W, n, i, j) matrices and (W, n or 1, j) vectors, `in_pieces`."""
-    return product(matrices, vectors[..., np.newaxis])[..., 0]
-
-
-def rotations(vectors: Floats) -> Floats:
-    """(..., 3, 3) rotations by (..., 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
-
-    >>> rotations(np.array([[0.0, 0.0, np.pi / 2]])).round(3)[0].tolist()
-    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    """
-    square = np.einsum("...i,...i->...", vectors, vectors)
-    angle = np.sqrt(square)
-    small = angle < 1e-4
-    safe = np.where(small, 1.0, angle)
-    sine = np.where(small, 1.0 - square / 6.0, np.sin(safe) / safe)
-    bend = np.where(small, 0.5 - square / 24.0, (1.0 - np.cos(safe)) / safe**2)
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    turned = np.empty((3, 3, *angle.shape))
-    for i, j, along, aside in ((0, 1, z, x * y), (2, 0, y, x * z), (1, 2, x, y * z)):
-        turned[i, j], turned[j, i] = bend * aside - sine * along, bend * aside + sine * along
-    for i, along in enumerate((x, y, z)):
-        turned[i, i] = 1.0 - bend * (square - along * along)
-    return np.moveaxis(turned, (0, 1), (-2, -1))
-
-
-def cross_matrices(vectors: Floats) -> Floats:
-    """(..., 3, 3) the matrices [v]× with [v]× w = v × w."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    crossed = np.zeros((3, 3, *x.shape))
-    for i, j, along in ((0, 1, z), (2, 0, y), (1, 2, x)):
-        crossed[i, j], crossed[j, i] = -along, along
-    return np.moveaxis(crossed, (0, 1), (-2, -1))
-
-
 def bridged(time: Floats | None, rate: Floats | None) -> tuple[Floats | None, int]:
     """(N, 3) rates with short gaps filled between their neighbours by a straight line, and how many readings that is.
 
@@ -281,3 +242,56 @@ def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArra
     starts = [np.arange(begin, begin + length - n + 1, n) for begin, length in zip(edges[:-1], lengths, strict=True)]
     first = np.concatenate(starts).astype(np.intp)
     return first[:, np.newaxis] + np.arange(n)
+
+
+def columns_of(columns: Mapping[str, slice]) -> slice:
+    """Columns of the gyro's bias, scales and delay, which lie side by side; of (name, columns) of all blocks."""
+    of_gyro = [columns[block.name] for block in TERM.blocks if block.name in columns]
+    return slice(of_gyro[0].start, of_gyro[-1].stop) if of_gyro else slice(0, 0)
+
+
+def moved(turned: Turned, q: Floats, turning: Floats, columns: Mapping[str, slice]) -> Floats:
+    """How the field's direction at each reading goes with bias, scales and delay of the gyro.
+
+    Parameters
+    ----------
+    turned : Turned
+    q : (W, n, 3) float
+        The field's direction.
+    turning : (W, n, 3) float, rad/s
+        That the body turns by.
+    columns : mapping of str to slice
+        Of all blocks that are free.
+
+    Returns
+    -------
+    (W, n, 3, m) float
+        In the order of `columns_of`.
+    """
+    mine = columns_of(columns)
+    change = np.empty((3, mine.stop - mine.start, *q.shape[:2]))
+    x, y, z = np.moveaxis(q, -1, 0)
+    scale, turn = turned.by_scale[..., :6], turned.by_scale[..., 6:]
+    for name, turns in (("gyro_bias", turned.by_bias), ("gyro_scale", scale), ("gyro_turn", turn)):
+        if name in columns:
+            begin = columns[name].start - mine.start
+            a, b, c = np.moveaxis(turns, (2, 3), (0, 1))
+            part = change[:, begin : begin + len(a)]
+            part[0], part[1], part[2] = y * c - z * b, z * a - x * c, x * b - y * a
+    if "delay" in columns:
+        change[:, -1] = np.moveaxis(np.cross(turning, q), -1, 0)
+    return np.moveaxis(change, (0, 1), (2, 3))
+
+
+TERM: Final = Term(
+    "rate",
+    "gyro",
+    "the gyro: the field turns as the body turns back",
+    ("rate", "time"),
+    (
+        Block("gyro_bias", 3, BIAS_SIGMA),
+        Block("gyro_scale", 6, SCALE_SIGMA),
+        Block("gyro_turn", 3, SCALE_SIGMA),
+        Block("delay", 1, DELAY_SIGMA),
+    ),
+)

@@ -31,6 +31,7 @@ of the noise in ``tests/truth/test_walked.py``.
 >>> from dataclasses import replace
 >>> from flinders.likelihood import gyro
 >>> from flinders.likelihood.observations import rows_of
+>>> from flinders.likelihood.parameters import ParameterLayout, Parameters
 >>> rate = np.random.default_rng(1).normal(size=(20, 25, 3))
 >>> turned = gyro.integrated(rate, np.full((20, 25), 0.2), np.zeros(3), np.zeros(6))
 >>> seen = 50.0 * np.swapaxes(turned.rotations, 2, 3) @ [0.6, 0.0, 0.8]
@@ -50,12 +51,13 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from flinders.likelihood.gyro import cross_matrices, grown, in_pieces, product
+from flinders.geometry.rotation import across, cross_matrices, in_pieces, product
+from flinders.likelihood.gyro import grown
 from flinders.likelihood.observations import ObservationGroup, ObservationRows, Weights, inverse_of, jacobian_of
-from flinders.likelihood.parameters import ParameterLayout, Parameters, across
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)

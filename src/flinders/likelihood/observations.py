@@ -30,6 +30,7 @@ by σ². `bent` holds both. An attitude's noise leaves nothing of the kind, see 
 Source: eliminating nuisance parameters as in B. Triggs et al., *Bundle Adjustment*, 2000; the bias of a
 curved surface as in `flinders.likelihood.magnitude`.
 
+>>> from flinders.likelihood.parameters import ParameterLayout, Parameters
 >>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of 50, but for noise
 >>> group = ObservationGroup.of(field)
 >>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
@@ -46,9 +47,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.likelihood import dip
-from flinders.likelihood.gyro import applied, cross_matrices, in_pieces, product, rotations
-from flinders.likelihood.parameters import ParameterLayout, Parameters, across, on_the_sphere
+from flinders.geometry.rotation import across, applied, cross_matrices, in_pieces, on_the_sphere, product, rotations
+from flinders.likelihood import attitude, dip, disturbance, gyro
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,9 +57,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.likelihood.gyro import Turned
-
-GYRO: Final = ("gyro_bias", "gyro_scale", "gyro_turn", "delay")
-"""Blocks of parameters that turn the field's direction within a window."""
+    from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 ROOM: Final = 8192
 """Readings worked on at a time, whatever the length of the recording."""
@@ -288,7 +286,7 @@ def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) ->
     down = group.upright(at)
     if down is None:
         return residual, None
-    return residual, (at.sine * lengths(down) - np.einsum("wni,wni->wn", down, q))[..., np.newaxis]
+    return residual, dip.residuals(down, q, at.sine)[..., np.newaxis]
 
 
 def _modelled(group: ObservationGroup, at: Parameters, q: Floats) -> Floats:
@@ -441,9 +439,8 @@ def _add_beside(
         usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # a variance is one of trust 1
         across_it = usual * weights.own * weights.vertical**2 / max(1.0 - at.sine**2, 1e-3)
         rows.lean[:, 3] = at.sine * across_it * steep
-        height = np.einsum("wni,wni->wn", down, q)
-        rows.model[:, 3] = height * steep
-        rows.residual[:, 3] = (at.sine * lengths(down) - height) * steep
+        rows.model[:, 3] = dip.heights(down, q) * steep
+        rows.residual[:, 3] = dip.residuals(down, q, at.sine) * steep
         rows.own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep[..., np.newaxis]
 
 
@@ -452,15 +449,22 @@ def jacobian_of(
 ) -> Floats:
     """(W, k, n, P) Jacobian of a group in standard deviations, with the field's direction (W, n, 3) at each reading."""
     jacobian = np.zeros((layout.size, group.tall, *q.shape[:2])).transpose(2, 1, 3, 0)  # a column in one piece
-    moved = _moved(group, at, q, layout)
+    turned = group.turned
+    moved = None if turned is None else gyro.moved(turned, q, at.turning(turned.rate), layout.columns)
     _fill(jacobian, group, at, q, layout, moved)
     jacobian[:, :3] *= (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
     if group.trust is None:
         return jacobian
+    of_gyro = gyro.columns_of(layout.columns)
     if group.attitudes is not None:
-        _fill_pointed(jacobian[:, 3:], group, at, layout, moved)
+        attitude.fill(
+            jacobian[:, 3:], layout.columns, group.attitudes, direction=at.direction, of_gyro=of_gyro, moved=moved
+        )
     elif group.down is not None:
-        _fill_upright(jacobian[:, 3], group, at, q, layout, moved)
+        dip.fill(
+            jacobian[:, 3], layout.columns, group.down, q,
+            sine=at.sine, bias=at.acceleration_bias, of_gyro=of_gyro, moved=moved,
+        )  # fmt: skip
     jacobian[:, 3:] *= (np.sqrt(group.trust) * weights.steepness)[:, np.newaxis, :, np.newaxis]
     return jacobian
 
@@ -480,79 +484,11 @@ def _fill(
     if "rotation" in layout:
         turned = np.tensordot(shape, np.moveaxis(cross_matrices(scaled), (2, 3), (0, 1)), 1)  # S Rᵀ [q]×
         jacobian[:, :3, :, layout.columns["rotation"]] = turned.transpose(2, 0, 3, 1)
-    if group.disturbances is not None and "disturbances" in layout:
-        begin = layout.columns["disturbances"].start
-        for disturbance in range(group.disturbances.shape[-1]):
-            for axis in range(3):
-                jacobian[:, axis, :, begin + 3 * disturbance + axis] = group.disturbances[..., disturbance]
-    if group.warmth is not None and "slope" in layout:
-        jacobian[:, :3, :, layout.columns["slope"].start] = np.swapaxes(
-            (q @ shape.T) * group.warmth[..., np.newaxis], 1, 2
-        )
+    disturbance.fill(jacobian, layout.columns, group.disturbances, group.warmth, q @ shape.T)
     if moved is not None:
         with_gain = moved if gain is None else moved * gain[..., np.newaxis, np.newaxis]
         moving = np.tensordot(shape, np.moveaxis(with_gain, (2, 3), (0, 1)), 1)
-        jacobian[:, :3, :, _of_gyro(layout)] = moving.transpose(2, 0, 3, 1)
-
-
-def _of_gyro(layout: ParameterLayout) -> slice:
-    """Columns of the gyro's bias, scales and delay, which lie side by side."""
-    columns = [layout.columns[name] for name in GYRO if name in layout]
-    return slice(columns[0].start, columns[-1].stop) if columns else slice(0, 0)
-
-
-def _moved(group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout) -> Floats | None:
-    """(W, n, 3, m) how the field's direction (W, n, 3) at each reading goes with bias, scales and delay of the gyro."""
-    if group.turned is None:
-        return None
-    columns = _of_gyro(layout)
-    moved = np.empty((3, columns.stop - columns.start, *q.shape[:2]))
-    x, y, z = np.moveaxis(q, -1, 0)
-    scale, turn = group.turned.by_scale[..., :6], group.turned.by_scale[..., 6:]
-    for name, turns in (("gyro_bias", group.turned.by_bias), ("gyro_scale", scale), ("gyro_turn", turn)):
-        if name in layout:
-            begin = layout.columns[name].start - columns.start
-            a, b, c = np.moveaxis(turns, (2, 3), (0, 1))
-            part = moved[:, begin : begin + len(a)]
-            part[0], part[1], part[2] = y * c - z * b, z * a - x * c, x * b - y * a
-    if "delay" in layout:
-        moved[:, -1] = np.moveaxis(np.cross(at.turning(group.turned.rate), q), -1, 0)
-    return np.moveaxis(moved, (0, 1), (2, 3))
-
-
-def _fill_upright(
-    jacobian: Floats, group: ObservationGroup, at: Parameters, q: Floats, layout: ParameterLayout, moved: Floats | None
-) -> None:
-    """Write the Jacobian (W, n, P) of vᵀq − |v| sin I."""
-    down = group.upright(at)
-    if down is None or group.down is None:
-        return
-    length = lengths(down)
-    if "sine" in layout:
-        jacobian[..., layout.columns["sine"].start] = -length
-    if "acceleration_bias" in layout:
-        height = at.sine / np.maximum(length, 1e-300)
-        raised = q - height[..., np.newaxis] * down
-        leaning = dip.by_bias(group.down, at.acceleration_bias)
-        jacobian[..., layout.columns["acceleration_bias"]] = np.einsum("wni,wnij->wnj", raised, leaning)
-    if moved is not None:
-        jacobian[..., _of_gyro(layout)] = np.einsum("wni,wnij->wnj", down, moved)
-
-
-def _fill_pointed(
-    jacobian: Floats, group: ObservationGroup, at: Parameters, layout: ParameterLayout, moved: Floats | None
-) -> None:
-    """Write the Jacobian (W, 3, n, P) of C q − m."""
-    if "direction" in layout:
-        jacobian[..., layout.columns["direction"]] = -across(at.direction)[:, np.newaxis]
-    if moved is not None and group.attitudes is not None:
-        jacobian[..., _of_gyro(layout)] = np.swapaxes(product(group.attitudes, moved), 1, 2)
-
-
-def lengths(vectors: Floats) -> Floats:
-    """(...,) lengths of (..., 3) vectors."""
-    length: Floats = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
-    return length
+        jacobian[:, :3, :, gyro.columns_of(layout.columns)] = moving.transpose(2, 0, 3, 1)
 
 
 def inverse_of(matrices: Floats) -> Floats:

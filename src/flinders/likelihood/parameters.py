@@ -26,16 +26,25 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.geometry.ellipsoid import symmetric
-from flinders.likelihood.gyro import grown, rotations
+from flinders.geometry.rotation import on_the_sphere, rotations
+from flinders.likelihood import attitude, dip, disturbance, gyro
+from flinders.likelihood.gyro import grown
+from flinders.likelihood.term import Block
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-SIZES: Final = {
-    "offset": 3, "shape": 6, "rotation": 3, "disturbances": 0, "slope": 1, "gyro_bias": 3, "gyro_scale": 6,
-    "gyro_turn": 3, "delay": 1, "acceleration_bias": 3, "sine": 1, "direction": 2,
-}  # fmt: skip
-"""Columns of each block, in their order; of disturbances three for each."""
+ROTATION_SIGMA: Final = 0.35
+"""rad: how far the axes of instruments on one body are thought to be apart, beyond what was looked for."""
+
+TERMS: Final = {term.name: term for term in (gyro.TERM, dip.TERM, dip.TILT, attitude.TERM)}
+"""What may be recorded beside the readings, by name."""
+
+BLOCKS: Final = (
+    Block("offset", 3), Block("shape", 6), Block("rotation", 3, ROTATION_SIGMA), *disturbance.BLOCKS,
+    *(block for term in TERMS.values() for block in term.blocks),
+)  # fmt: skip
+"""Columns of a Jacobian, in their order; of disturbances three for each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +66,7 @@ class ParameterLayout:
         """Lay out the blocks that are to be found, for so many drivers."""
         columns: dict[str, slice] = {}
         begin = 0
-        for name, size in SIZES.items():
+        for name, size, _ in BLOCKS:
             width = 3 * disturbances if name == "disturbances" else size
             if width and (name in ("offset", "shape", "disturbances") or free.get(name, False)):
                 columns[name] = slice(begin, begin + width)
@@ -159,22 +168,3 @@ class Parameters:
     def as_dict(self) -> dict[str, object]:
         """Plain lists and numbers."""
         return {field.name: np.asarray(getattr(self, field.name)).tolist() for field in dataclasses.fields(self)}
-
-
-def across(directions: Floats) -> Floats:
-    """(..., 3, 2) two unit vectors at right angles to each other and to (..., 3) directions.
-
-    >>> bool(np.allclose(np.array([[0.6, 0.0, 0.8]]) @ across(np.array([[0.6, 0.0, 0.8]]))[0], 0.0))
-    True
-    """
-    helper = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
-    first = np.cross(directions, helper)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=-1)
-
-
-def on_the_sphere(directions: Floats, steps: Floats) -> Floats:
-    """(..., 3) directions moved by (..., 2) steps along `across`, back on the sphere."""
-    moved = directions + np.einsum("...ij,...j->...i", across(directions), steps)
-    unit: Floats = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
-    return unit

@@ -20,6 +20,7 @@ import numpy as np
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import figures
+from flinders.likelihood.parameters import TERMS
 from flinders.report.formatting import degrees, minus, with_uncertainty
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.fitting.result import Fit
 
-SOURCES: Final = {"rate": "gyro", "dip": "accelerometer", "tilt": "logged tilt", "attitude": "logged attitude"}
+SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 """What each aiding sensor is called."""
 
 LOST_DEG: Final = 90.0

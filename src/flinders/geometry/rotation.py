@@ -1,0 +1,92 @@
+"""Rotation matrices of many readings at once, and steps on the sphere of directions.
+
+>>> quarter = rotations(np.array([[0.0, 0.0, np.pi / 2]]))
+>>> bool(np.allclose(quarter[0], np.eye(3) + cross_matrices(np.array([0.0, 0.0, 1.0])) - np.diag([1.0, 1.0, 0.0])))
+True
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+
+
+def in_pieces(array: Floats, axes: int = 1) -> Floats:
+    """The same array with each entry of its last axes in one piece of memory, for sums over readings to stream through.
+
+    >>> in_pieces(np.zeros((500, 3))).strides
+    (8, 4000)
+    """
+    lead = array.ndim - axes
+    pieces = np.ascontiguousarray(array.transpose(*range(lead, array.ndim), *range(lead)))
+    return pieces.transpose(*range(axes, array.ndim), *range(axes))
+
+
+def product(first: Floats, second: Floats) -> Floats:
+    """(W, n, i, k) of (W, n, i, j) and (W, n or 1, j, k), `in_pieces`: several times faster so than ``@``."""
+    pieces = np.empty((first.shape[2], second.shape[3], *first.shape[:2]))
+    return np.einsum("wnij,wnjk->wnik", first, second, out=np.moveaxis(pieces, (0, 1), (2, 3)))
+
+
+def applied(matrices: Floats, vectors: Floats) -> Floats:
+    """(W, n, i) of (W, n, i, j) matrices and (W, n or 1, j) vectors, `in_pieces`."""
+    return product(matrices, vectors[..., np.newaxis])[..., 0]
+
+
+def rotations(vectors: Floats) -> Floats:
+    """(..., 3, 3) rotations by (..., 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
+
+    >>> rotations(np.array([[0.0, 0.0, np.pi / 2]])).round(3)[0].tolist()
+    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    square = np.einsum("...i,...i->...", vectors, vectors)
+    angle = np.sqrt(square)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    sine = np.where(small, 1.0 - square / 6.0, np.sin(safe) / safe)
+    bend = np.where(small, 0.5 - square / 24.0, (1.0 - np.cos(safe)) / safe**2)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    turned = np.empty((3, 3, *angle.shape))
+    for i, j, along, aside in ((0, 1, z, x * y), (2, 0, y, x * z), (1, 2, x, y * z)):
+        turned[i, j], turned[j, i] = bend * aside - sine * along, bend * aside + sine * along
+    for i, along in enumerate((x, y, z)):
+        turned[i, i] = 1.0 - bend * (square - along * along)
+    return np.moveaxis(turned, (0, 1), (-2, -1))
+
+
+def cross_matrices(vectors: Floats) -> Floats:
+    """(..., 3, 3) the matrices [v]× with [v]× w = v × w."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    crossed = np.zeros((3, 3, *x.shape))
+    for i, j, along in ((0, 1, z), (2, 0, y), (1, 2, x)):
+        crossed[i, j], crossed[j, i] = -along, along
+    return np.moveaxis(crossed, (0, 1), (-2, -1))
+
+
+def across(directions: Floats) -> Floats:
+    """(..., 3, 2) two unit vectors at right angles to each other and to (..., 3) directions.
+
+    >>> bool(np.allclose(np.array([[0.6, 0.0, 0.8]]) @ across(np.array([[0.6, 0.0, 0.8]]))[0], 0.0))
+    True
+    """
+    helper = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
+    first = np.cross(directions, helper)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(directions, first)], axis=-1)
+
+
+def on_the_sphere(directions: Floats, steps: Floats) -> Floats:
+    """(..., 3) directions moved by (..., 2) steps along `across`, back on the sphere."""
+    moved = directions + np.einsum("...ij,...j->...i", across(directions), steps)
+    unit: Floats = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+    return unit
+
+
+def lengths(vectors: Floats) -> Floats:
+    """(...,) lengths of (..., 3) vectors."""
+    length: Floats = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return length
