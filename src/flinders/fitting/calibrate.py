@@ -9,8 +9,8 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, cast
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
 
 import numpy as np
 
@@ -21,11 +21,10 @@ from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.diagnostics.drift import drift_of
-from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import require_moved
-from flinders.errors import FitError, UsageError
-from flinders.estimators import Readings, as_correlated, at_one_strength, method_of, with_bias, within_range
+from flinders.errors import UsageError
+from flinders.estimators import Readings, at_one_strength, method_of, within_range
 from flinders.estimators.aiding import refuse_without
 from flinders.estimators.auto import Auto
 from flinders.estimators.data import concatenated
@@ -35,6 +34,7 @@ from flinders.estimators.level import Level, turned_level
 from flinders.estimators.regressors import DisturbanceEstimate
 from flinders.fitting.aid_selection import AUTO, aided_by, available
 from flinders.fitting.aiding import Aiding, AidingSensor
+from flinders.fitting.claim import claimed, repeated
 from flinders.fitting.disturbance_selection import earned
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import judge
@@ -54,16 +54,79 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.drift import Drift
-    from flinders.diagnostics.repeatability import Repeats
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
+    from flinders.fitting.claim import Claim
     from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
     from flinders.summary.summary import Summary
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a fit is asked for, whatever the method; as the parameters of `fit`."""
+
+    target_deg: float = 1.0
+    dip_deg: float = 60.0
+    field_strength: float | None = None
+    alignment_sigma_deg: float | None = None
+    site: Site | None = None
+    prior: float | None = SPREAD
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.alignment_sigma_deg is not None and not 0.0 <= self.alignment_sigma_deg <= 180.0:
+            raise UsageError(f"alignment sigma is {self.alignment_sigma_deg:g}°: need an angle from 0° to 180°")
+        if not self.target_deg > 0.0:
+            raise UsageError(f"target is {self.target_deg:g}°: need a positive angle")
+
+
+@dataclass(frozen=True, slots=True)
+class _Instruments:
+    """What a gyro and an accelerometer may be off by, 1 σ."""
+
+    gyro_scale: float
+    acceleration_bias: float
+
+    def __post_init__(self) -> None:
+        """Refuse what none is off by."""
+        if not 0.0 <= self.gyro_scale <= 0.5:
+            raise UsageError(f"gyro scale is {self.gyro_scale:g}: need a share from 0 to 0.5, such as {SCALE_SIGMA:g}")
+        if not 0.0 <= self.acceleration_bias <= 2.0:
+            raise UsageError(
+                f"acceleration bias is {self.acceleration_bias:g} m/s²: need 0 to 2, such as {ACCELERATION_SIGMA:g}"
+            )
+
+
+class _Frame(NamedTuple):
+    """Unit, axes and frame that readings are in."""
+
+    unit: Unit | None
+    axes: Axes | None
+    name: str = "sensor"
+
+    @classmethod
+    def of(cls, source: object, unit: Unit | None = None, axes: Axes | None = None) -> Self:
+        """Those of a recording, which knows them; else those that are given.
+
+        Raises
+        ------
+        UsageError
+            Where others are given for a recording: that would not convert it.
+        """
+        if not hasattr(source, "blocks"):
+            return cls(unit, axes)
+        recording = cast("Recording", source)
+        if (unit or recording.unit) != recording.unit or (axes or recording.axes) != recording.axes:
+            raise UsageError(
+                f"{recording.source} is in {recording.unit.name}, axes {recording.axes}: "
+                "unit and axes are for arrays and summaries; give them where the recording is read"
+            )
+        return cls(recording.unit, recording.axes, frame_of(recording))
 
 
 @renamed_keywords(drivers="disturbances", aids="aiding")
@@ -135,57 +198,35 @@ def fit(
     NotTurned, InputError
         For `disturbances` of a sensor that was not turned, or that were not recorded.
     """
-    if alignment_sigma_deg is not None and not 0.0 <= alignment_sigma_deg <= 180.0:
-        raise UsageError(f"alignment sigma is {alignment_sigma_deg:g}°: need an angle from 0° to 180°")
-    if not target_deg > 0.0:
-        raise UsageError(f"target is {target_deg:g}°: need a positive angle")
     if dip_deg is None:
         dip_deg = 60.0 if site is None or site.inclination_deg is None else site.inclination_deg
-    estimator = estimator_of(method, options, {"dip_deg": dip_deg, "field_strength": field_strength})
+    request = Request(
+        target_deg, dip_deg, field_strength, alignment_sigma_deg, site, prior=options.get("prior", SPREAD)
+    )
+    estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
     driving, tried = None, cast("tuple[AidingSensor, ...]", ())
     if aiding == AUTO and not disturbances and hasattr(source, "blocks"):
-        disturbances, tried = earned(cast("Recording", source), spread=options.get("prior", SPREAD), dip_deg=dip_deg)
+        disturbances, tried = earned(cast("Recording", source), spread=request.prior, dip_deg=request.dip_deg)
     if disturbances:
-        driving, source = following(source, disturbances, spread=options.get("prior", SPREAD))
-    readings = Readings.of(source)
-    frame = "sensor"
-    if hasattr(source, "blocks"):
-        recording = cast("Recording", source)
-        _refuse_to_relabel(recording, unit, axes)
-        unit, axes, frame = recording.unit, recording.axes, frame_of(recording)
-    plane = getattr(estimator, "plane", "xy" if method == Level.name else None)
-    how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
-    require_moved(readings.summary, (unit or Unit.of()).inside, how)
-    readings = within_range(readings)
-    instruments = {"gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
-    aided, aiding_result = _aided(
-        readings, aiding, site, method=method, dip_deg=dip_deg, options=options, instruments=instruments
-    )
-    aiding_result = (
-        aiding_result if aiding_result is None else replace(aiding_result, each=(*tried, *aiding_result.each))
-    )
-    estimate = aided or _sited(estimator.estimate(readings), readings, site, alignment_sigma_deg, dip_deg)
-    readings = readings if aided else at_one_strength(readings, estimate)
-    if site is not None and field_strength is None and estimate.strength == site.strength:
-        field_strength = site.strength
-    calibration = _calibration(estimate, field_strength, unit=unit, axes=axes, sensor=sensor, frame=frame)
-    calibration = _turned(calibration, aiding_result)
-    likelihood = Auto(options.get("prior", SPREAD), dip_deg=dip_deg)
-    if aided is None:
-        estimate, repeated = _widened(estimate, likelihood, readings, is_biased=estimator.is_biased)
-    else:  # knows how its residuals hang together
-        repeated = _repeated(estimate, readings.summary)
-        estimate = replace(estimate, covariance=estimate.covariance * repeated)
-    repeats = _repeats(readings, likelihood, estimate)
-    if repeats is not None:
-        estimate = replace(estimate, covariance=estimate.covariance + repeats.scatter)
+        driving, source = following(source, disturbances, spread=request.prior)
+    frame = _Frame.of(source, unit, axes)
+    readings = within_range(_moved(Readings.of(source), method, estimator, frame.unit))
+    instruments = _Instruments(gyro_scale, acceleration_bias)
+    if aiding and (method != "auto" or set(options) - {"prior"}):
+        raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
+    joint, aiding_result = _aided(readings, aiding, request, instruments)
+    if aiding_result is not None:
+        aiding_result = replace(aiding_result, each=(*tried, *aiding_result.each))
+    estimate = joint or _at_site(estimator.estimate(readings), readings, request)
+    readings = readings if joint else at_one_strength(readings, estimate)
+    likelihood = Auto(request.prior, dip_deg=request.dip_deg)
+    claim = claimed(estimate, readings, likelihood, is_biased=estimator.is_biased, is_joint=joint is not None)
     if driving is not None:
-        estimate = replace(estimate, covariance=driving.widened(estimate.covariance))
-    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, repeats, repeated, driving, aiding_result)
-    fitted = _mounted(fitted, alignment_sigma_deg)
-    if fitted.verdict == "refused":
-        raise Refused(fitted)
-    return fitted
+        covariance = driving.widened(claim.estimate.covariance)
+        claim = claim._replace(estimate=replace(claim.estimate, covariance=covariance))
+    calibration = _turned(_calibration(estimate, request, frame, sensor), aiding_result)
+    result = _judged(claim, readings, calibration, request, driving=driving, aiding=aiding_result)
+    return _accepted(_mounted(result, alignment_sigma_deg))
 
 
 def judged_as(
@@ -203,7 +244,7 @@ def judged_as(
     Parameters
     ----------
     estimate : Estimate
-        Its covariance knows how residuals hang together.
+        Its covariance knows how residuals are correlated.
     source : Recording
         The readings that it belongs to, for coverage and health.
     aiding_result : Aiding, optional
@@ -216,33 +257,53 @@ def judged_as(
     Refused
         Where it cannot be trusted; it carries the fit.
     """
+    request = Request(target_deg, dip_deg, field_strength)
     readings = within_range(Readings.of(source))
-    frame = frame_of(source)
-    calibration = _calibration(
-        estimate, field_strength, unit=source.unit, axes=source.axes, sensor=sensor, frame=frame
-    )  # fmt: skip
-    repeated = _repeated(estimate, readings.summary)
-    estimate = replace(estimate, covariance=estimate.covariance * repeated)
-    calibration = _turned(calibration, aiding_result)
-    fitted = _judged(estimate, readings, calibration, target_deg, dip_deg, None, repeated, None, aiding_result)
-    if fitted.verdict == "refused":
-        raise Refused(fitted)
-    return fitted
+    calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
+    claim = repeated(estimate, readings.summary)
+    return _accepted(_judged(claim, readings, calibration, request, aiding=aiding_result))
+
+
+def _accepted(result: Fit) -> Fit:
+    """The fit, unless its verdict refuses it.
+
+    Raises
+    ------
+    Refused
+        With the fit.
+    """
+    if result.verdict == "refused":
+        raise Refused(result)
+    return result
+
+
+def _moved(readings: Readings, method: str, estimator: Estimator, unit: Unit | None) -> Readings:
+    """The readings of a sensor that was turned.
+
+    Raises
+    ------
+    Unmoved
+        For any other.
+    """
+    plane = getattr(estimator, "plane", "xy" if method == Level.name else None)
+    how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
+    require_moved(readings.summary, (unit or Unit.of()).inside, how)
+    return readings
 
 
 def _turned(calibration: Calibration, aiding_result: Aiding | None) -> Calibration:
-    """Turn corrected readings into the axes of the body, where an aid saw how the sensor sits in them."""
+    """Turn corrected readings into the axes of the body, where an aiding sensor saw how the sensor sits in them."""
     if aiding_result is None or aiding_result.rotation is None:
         return calibration
     return replace(calibration, matrix=aiding_result.rotation @ calibration.matrix, rotation="estimated")
 
 
-def _mounted(fitted: Fit, sigma_deg: float | None) -> Fit:
+def _mounted(result: Fit, sigma_deg: float | None) -> Fit:
     """Add the heading error of a mounting of stated uncertainty, where it is stated."""
     if sigma_deg is None:
-        return fitted
-    error = alignment_error_deg(sigma_deg, dip_deg=fitted.heading_error_deg.dip_deg)
-    return replace(fitted, alignment_error_deg=error)
+        return result
+    error = alignment_error_deg(sigma_deg, dip_deg=result.heading_error_deg.dip_deg)
+    return replace(result, alignment_error_deg=error)
 
 
 def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> Estimator:
@@ -263,79 +324,44 @@ def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> 
         raise UsageError(f"{method} takes {', '.join(own) or 'no options'}; got {', '.join(unknown)}") from None
 
 
-def _refuse_to_relabel(source: Recording, unit: Unit | None, axes: Axes | None) -> None:
-    """A recording knows its unit and axes: naming others does not convert it.
-
-    Raises
-    ------
-    UsageError
-        Where they differ.
-    """
-    if (unit or source.unit) != source.unit or (axes or source.axes) != source.axes:
-        raise UsageError(
-            f"{source.source} is in {source.unit.name}, axes {source.axes}: "
-            "unit and axes are for arrays and summaries; give them where the recording is read"
-        )
-
-
 def _aided(
-    readings: Readings,
-    aiding: str | Sequence[str],
-    site: Site | None,
-    *,
-    method: str,
-    dip_deg: float,
-    options: dict[str, Any],
-    instruments: dict[str, float],
+    readings: Readings, aiding: str | Sequence[str], request: Request, instruments: _Instruments
 ) -> tuple[Estimate | None, Aiding | None]:
-    """Fit with what was recorded beside the magnetometer; no estimate where no aid was asked for, or none was kept.
+    """Fit with aiding sensors; no estimate where none was asked for, or none was used.
 
     Raises
     ------
     UsageError
-        For another method than the default one, where only sums are left, or for instruments out of range.
+        Where only sums are left.
     """
-    _refuse_instruments(**instruments)
     if not aiding:
         return None, None
-    if method != "auto" or set(options) - {"prior"}:
-        raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
     if readings.recording is None:
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
     recording = readings.recording
     samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, aiding)
-    spread = options.get("prior", SPREAD) or SPREAD
-    aided, aiding_result = aided_by(samples, aiding, site=site, dip_deg=dip_deg, spread=spread, **instruments)
+    aided, result = aided_by(
+        samples,
+        aiding,
+        site=request.site,
+        dip_deg=request.dip_deg,
+        spread=request.prior or SPREAD,
+        **dataclasses.asdict(instruments),
+    )
     if is_flat(readings.summary.moments.principal_variances, aided.noise):
         return None, _of_no_use(samples, aiding)
-    return aided.estimate() if aided.aiding else None, aiding_result
-
-
-def _refuse_instruments(gyro_scale: float, acceleration_bias: float) -> None:
-    """Refuse what no gyro or accelerometer is off by.
-
-    Raises
-    ------
-    UsageError
-        Saying what is possible.
-    """
-    if not 0.0 <= gyro_scale <= 0.5:
-        raise UsageError(f"gyro scale is {gyro_scale:g}: need a share from 0 to 0.5, such as {SCALE_SIGMA:g}")
-    if not 0.0 <= acceleration_bias <= 2.0:
-        raise UsageError(
-            f"acceleration bias is {acceleration_bias:g} m/s²: need 0 to 2, such as {ACCELERATION_SIGMA:g}"
-        )
+    return aided.estimate() if aided.aiding else None, result
 
 
 def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
-    """Say of each aid that a level turn leaves it nothing to tell.
+    """Say of each aiding sensor that a level turn leaves it nothing to tell.
 
     Raises
     ------
     UsageError
-        For an aid that is not known or was not recorded.
+        For one that is not known or was not recorded.
     """
     names = available(samples) if aiding == AUTO else (aiding,) if isinstance(aiding, str) else tuple(aiding)
     refuse_without(samples, names)
@@ -343,76 +369,34 @@ def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
     return Aiding(tuple(AidingSensor(name, kept=False, words=words) for name in names))
 
 
-def _sited(
-    estimate: Estimate, readings: Readings, site: Site | None, alignment_sigma_deg: float | None, dip_deg: float
-) -> Estimate:
-    """Hold an estimate by the field of the site; of a dip that someone knows better, by its strength alone."""
+def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estimate:
+    """Use the field of the site; where the dip is known better, its strength alone."""
+    site = request.site
     if estimate.bias.any() or readings.recording is None:
         return estimate
-    if site is not None and site.inclination_deg is not None and site.inclination_deg != dip_deg:
+    if site is not None and site.inclination_deg is not None and site.inclination_deg != request.dip_deg:
         site = replace(site, inclination_deg=None)
-    return sited(estimate, readings, site, dip_deg=dip_deg, alignment_sigma_deg=alignment_sigma_deg)
+    return sited(estimate, readings, site, dip_deg=request.dip_deg, alignment_sigma_deg=request.alignment_sigma_deg)
 
 
-def _calibration(
-    estimate: Estimate,
-    field_strength: float | None,
-    *,
-    unit: Unit | None,
-    axes: Axes | None,
-    sensor: str | None,
-    frame: str,
-) -> Calibration:
+def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: str | None) -> Calibration:
     """The correction that makes a sphere of the ellipsoid; a strength that follows the readings is as good as given."""
+    given, site = request.field_strength, request.site
+    if given is None and site is not None and estimate.strength == site.strength:
+        given = site.strength
     calibration = Calibration.from_ellipsoid(
         estimate.ellipsoid.centre,
         estimate.ellipsoid.shape,
-        field_strength=estimate.strength if field_strength is None else field_strength,
-        raw=unit or Unit.of(),
-        axes=axes or Axes(),
+        field_strength=estimate.strength if given is None else given,
+        raw=frame.unit or Unit.of(),
+        axes=frame.axes or Axes(),
         sensor=sensor,
-        frame=frame,
+        frame=frame.name,
     )
-    known = field_strength is not None or bool(estimate.follows)
-    return (
-        calibration if calibration.field_strength_known == known else replace(calibration, field_strength_known=known)
-    )
-
-
-def _widened(estimate: Estimate, likelihood: Auto, readings: Readings, *, is_biased: bool) -> tuple[Estimate, float]:
-    """Add to a claim what the method leaves out of it: correlation, repeated readings (by which factor), bias."""
-    beside = None
-    looked_at = estimate.correlation is not None or estimate.plane or readings.recording is None
-    if is_biased or not looked_at:
-        try:
-            beside = likelihood.estimate(readings)
-        except FitError:  # too few readings to see beyond the simpler model
-            beside = None
-    if beside is not None and not looked_at and not beside.plane and not beside.unobserved:
-        estimate = as_correlated(estimate, beside)
-    repeated = _repeated(estimate, readings.summary)
-    few = _few(estimate, len(readings.summary) / repeated)
-    estimate = replace(estimate, covariance=estimate.covariance * (repeated * few))
-    return (with_bias(estimate, beside) if beside is not None and is_biased else estimate), repeated
-
-
-def _repeated(estimate: Estimate, summary: Summary) -> float:
-    """Factor by which repeated readings, no new evidence, widen a covariance that does not know of them yet."""
-    share = len(summary) / max(len(summary) - summary.health.repeats, 1)
-    if estimate.textbook is None:
-        return share
-    known = float(np.mean(np.diag(estimate.covariance) / np.maximum(np.diag(estimate.textbook), np.finfo(float).tiny)))
-    return max(1.0, share / known)
-
-
-def _few(estimate: Estimate, count: float) -> float:
-    """Factor by which few readings widen a covariance, as their noise is known from few residuals.
-
-    The variance of Student's t, ν/(ν − 2), for the ν readings beyond those that the parameters take up. Below three
-    there is no such variance, and the factor grows by four for each reading that is missing.
-    """
-    freedom = count - (5 if estimate.plane else 9)
-    return freedom / (freedom - 2.0) if freedom >= 3.0 else 3.0 * 4.0 ** (3.0 - max(freedom, 0.0))
+    is_known = given is not None or bool(estimate.follows)
+    if calibration.field_strength_known == is_known:
+        return calibration
+    return replace(calibration, field_strength_known=is_known)
 
 
 def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | None:
@@ -428,8 +412,8 @@ def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | No
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
-def _slip(estimate: Estimate, readings: Readings) -> AxisSwap | None:
-    """Whether axes slipped while one recording was made, of those held in memory; if so, residuals are not white."""
+def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
+    """Whether axes were swapped while one recording in memory was made; if so, residuals are not white."""
     if readings.parts or not isinstance(readings.recording, Samples):
         return None
     if not estimate.outliers and (estimate.correlation is None or estimate.correlation.is_white):
@@ -437,9 +421,9 @@ def _slip(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     return axis_swap_of(readings.recording.field, estimate.noise)
 
 
-def _unfollowed(estimate: Estimate, readings: Readings, dip_deg: float, driving: Driving | None) -> Unmodelled | None:
+def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmodelled | None:
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
-    if driving is not None or estimate.unobserved or not isinstance(readings.recording, Samples):
+    if estimate.unobserved or not isinstance(readings.recording, Samples) or not readings.recording.disturbances:
         return None
     near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
@@ -473,93 +457,71 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
     return level_error(estimate.ellipsoid, bias, dip_deg=dip_deg, down=down).rms
 
 
-def _repeats(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:
-    """Hold the recordings of a sensor against each other, those that say all by themselves.
-
-    Level turns are only held against each other: each rests on the dip, and elsewhere that is found.
-    """
-    turns: list[RecordingFit] = []
-    others: list[RecordingFit] = []
-    for part in readings.parts:
-        try:
-            alone = likelihood.estimate(part)
-        except FitError:
-            continue
-        source = "" if part.recording is None else part.recording.source
-        if alone.plane or not alone.unobserved:
-            alike = turns if alone.plane else others
-            covariance = alone.covariance * _few(alone, len(part.summary))
-            alike.append(RecordingFit(source, alone.used, alone.ellipsoid, covariance))
-    parts = turns if estimate.plane or len(others) < 2 else others
-    return compared(parts, dip_deg=likelihood.dip_deg) if len(parts) > 1 else None
-
-
 def _judged(
-    estimate: Estimate,
+    claim: Claim,
     readings: Readings,
     calibration: Calibration,
-    target_deg: float,
-    dip_deg: float,
-    repeats: Repeats | None,
-    repeated: float,
+    request: Request,
+    *,
     driving: Driving | None = None,
-    aiding_result: Aiding | None = None,
+    aiding: Aiding | None = None,
 ) -> Fit:
     """Put together what is known and judge it."""
-    summary, covariance = readings.summary, estimate.covariance
+    estimate, summary = claim.estimate, readings.summary
     coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
-    down = down_of(estimate.plane)
-    error = max(
-        (
-            level_error(estimate.ellipsoid, covariance, dip_deg=dip, down=down)
-            for dip in ((dip_deg,) if estimate.plane else coverage.facings(dip_deg))
-        ),
-        key=lambda error: error.worst,
-    )
+    error = _heading_error(estimate, coverage, request.dip_deg)
     dip = error.dip_deg
-    fitted = Fit(
+    result = Fit(
         calibration=calibration,
         method=estimate.method,
-        covariance=covariance,
+        covariance=estimate.covariance,
         noise=estimate.noise,
         samples=estimate.used or len(summary),
         coverage=coverage,
         heading_error_deg=error,
         distortion=_distortion(estimate),
-        target_deg=target_deg,
-        dip_deg=dip_deg,
+        target_deg=request.target_deg,
+        dip_deg=request.dip_deg,
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
         textbook_heading_error_deg=_textbook(estimate, dip),
-        independent_samples=_independent(estimate, len(summary) / repeated),
+        independent_samples=_independent(estimate, len(summary) / claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, readings, dip),
-        axis_swap=_slip(estimate, readings),
-        unmodelled=_unfollowed(estimate, readings, dip, driving),
-        repeats=repeats,
+        axis_swap=_axis_swap(estimate, readings),
+        unmodelled=None if driving else _unmodelled(estimate, readings, dip),
+        repeats=claim.repeats,
         plane=estimate.plane,
         z_down=estimate.z_down,
-        aiding=aiding_result,
-        alignment_error_deg=None if aiding_result is None else aiding_result.alignment_error_deg(dip),
+        aiding=aiding,
+        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip),
     )
-    fitted = replace(fitted, heading_error_deg=fitted.heading_error_deg.beside(fitted.structure_deg))
+    result = replace(result, heading_error_deg=error.beside(result.structure_deg))
     if driving is not None:
-        fitted = _with_disturbances(fitted, driving)
-    return replace(fitted, findings=judge(fitted, summary))
+        result = _with_disturbances(result, driving)
+    return replace(result, findings=judge(result, summary))
 
 
-def _with_disturbances(fitted: Fit, driving: Driving) -> Fit:
-    """A fit to settled readings, with what is known of its drivers."""
-    calibration = replace(fitted.calibration, disturbances=driving.disturbances)
-    dip, down = fitted.heading_error_deg.dip_deg, down_of(fitted.plane)
+def _heading_error(estimate: Estimate, coverage: Coverage, dip_deg: float) -> HeadingError:
+    """The larger one of both signs of the dip, where the readings do not show which way up the sensor is."""
+    dips = (dip_deg,) if estimate.plane else coverage.facings(dip_deg)
+    down = down_of(estimate.plane)
+    errors = (level_error(estimate.ellipsoid, estimate.covariance, dip_deg=dip, down=down) for dip in dips)
+    return max(errors, key=lambda error: error.worst)
+
+
+def _with_disturbances(result: Fit, driving: Driving) -> Fit:
+    """A fit to compensated readings, with what is known of their disturbances."""
+    calibration = replace(result.calibration, disturbances=driving.disturbances)
+    dip, down = result.heading_error_deg.dip_deg, down_of(result.plane)
     estimates = [
         DisturbanceEstimate(
             disturbance.name,
             disturbance,
             taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
-            left_deg=driving.left(fitted.ellipsoid, place, dip_deg=dip, down=down).worst,
+            left_deg=driving.left(result.ellipsoid, place, dip_deg=dip, down=down).worst,
             shared=quality.shared,
             monotonicity=quality.monotonicity,
             attenuation=quality.attenuation,
@@ -573,9 +535,9 @@ def _with_disturbances(fitted: Fit, driving: Driving) -> Fit:
     ]
     constant = [DisturbanceEstimate(name) for name in driving.constant]
     return replace(
-        fitted,
+        result,
         calibration=calibration,
         disturbances=(*estimates, *constant),
-        disturbances_covariance=driving.joint(fitted.covariance),
+        disturbances_covariance=driving.joint(result.covariance),
         noise_uncompensated=driving.noise_without,
     )

@@ -1,0 +1,151 @@
+"""What a fit may claim: a method's covariance, widened by all that the method does not know of.
+
+The residuals of real recordings are correlated, readings are repeated, methods have a bias, few readings leave the
+noise itself uncertain, and several recordings of one sensor differ by more than each of them claims.
+
+>>> from flinders import simulate
+>>> from flinders.estimators import Readings
+>>> from flinders.estimators.auto import Auto
+>>> readings = Readings.of(simulate.tumble(seed=1, n=300).samples)
+>>> claim = claimed(Auto().estimate(readings), readings, Auto())
+>>> claim.repetition, claim.repeats is None
+(1.0, True)
+>>> round(widening_by_few(12), 3), round(widening_by_few(3000), 3)
+(3.0, 1.001)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from flinders.diagnostics.repeatability import RecordingFit, compared
+from flinders.errors import FitError
+from flinders.estimators import as_correlated, with_bias
+
+if TYPE_CHECKING:
+    from flinders.diagnostics.repeatability import Repeats
+    from flinders.estimators import Estimate, Readings
+    from flinders.estimators.auto import Auto
+    from flinders.summary.summary import Summary
+
+
+class Claim(NamedTuple):
+    """An estimate with the covariance that it may claim.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    repetition : float
+        Factor by which repeated readings, no new evidence, have widened it.
+    repeats : Repeats, optional
+        Recordings of one sensor, compared with each other.
+    """
+
+    estimate: Estimate
+    repetition: float
+    repeats: Repeats | None = None
+
+
+def claimed(
+    estimate: Estimate, readings: Readings, likelihood: Auto, *, is_biased: bool = False, is_joint: bool = False
+) -> Claim:
+    """Widen the covariance of an estimate.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    readings : Readings
+        That it was made of.
+    likelihood : Auto
+        What a method that does not look at residuals is compared with.
+    is_biased : bool
+        The method has a bias of its own.
+    is_joint : bool
+        The estimate is of several instruments, and knows how its residuals are correlated.
+    """
+    if is_joint:
+        claim = repeated(estimate, readings.summary)
+    else:
+        claim = _widened(estimate, readings, likelihood, is_biased=is_biased)
+    repeats = _compared(readings, likelihood, claim.estimate)
+    if repeats is None:
+        return claim
+    whole = replace(claim.estimate, covariance=claim.estimate.covariance + repeats.scatter)
+    return claim._replace(estimate=whole, repeats=repeats)
+
+
+def repeated(estimate: Estimate, summary: Summary) -> Claim:
+    """Widen the covariance of an estimate by repeated readings alone."""
+    repetition = _repetition(estimate, summary)
+    return Claim(_scaled(estimate, repetition), repetition)
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    """The estimate with a covariance so many times as large."""
+    return replace(estimate, covariance=estimate.covariance * factor)
+
+
+def _widened(estimate: Estimate, readings: Readings, likelihood: Auto, *, is_biased: bool) -> Claim:
+    """Add correlation, repeated readings, few readings and bias."""
+    reference = None
+    has_residuals = estimate.correlation is not None or estimate.plane or readings.recording is None
+    if is_biased or not has_residuals:
+        try:
+            reference = likelihood.estimate(readings)
+        except FitError:  # too few readings to see beyond the simpler model
+            reference = None
+    if reference is not None and not has_residuals and not reference.plane and not reference.unobserved:
+        estimate = as_correlated(estimate, reference)
+    repetition = _repetition(estimate, readings.summary)
+    freedom = _freedom(estimate, len(readings.summary) / repetition)
+    estimate = _scaled(estimate, repetition * widening_by_few(freedom))
+    if reference is not None and is_biased:
+        estimate = with_bias(estimate, reference)
+    return Claim(estimate, repetition)
+
+
+def _repetition(estimate: Estimate, summary: Summary) -> float:
+    """Factor by which repeated readings widen a covariance that does not know of them yet."""
+    share = len(summary) / max(len(summary) - summary.health.repeats, 1)
+    if estimate.textbook is None:
+        return share
+    known = float(np.mean(np.diag(estimate.covariance) / np.maximum(np.diag(estimate.textbook), np.finfo(float).tiny)))
+    return max(1.0, share / known)
+
+
+def _freedom(estimate: Estimate, count: float) -> float:
+    """Readings beyond those that the parameters take up."""
+    return count - (5 if estimate.plane else 9)
+
+
+def widening_by_few(freedom: float) -> float:
+    """Factor by which few readings widen a covariance, as their noise is known from few residuals.
+
+    The variance of Student's t, ν/(ν − 2), for the ν readings beyond those that the parameters take up. Below three
+    there is no such variance, and the factor grows by four for each reading that is missing.
+    """
+    return freedom / (freedom - 2.0) if freedom >= 3.0 else 3.0 * 4.0 ** (3.0 - max(freedom, 0.0))
+
+
+def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:
+    """Compare the recordings of a sensor, those that determine a calibration by themselves.
+
+    Level turns are only compared with each other: each rests on the dip, and elsewhere that is estimated.
+    """
+    turns: list[RecordingFit] = []
+    others: list[RecordingFit] = []
+    for part in readings.parts:
+        try:
+            alone = likelihood.estimate(part)
+        except FitError:
+            continue
+        if alone.plane or not alone.unobserved:
+            source = "" if part.recording is None else part.recording.source
+            widening = widening_by_few(_freedom(alone, len(part.summary)))
+            fits = turns if alone.plane else others
+            fits.append(RecordingFit(source, alone.used, alone.ellipsoid, alone.covariance * widening))
+    fits = turns if estimate.plane or len(others) < 2 else others
+    return compared(fits, dip_deg=likelihood.dip_deg) if len(fits) > 1 else None
