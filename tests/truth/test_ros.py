@@ -15,7 +15,7 @@ import pytest
 from flinders.errors import FlindersError, MissingExtra, UnitError, UnreadableInput
 from flinders.readers import ros
 from flinders.readers._source import File
-from flinders.readers.ros import READER, is_bag_folder, open_ros
+from flinders.readers.ros import READERS, is_bag_folder, open_ros
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -278,8 +278,8 @@ def test_ros_2_before_types_were_recorded_is_read_as_humble(tmp_path: Path) -> N
 
 
 def test_the_first_bytes_tell() -> None:
-    assert all(map(READER.accepts, (b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n\x01", b"SQLite format 3\x00")))
-    assert not READER.accepts(b"x,y,z\n1,2,3\n")
+    assert all(map(READERS[0].accepts, (b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n\x01", b"SQLite format 3\x00")))
+    assert not READERS[0].accepts(b"x,y,z\n1,2,3\n")
 
 
 # what is not

@@ -523,6 +523,14 @@ def _name_of(path: Sequence[bytes]) -> str:
     return ".".join(part.decode("utf-8", "replace") for part in path)
 
 
-READER: Final = Reader(
-    "hdf5", "HDF5, MATLAB 7.3", (".h5", ".hdf5", ".mat"), sniff=is_hdf5, open=open_hdf5, extra="hdf5"
+READERS: Final = (
+    Reader(
+        "hdf5",
+        "HDF5, MATLAB 7.3",
+        (".h5", ".hdf5", ".mat"),
+        "datasets as columns, groups as parts of their names",
+        sniff=is_hdf5,
+        open=open_hdf5,
+        extra="hdf5",
+    ),
 )

@@ -572,12 +572,15 @@ def _opened(file: File, *, unit: str | None = None) -> Log:
     return open_ros(replace(file, path=file.path.parent) if is_folder else file, unit=unit)
 
 
-READER: Final = Reader(
-    "ros",
-    "ROS bag, MCAP",
-    (".bag", ".mcap", ".db3"),
-    starts=(BAG, MCAP, SQLITE, b"rosbag2_bagfile_information:"),
-    log=_opened,
-    extra="ros",
-    takes_unit=True,
+READERS: Final = (
+    Reader(
+        "ros",
+        "ROS bag, MCAP",
+        (".bag", ".mcap", ".db3"),
+        "each topic of `MagneticField`, with the `Imu` and the `Temperature` in its frame",
+        starts=(BAG, MCAP, SQLITE, b"rosbag2_bagfile_information:"),
+        log=_opened,
+        extra="ros",
+        takes_unit=True,
+    ),
 )

@@ -413,10 +413,13 @@ def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) 
     return Unit.of(columns.unit or COUNTS, columns.scale)
 
 
-READER: Final = Reader(
-    "text",
-    "text",
-    (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"),
-    sniff=lambda head: foreign_kind(head) is None,
-    open=open_text,
+READERS: Final = (
+    Reader(
+        "text",
+        "text",
+        (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"),
+        "tables, JSON, and the lines that boards print",
+        sniff=lambda head: foreign_kind(head) is None,
+        open=open_text,
+    ),
 )

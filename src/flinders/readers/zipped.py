@@ -163,4 +163,14 @@ def _listed(members: list[zipfile.ZipInfo]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") or "nothing"
 
 
-READER: Final = Reader("zip", "phone logger's archive", (".zip",), starts=(ZIP,), open=open_zip, takes_topic=True)
+READERS: Final = (
+    Reader(
+        "zip",
+        "phone logger's archive",
+        (".zip",),
+        "the file of the uncalibrated magnetometer, of phyphox, Sensor Logger or AndroSensor",
+        starts=(ZIP,),
+        open=open_zip,
+        takes_topic=True,
+    ),
+)
