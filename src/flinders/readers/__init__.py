@@ -32,12 +32,11 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
-from flinders.readers._kinds import foreign_kind
-from flinders.readers._log import FIRST, Choice, Instrument, Log, Position, Stored
+from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._reader import Reader
-from flinders.readers._skipping import added
+from flinders.readers._recognition import foreign_kind
+from flinders.readers._selection import FIRST, Choice, TimeSpan, added
 from flinders.readers._source import File, Progress, Source, find, on_disk
-from flinders.readers._span import TimeSpan
 from flinders.readers._table import TableRecording
 from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text

@@ -1,4 +1,4 @@
-r"""The row of a reader: what it is called, which files it takes, what it reads of them, how it opens them.
+r"""One row of the table of formats: what a reader opens, and by which first bytes it knows its files.
 
 >>> row = Reader("ulog", "PX4 ULog", (".ulg",), "each compass", starts=(b"ULog\x01\x12\x35",))
 >>> row.accepts(b"ULog\x01\x12\x35\x01"), row.accepts(b"x,y,z\n")
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     from flinders.core.axes import Axes
     from flinders.core.samples import Recording
-    from flinders.readers._log import Choice, Log
+    from flinders.readers._log import Log
+    from flinders.readers._selection import Choice
     from flinders.readers._source import File, Progress
 
 

@@ -23,9 +23,9 @@ from typing import IO, TYPE_CHECKING, Final, TypeAlias, cast
 
 from flinders.core.files import REASONS, reason
 from flinders.errors import UnreadableInput, UsageError
-from flinders.readers._kinds import GZIP, foreign_kind, may_be_log
 from flinders.readers._limits import metered
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
+from flinders.readers._recognition import GZIP, foreign_kind, may_be_log
 from flinders.readers._tokenizer import cut
 
 if TYPE_CHECKING:
