@@ -118,7 +118,11 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
         if counts[closing] < LEAST_SHARE * sum(len(each.numbers) >= len(PLAIN) for each in every):
             return None
         others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
-        found = _laid_out(closing, [kind for kind in others if _belongs(kind, closing)], printed)
+        read = [kind for kind in counts if kind == closing or (kind in others and _belongs(kind, closing))]
+        turns = [
+            kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)
+        ]
+        found = _laid_out(turns, [kind for kind in read if kind not in turns], printed)
         found.has_headings = 2 * sum(map(_is_heading, lines)) > counts[closing]
         return found
     often = max(OFTEN * max(counts.values(), default=0), enough)
@@ -173,13 +177,17 @@ def _belongs(kind: Kind, closing: Kind) -> bool:
     return any(known.kind in AUXILIARY for known in meanings)
 
 
-def _laid_out(closing: Kind, others: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled:
-    """Put the numbers of the magnetometer's lines first in the row, and behind them those of the others."""
-    kinds, names = {closing: 0}, _timed(closing, [each.numbers for each in printed if each.kind == closing])
+def _laid_out(turns: Sequence[Kind], others: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled:
+    """Put the numbers of magnetometers in turn first in the row; the last of them ends a reading."""
+    kinds, names = dict[Kind, int](), tuple[str, ...]()
+    for kind in turns:
+        kinds[kind] = len(names)
+        names += _timed(kind, [each.numbers for each in printed if each.kind == kind])
+    needed = frozenset(range(kinds[turns[-1]], len(names)))
     for kind in others:
         kinds[kind] = len(names)
         names += kind
-    return Labelled(WORDS, names, kinds, closing, frozenset(range(len(closing))))
+    return Labelled(WORDS, names, kinds, turns[-1], needed)
 
 
 def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
