@@ -27,7 +27,7 @@ from flinders.errors import (
 from flinders.geometry import quaternions
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
-from flinders.readers.dataflash import open_dataflash, sniff_dataflash
+from flinders.readers.dataflash import READERS, open_dataflash
 from flinders.targets import ExportOptions, ardupilot, registry
 from flinders.targets._autopilot import euler, parse
 from flinders.targets.ardupilot import BY_CURRENT, rotation
@@ -635,7 +635,7 @@ def test_a_log_as_text_is_the_same_log(tmp_path: Path) -> None:
     binary = opened(log.content, tmp_path)
     text = as_text(log.content)
     listed = opened(text.encode(), tmp_path, "flight.log")
-    assert sniff_dataflash(text.encode())
+    assert READERS[0].accepts(text.encode())
     for one, other in zip(binary.instruments, listed.instruments, strict=True):
         assert str(one).split(":", 1)[1] == str(other).split(":", 1)[1]
         for column in ("field", "time", "acceleration", "rate", "current"):

@@ -15,6 +15,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.errors import InputError, NoMagnetometer
 from flinders.live.transcript import Transcript
+from flinders.readers import TextRecording
 from flinders.readers._tokenizer import cut
 
 if TYPE_CHECKING:
@@ -296,3 +297,66 @@ def test_numbers_of_columns_count_what_is_printed_also_live() -> None:
     taken = transcript.take("".join(f"{line}\n" for line in lines).encode(), at=1.0)
     np.testing.assert_allclose([reading.field for reading in taken.readings], np.round(FIELD[1:], 2), atol=1e-9)
     assert any("c7, c8, c9" in event.words for event in taken.events)
+
+
+def words(row: Iterable[float]) -> str:
+    """Hexadecimal words of eighths."""
+    return " ".join(f"{int(8 * value) & 0xFFFF:04x}" for value in row)
+
+
+@pytest.mark.parametrize("first", [1000, 9700])
+def test_a_decimal_time_before_hexadecimal_words_stays_decimal(first: int, path: Path) -> None:
+    """Also while it has as many digits as the words, and where it gets one more."""
+    found = read(path, [f"{first + 20 * n} {words(row)}" for n, row in enumerate(FIELD)])
+    np.testing.assert_array_equal(found.field, np.trunc(8 * FIELD))
+    assert found.time is not None
+    np.testing.assert_allclose(found.time, (first + 20.0 * np.arange(len(FIELD))) / 1000)
+
+
+@pytest.mark.parametrize("form", ["{:8.2f}{:8.2f}{:8.2f}", "0.5 {:8.2f}{:8.2f}{:8.2f} 7"])
+def test_decimals_that_fill_columns_of_a_fixed_width_are_read_apart(form: str, path: Path) -> None:
+    """``2995.10-5044.85``: a minus takes the place of the space; also in `record`, and corrected by `apply`."""
+    lines = [form.format(*row) for row in 100 * FIELD]
+    columns = "2,3,4" if form.startswith("0.5") else None
+    found = read(path, lines, columns=columns)
+    np.testing.assert_allclose(found.field, 100 * FIELD, atol=0.006)
+    recording = flinders.open_recording(path, columns=columns)
+    assert isinstance(recording, TextRecording)
+    path.with_name("half.txt").write_text("".join(recording.corrected_lines(lambda field: field / 2)))
+    np.testing.assert_allclose(flinders.read(path.with_name("half.txt"), columns=columns).field, 50 * FIELD, atol=0.006)
+    transcript = Transcript("the board", is_framed=True, columns=columns)
+    taken = transcript.take("".join(f"{line}\n" for line in lines).encode(), at=0.0)
+    np.testing.assert_allclose([each.field for each in taken.readings], 100 * FIELD, atol=0.006)
+
+
+@pytest.mark.parametrize("mark", ["{} ", "{}: ", "[{}] ", "S{}, ", "Sensor {}: "])
+def test_numbers_of_sensors_before_readings_do_not_merge_two_sensors(mark: str, path: Path) -> None:
+    lines = [mark.format(n % 2 + 1) + " ".join(f"{value:.2f}" for value in row) for n, row in enumerate(FIELD)]
+    with pytest.raises(
+        NoMagnetometer, match=r"column [12] of print.txt says which sensor each line is of \(S?1, S?2\)"
+    ):
+        read(path, lines)
+
+
+def test_a_number_that_stands_apart_from_a_label_is_that_of_a_sensor(path: Path) -> None:
+    lines = [f"Mag {n % 2 + 1}: {axes(row)}" for n, row in enumerate(FIELD)]
+    np.testing.assert_array_equal(read(path, lines, sensor="2").field, FIELD[1::2])
+
+
+def test_m_is_the_magnetometer_where_b_may_be_a_bias(path: Path) -> None:
+    lines = ["bx,by,bz,mx,my,mz", *(f"1,2,3,{row[0]},{row[1]},{row[2]}" for row in FIELD)]
+    np.testing.assert_array_equal(read(path, lines).field, FIELD)
+
+
+@pytest.mark.parametrize("sign", [",", "\t", " "])
+def test_a_row_of_units_is_recorded_as_units_and_is_no_reading(sign: str, path: Path) -> None:
+    names, units = sign.join(["mx", "my", "mz"]), sign.join(["mG"] * 3)
+    lines = [names, units, *(sign.join(f"{value:.2f}" for value in row) for row in FIELD)]
+    transcript = Transcript("the board", is_framed=True)
+    taken = transcript.take("".join(f"{line}\n" for line in lines).encode(), at=0.0)
+    assert (transcript.statistics.readings, transcript.statistics.unknown) == (len(FIELD), 0)
+    path.write_text(taken.text, encoding="utf-8")
+    found = flinders.read(path)
+    assert found.unit.name == "mG"
+    np.testing.assert_allclose(found.field, FIELD / 10)
+    np.testing.assert_allclose([each.field for each in taken.readings], FIELD / 10)

@@ -31,7 +31,7 @@ from flinders.errors import (
 from flinders.geometry import quaternions
 from flinders.readers._beside import Beside
 from flinders.readers._source import File
-from flinders.readers.ulog import READER, open_ulog
+from flinders.readers.ulog import READERS, open_ulog
 from flinders.targets import ExportOptions, registry
 from flinders.targets._autopilot import ROTATIONS, euler, without_turn
 from flinders.targets.px4 import MOUNTINGS, board_mounting, compasses, mounting, of_device
@@ -611,8 +611,8 @@ def test_bytes_that_send_a_parser_round_and_round_end(tmp_path: Path) -> None:
 
 
 def test_the_first_bytes_tell() -> None:
-    assert READER.accepts(b"ULog\x01\x12\x35\x01rest")
-    assert not READER.accepts(b"ULog,x,y,z")
+    assert READERS[0].accepts(b"ULog\x01\x12\x35\x01rest")
+    assert not READERS[0].accepts(b"ULog,x,y,z")
 
 
 def test_without_pyulog_one_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.samples import BY_NAME, LOGS, WRITERS, write_ros, written
 
 import flinders
 from flinders import simulate
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-NAMES = ("t_s", "mag_x_mG", "mag_y_mG", "mag_z_mG", "acc_x", "acc_y", "acc_z")
 ROWS = 300
 
 
@@ -47,133 +47,20 @@ def tumble() -> Floats:
     return np.column_stack([np.arange(ROWS) / 50.0, 10.0 * samples.field, acceleration])
 
 
-def write_npy(path: Path, table: Floats) -> None:
-    records = np.zeros(len(table), dtype=[(name, "<f8") for name in NAMES])
-    for name, column in zip(NAMES, table.T, strict=True):
-        records[name] = column
-    np.save(path, records)
+TABLES = [name for name in WRITERS if name not in LOGS]
 
 
-def write_npz(path: Path, table: Floats) -> None:
-    np.savez_compressed(path, t=table[:, 0], mag_mG=table[:, 1:4], acc=table[:, 4:], note=np.array("bench"), gain=3.0)
+@pytest.mark.parametrize("name", BY_NAME)
+def test_every_reader_has_a_sample_and_reads_it(name: str, tmp_path: Path, tumble: Floats) -> None:
+    """To the last digit that the format has: logs of vehicles keep whole mG, or gauss as float32."""
+    assert name in WRITERS, f"tests/samples.py writes no sample of {name}"
+    recording = flinders.open_recording(written(name, tmp_path, tumble))
+    field = np.concatenate([block.field for block in recording.blocks()])
+    digits = 0.5 if name in {"tlog", "dataflash"} else 1e-4
+    np.testing.assert_allclose(10.0 * field, tumble[:, 1:4], rtol=0, atol=digits)
 
 
-def write_mat(path: Path, table: Floats) -> None:
-    from scipy.io import savemat
-
-    log = {"t": table[:, :1], "mag_mG": table[:, 1:4], "acc": table[:, 4:].T}
-    savemat(path, {"log": log, "operator": "bench"}, do_compression=True)
-
-
-def write_hdf5(path: Path, table: Floats) -> None:
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        file["log/t"] = table[:, 0]
-        file.create_dataset("log/mag", data=table[:, 1:4], chunks=(64, 3), compression="gzip", shuffle=True)
-        file["log/mag"].attrs["units"] = "mG"
-        file["log/acc"] = table[:, 4:].T
-        file["operator"] = "bench"
-
-
-def write_parquet(path: Path, table: Floats) -> None:
-    import pyarrow
-    import pyarrow.parquet
-
-    columns = pyarrow.table({**dict(zip(NAMES, table.T, strict=True)), "note": ["a"] * len(table)})
-    pyarrow.parquet.write_table(columns, path, row_group_size=64)
-
-
-def write_arrow(path: Path, table: Floats) -> None:
-    import pyarrow
-
-    triples = {name: pyarrow.FixedSizeListArray.from_arrays(table[:, cells].ravel(), 3)
-               for name, cells in (("mag (mG)", slice(1, 4)), ("acc", slice(4, 7)))}  # fmt: skip
-    columns = pyarrow.table({"t": table[:, 0], **triples})
-    with pyarrow.OSFile(str(path), "wb") as sink, pyarrow.ipc.new_file(sink, columns.schema) as writer:
-        writer.write_table(columns, max_chunksize=100)
-
-
-def write_zip(path: Path, table: Floats) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("meta/device.csv", "name,value\nphone,1\n")
-        archive.writestr("Accelerometer.csv", "time,seconds_elapsed,z,y,x\n1,0.1,3,2,1\n")
-        archive.writestr("Magnetometer.csv", text_of(table / 2))
-        archive.writestr("MagnetometerUncalibrated.csv", text_of(table))
-
-
-def write_ros(path: Path, table: Floats) -> None:
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    types = store.types
-    stamp, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-    vector, field = types["geometry_msgs/msg/Vector3"], types["sensor_msgs/msg/MagneticField"]
-    with Writer(path) as bag:
-        topic = bag.add_connection("/imu/mag", field.__msgtype__, typestore=store)
-        for time, *axes in table[:, :4].tolist():
-            when = round(1e9 * time) + 1_600_000_000_000_000_000
-            seconds, nanoseconds = divmod(when, 1_000_000_000)
-            head = header(seq=0, stamp=stamp(sec=seconds, nanosec=nanoseconds), frame_id="imu")
-            tesla = vector(*(1e-7 * axis for axis in axes))
-            message = field(header=head, magnetic_field=tesla, magnetic_field_covariance=np.zeros(9))
-            bag.write(topic, when, store.serialize_ros1(message, field.__msgtype__))
-
-
-def write_tlog(path: Path, table: Floats) -> None:
-    from pymavlink.dialects.v20 import ardupilotmega
-
-    class Sink:
-        def __init__(self) -> None:
-            self.packets: list[bytes] = []
-
-        def write(self, packet: bytes) -> None:
-            self.packets.append(bytes(packet))
-
-    sink = Sink()
-    link = ardupilotmega.MAVLink(sink, srcSystem=1, srcComponent=1)
-    link.heartbeat_send(2, 3, 0, 0, 3)
-    for time, *axes in np.rint(table[:, :4] * [1e6, 1, 1, 1]).astype(int).tolist():
-        link.raw_imu_send(time, 0, 0, -1000, 0, 0, 0, *axes)
-    stamped = [(1_600_000_000_000_000 + 20_000 * place).to_bytes(8, "big") + packet
-               for place, packet in enumerate(sink.packets)]  # fmt: skip
-    path.write_bytes(b"".join(stamped))
-
-
-def write_text(path: Path, table: Floats) -> None:
-    path.write_text(text_of(table), encoding="utf-8")
-
-
-def text_of(table: Floats) -> str:
-    return "\n".join([",".join(NAMES), *(",".join(map(repr, row)) for row in table.tolist()), ""])
-
-
-WRITERS: dict[str, Callable[[Path, Floats], None]] = {
-    "npy": write_npy,
-    "npz": write_npz,
-    "mat": write_mat,
-    "hdf5": write_hdf5,
-    "parquet": write_parquet,
-    "arrow": write_arrow,
-    "zip": write_zip,
-    "text": write_text,
-}
-"""Those that this file can write; logs of vehicles have tests of their own."""
-
-LINKED = {"ros": write_ros, "tlog": write_tlog}
-"""Logs that other programs' libraries write; what is in them has tests of its own."""
-
-BY_NAME = {reader.name: reader for reader in READERS}
-
-
-def written(name: str, folder: Path, table: Floats) -> Path:
-    path = folder / f"tumble{BY_NAME[name].suffixes[0]}"
-    WRITERS[name](path, table)
-    return path
-
-
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", TABLES)
 def test_what_is_written_is_read_back(name: str, tmp_path: Path, tumble: Floats) -> None:
     """Field in µT, time and acceleration, whatever the format; also with gzip around it, and through a pipe."""
     path = written(name, tmp_path, tumble)
@@ -190,7 +77,7 @@ def test_what_is_written_is_read_back(name: str, tmp_path: Path, tumble: Floats)
     np.testing.assert_array_equal(flinders.read(packed).field, samples.field)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", TABLES)
 def test_from_and_to_are_seconds_from_the_beginning(name: str, tmp_path: Path, tumble: Floats) -> None:
     shifted = tumble + np.eye(1, 7) * 100.0  # the clock starts at 100 s
     path = written(name, tmp_path, shifted)
@@ -200,7 +87,7 @@ def test_from_and_to_are_seconds_from_the_beginning(name: str, tmp_path: Path, t
         flinders.read(path, start=60.0)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", TABLES)
 def test_a_recording_may_be_piped_in(
     name: str, tmp_path: Path, tumble: Floats, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -209,7 +96,7 @@ def test_a_recording_may_be_piped_in(
     np.testing.assert_allclose(flinders.read("-").field, tumble[:, 1:4] / 10.0, rtol=1e-15)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", TABLES)
 def test_a_calibration_is_the_same_from_any_format(name: str, tmp_path: Path, tumble: Floats) -> None:
     path = written(name, tmp_path, tumble)
     fit = flinders.fit(flinders.open_recording(path))
@@ -217,7 +104,7 @@ def test_a_calibration_is_the_same_from_any_format(name: str, tmp_path: Path, tu
     np.testing.assert_allclose(fit.calibration.offset, truth.calibration.offset, rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", [name for name, reader in BY_NAME.items() if reader.extra and name in WRITERS])
+@pytest.mark.parametrize("name", [name for name, reader in BY_NAME.items() if reader.extra and name in TABLES])
 def test_a_missing_package_ends_with_the_command_that_installs_it(
     name: str, tmp_path: Path, tumble: Floats, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -539,7 +426,7 @@ def log_of(path: Path, beginning: float = 50.0) -> Log:
 @pytest.fixture
 def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A log of a format that the table of readers has for the length of a test."""
-    row = Reader("test", "log of tests", (".test",), (b"TEST",), log=lambda file: log_of(file.path))
+    row = Reader("test", "log of tests", (".test",), "all", starts=(b"TEST",), log=lambda file: log_of(file.path))
     monkeypatch.setattr(flinders.readers, "READERS", (row, *READERS))
     path = tmp_path / "flight.test"
     path.write_bytes(b"TEST")
@@ -747,9 +634,7 @@ REAL = {
 """Logs of vehicles are real ones: nothing else has all that such a log may hold."""
 
 
-@pytest.mark.parametrize(
-    "name", [reader.name for reader in READERS if reader.name in {*WRITERS, *REAL, *LINKED} - {"text"}]
-)
+@pytest.mark.parametrize("name", [name for name in BY_NAME if name != "text"])
 def test_broken_files_are_told_and_never_hang_nor_fill_the_memory(
     name: str, tmp_path: Path, tumble: Floats, request: pytest.FixtureRequest
 ) -> None:
@@ -758,7 +643,7 @@ def test_broken_files_are_told_and_never_hang_nor_fill_the_memory(
         content = request.getfixturevalue("recordings")(REAL[name]).read_bytes()[:LARGEST_SAMPLE]
     else:
         path = tmp_path / "sample"
-        {**WRITERS, **LINKED}[name](path, tumble)
+        WRITERS[name](path, tumble)
         content = next(tmp_path.glob("sample*")).read_bytes()  # NumPy adds an ending
     folder = tmp_path / "broken"
     folder.mkdir()
@@ -777,24 +662,24 @@ def test_broken_files_are_told_and_never_hang_nor_fill_the_memory(
 
 
 def test_each_format_is_documented_from_the_table(request: pytest.FixtureRequest) -> None:
-    """The table in docs/formats.md is that of the readers, and each has a section with a command to type."""
+    """The table in docs/formats.md is made of the rows; a section under a reader's title shows a command to type."""
     path = ROOT / "docs" / "formats.md"
     text = path.read_text(encoding="utf-8")
-    rows = ["| format | endings | needs |", "|---|---|---|"]
+    lines = ["| format | endings | what is read | needs |", "|---|---|---|---|"]
     for reader in READERS:
+        assert reader.docs, f"the row of {reader.name} does not say what is read: docs"
+        section = re.search(rf"^## {re.escape(reader.title)}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL | re.I)
+        assert section is None or "```sh\nflinders " in section[1], f"'## {reader.title}' shows no command"
+        title = f"[{reader.title}](#{anchor(reader.title)})" if section else reader.title
         endings = ", ".join(f"`{suffix}`" for suffix in reader.suffixes)
         needs = f"`pip install 'flinders[{reader.extra}]'`" if reader.extra else ""
-        rows.append(f"| [{reader.title}](#{anchor(reader.title)}) | {endings} | {needs} |")
-    table = "\n".join(rows)
+        lines.append(f"| {title} | {endings} | {reader.docs} | {needs} |")
+    table = "\n".join(lines)
     pattern = re.compile(r"(?<=<!-- table of readers -->\n).*?(?=<!-- end of the table -->)", re.DOTALL)
     if request.config.getoption("--regenerate", default=False):
         path.write_text(pattern.sub(lambda _: f"{table}\n", text), encoding="utf-8")
         return
     assert f"{table}\n" in text, "docs/formats.md has another table than READERS: pytest --regenerate this test"
-    for reader in READERS:
-        section = re.search(rf"^## {re.escape(reader.title)}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL | re.I)
-        assert section, f"docs/formats.md has no section '## {reader.title}'"
-        assert "```sh\nflinders " in section[1], f"'## {reader.title}' shows no command"
 
 
 def anchor(title: str) -> str:

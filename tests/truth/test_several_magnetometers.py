@@ -482,14 +482,14 @@ def test_datagrams_of_magcc_are_read_without_options(between: str) -> None:
     assert (found.acceleration[0, 2], found.rate[0, 2]) == (9.8, 0.1)
 
 
-def test_a_datagram_that_is_cut_short_is_counted_and_what_is_none_is_let_pass() -> None:
+def test_a_datagram_that_is_cut_short_is_counted_with_the_other_lines() -> None:
     lines = datagrams(field_of(0)[:20])
     lines[4], lines[0] = lines[4][:20], "listening on 50100"
     Path("caught.txt").write_text("\n".join(lines))
     recording = flinders.open_recording("caught.txt")
     assert sum(len(block) for block in recording.blocks()) == 18
     skipped = [entry for block in recording.blocks() for entry in block.skipped]
-    assert [(entry.reason, entry.rows) for entry in skipped] == [("unreadable", 1)]
+    assert [(entry.reason, entry.rows) for entry in skipped] == [("other", 2)]
 
 
 def test_a_table_with_bars_is_no_datagram() -> None:

@@ -15,7 +15,7 @@ from flinders.errors import InputError, MissingExtra, NoMagnetometer, Unreadable
 from flinders.geometry import quaternions
 from flinders.readers import tlog
 from flinders.readers._source import File
-from flinders.readers.tlog import open_tlog, sniff_tlog
+from flinders.readers.tlog import begins_with_packet, open_tlog
 from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def heard(content: bytes, folder: Path) -> Log:
 @pytest.mark.parametrize("first_version", [True, False])
 def test_telemetry_of_ardupilot_is_un_applied_with_the_parameters_it_holds(first_version: bool, tmp_path: Path) -> None:
     log, raw = telemetry(QUIET, first_version=first_version)
-    assert sniff_tlog(log.content[: 1 << 16])
+    assert begins_with_packet(log.content[: 1 << 16])
     found = heard(log.content, tmp_path)
     first, second = found.instruments
     assert (first.name, second.name, first.readings) == ("RAW_IMU", "SCALED_IMU2", 200)
@@ -283,8 +283,8 @@ def test_telemetry_that_was_cut_and_hit_anywhere_is_read_or_refused(seed: int, t
 
 
 def test_what_is_no_telemetry_is_refused(tmp_path: Path) -> None:
-    assert not sniff_tlog(b"mx,my,mz\n1,2,3\n" * 20)
-    assert not sniff_tlog(bytes(range(256)))
+    assert not begins_with_packet(b"mx,my,mz\n1,2,3\n" * 20)
+    assert not begins_with_packet(bytes(range(256)))
     with pytest.raises(UnreadableInput, match="holds no MAVLink packets"):
         heard(b"\x00\x05 nothing of it", tmp_path)
     silent = Heard()

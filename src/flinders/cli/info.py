@@ -185,7 +185,7 @@ def _seen(number: int, instrument: Instrument, *, is_unit_open: bool, columns: s
 def _likeness(instrument: Instrument, first: Samples | None) -> str:
     """What columns without telling names look like, if not like a magnetometer's."""
     from flinders.core.units import COUNTS
-    from flinders.readers._lengths import likeness
+    from flinders.readers._instruments import likeness
     from flinders.readers._names import meaning
 
     columns, names = instrument.name.partition("columns ")[1:]

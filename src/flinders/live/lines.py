@@ -17,10 +17,11 @@ from collections import Counter
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import FlindersError
+from flinders.readers._names import is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, number, row_of, split
 from flinders.readers._sniff import COMMENTS, SPOKEN, TextLayout, sniff
 from flinders.readers.dialects import guess, motioncal, recognise
@@ -29,7 +30,7 @@ from flinders.readers.dialects.pattern import Pattern
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from flinders.readers.dialects import Dialect
+    from flinders.readers._tokenizer import Dialect
 
 TIME: Final = "t_s"
 PLAIN: Final = ("mag_x", "mag_y", "mag_z")  # Names of three columns without a header
@@ -47,6 +48,12 @@ class Form:
     delimiter: str
     decimal: str
     is_timed: bool  # the lines have a time of their own
+    printed: str  # the header as the source prints it
+
+    def is_heading(self, line: str) -> bool:
+        """Tell whether a line is the header come again, or a row of units below it."""
+        cells = split(line.strip(), SPACES if self.delimiter.isspace() else self.delimiter)
+        return line.strip() in (self.printed, self.header) or all(is_unit(cell.strip(" []()")) for cell in cells)
 
     def row(self, line: str, arrived: float) -> str | None:
         """Make a row of a line that arrived so many seconds after the start; None where it is not understood."""
@@ -129,16 +136,25 @@ def _form(
     """Put together how lines are recorded; columns without names get some."""
     grid, sign, time = layout.grid, layout.grid.delimiter, layout.columns.time
     is_timed = time is not None and _runs(lines, grid, time.cells[0])
-    title = sign.join(names) if names else layout.header_text.strip().lstrip("#%/ ")
-    is_whole = all(name in title for name in layout.header)  # else sensors stand in a line above the axes
-    if title and not is_whole and sign != SPACES and not any(sign in name for name in layout.header):
-        title = sign.join(layout.header)
+    title = sign.join(names) or _title(layout)
     if not title and not is_timed:
         width = grid.width or len(split(lines[-1], sign))
         title = sign.join(PLAIN if width == len(PLAIN) else [f"c{place + 1}" for place in range(width)])
     header = title if is_timed or not title else f"{TIME}{sign}{title}"
     words = words or f"lines of numbers, {SPOKEN[sign]}-separated"
-    return Form(words, header, take, " " if sign == SPACES else sign, grid.decimal, is_timed)
+    return Form(
+        words, header, take, " " if sign == SPACES else sign, grid.decimal, is_timed, layout.header_text.strip()
+    )
+
+
+def _title(layout: TextLayout) -> str:
+    """Write the header of a table with the units, and the sensors, that stand in lines of their own."""
+    title, sign = layout.header_text.strip().lstrip("#%/ "), layout.grid.delimiter
+    named = zip_longest(layout.header, layout.units, fillvalue="")
+    names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
+    is_whole = all(name in title for name in names)
+    is_cuttable = not any(sign in name for name in names)
+    return sign.join(names) if names and not is_whole and is_cuttable else title
 
 
 def _runs(lines: list[str], grid: Grid, cell: int) -> bool:

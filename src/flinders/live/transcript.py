@@ -339,7 +339,7 @@ class Transcript:
         """Count what is not understood, but no comment of the sensor's own, header, or line without a reading."""
         if form is None and not cut:
             self._before.append(text)
-        if cut or text.lstrip().startswith(COMMENTS) or (form and text.strip() in form.header):
+        if cut or text.lstrip().startswith(COMMENTS) or (form and form.is_heading(text)):
             return
         self._count_unknown(text, form)
 

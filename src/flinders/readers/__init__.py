@@ -12,8 +12,8 @@ tumble.csv: columns mag_x_mG, mag_y_mG, mag_z_mG in mG, time in t_s; comma-separ
 >>> read(tumble).field[0]
 array([ 21.7,   0.4, -58.6])
 
-A reader is one file with its row at the end. A new format adds its file, its place in `READERS`, a sample to
-tests/truth/test_readers.py and a section to docs/formats.md, without which tests fail.
+A reader is a module of this package with its row in ``READERS`` at the end, by which it is found here. It needs a
+sample in tests/samples.py; its line in docs/formats.md is made from the row.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ import contextlib
 import os
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
@@ -30,13 +32,11 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
-from flinders.readers import arrays, dataflash, hdf5, parquet, ros, text, tlog, ulog, zipped
-from flinders.readers._kinds import foreign_kind
-from flinders.readers._log import FIRST, Choice, Instrument, Log, Position, Stored
+from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._reader import Reader
-from flinders.readers._skipping import added
+from flinders.readers._recognition import foreign_kind
+from flinders.readers._selection import FIRST, Choice, TimeSpan, added
 from flinders.readers._source import File, Progress, Source, find, on_disk
-from flinders.readers._span import TimeSpan
 from flinders.readers._table import TableRecording
 from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text
@@ -68,18 +68,19 @@ FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
 
-READERS: Final[tuple[Reader, ...]] = (
-    *arrays.READERS,
-    hdf5.READER,
-    *parquet.READERS,
-    dataflash.READER,
-    tlog.READER,
-    ros.READER,
-    ulog.READER,
-    zipped.READER,
-    text.READER,
-)
-"""Asked in this order: text last, which is whatever is nothing else."""
+LAST: Final = ("zipped", "text")
+"""Modules that take what no other does: any archive, and whatever is not binary."""
+
+
+def _rows() -> tuple[Reader, ...]:
+    """Collect the rows at the ends of the modules of this package, those of `LAST` last."""
+    there = sorted(module.name for module in iter_modules(__path__) if module.name not in LAST)
+    modules = (import_module(f"{__name__}.{name}") for name in (*there, *LAST))
+    return tuple(row for module in modules for row in getattr(module, "READERS", ()))
+
+
+READERS: Final = _rows()
+"""Asked in this order which of them takes a file."""
 
 
 def open_recording(

@@ -19,8 +19,7 @@ from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.geometry import quaternions
 from flinders.readers._beside import shares
-from flinders.readers._lengths import advice, ascends, groups
-from flinders.readers._log import FIRST, Choice, numbered
+from flinders.readers._instruments import Vector, advice, ascends, beside, groups, instruments, passed_over, vectors
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
@@ -41,7 +40,7 @@ from flinders.readers._names import (
     meaning,
     tells_nothing,
 )
-from flinders.readers._several import Vector, beside, instruments, passed_over, vectors
+from flinders.readers._selection import FIRST, Choice, numbered
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -192,7 +191,7 @@ def by_name(
         return replace(header.around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
     read = {place for field in fields for place in field.cells}
     unread = [place for place, name in enumerate(names) if fields and place not in read and tells_nothing(name)]
-    recognised = [str(group) for group in groups(values, unread, names) if group.is_known]
+    recognised = [str(group) for group in groups(values, unread, names) if group.is_known] if len(unread) > 2 else []
     others = (*passed_over(found, fields), *recognised)
     made = [replace(header.around(field), passed_over=others) for field in fields]
     if len(made) < 2:

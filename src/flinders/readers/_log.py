@@ -17,107 +17,22 @@ flinders.errors.UsageError: flight.bin has no magnetometer 2: there is 1 (MAG 0)
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.errors import UnreadableInput, UsageError
-from flinders.readers._span import TimeSpan
+from flinders.errors import UnreadableInput
+from flinders.readers._selection import Choice, TimeSpan, numbered
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
     from datetime import datetime
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
     from flinders.readers._source import Progress, Source
-
-
-MOST_NAMED: Final = 8
-"""Magnetometers that a line names; an array may have dozens."""
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Which of several magnetometers is meant.
-
-    Attributes
-    ----------
-    sensor : str, optional
-        The one that was asked for, by its number from 1 or its name.
-    preferred : str, optional
-        The name of the one to take where nobody asks: that which a calibration was made from.
-    is_name : bool
-        `sensor` may be a name that is given to the only magnetometer of a table, which does not know its own.
-
-    >>> Choice("2").among(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").among(["mag"], "one.csv")
-    (1, 0)
-    >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
-    Traceback (most recent call last):
-    flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
-        (mag_left), 2 (mag_right); say with --sensor which one it is for
-    """
-
-    sensor: str | None = None
-    preferred: str | None = None
-    is_name: bool = False
-
-    @property
-    def is_open(self) -> bool:
-        """Nobody says which: the first is taken, and the others are named."""
-        return self.sensor is None and self.preferred is None
-
-    def among(self, names: Sequence[str], source: str) -> int:
-        """Look it up: its place among these names, counted from 0; the first where nothing says which, or it is alone.
-
-        Raises
-        ------
-        UsageError
-            For one that there is not; names those there are.
-        """
-        wanted = self.preferred if self.sensor is None else self.sensor
-        if wanted is None or (self.sensor is None and len(names) == 1):
-            return 0
-        for place, name in enumerate(names):
-            numbers = () if self.sensor is None else (str(place + 1),)
-            if wanted.strip().casefold() in (*numbers, name.casefold(), name.casefold().removeprefix("/")):
-                return place
-        verb = "are" if len(names) > 1 else "is"
-        there = numbered([f"{number} ({name})" for number, name in enumerate(names, 1)])
-        what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
-        if self.sensor is None:
-            raise UsageError(
-                f"{what}, which the calibration is for: there {verb} {there}; say with --sensor which one it is for"
-            )
-        raise UsageError(f"{what}: there {verb} {there or 'none'}")
-
-    def refuse_beside(self, source: str) -> None:
-        """Refuse to choose from a table of one magnetometer.
-
-        Raises
-        ------
-        UsageError
-        """
-        if self.sensor is not None and not self.is_name:
-            raise UsageError(
-                f"{source} has one magnetometer: leave --sensor out; its columns are chosen with --columns"
-            )
-
-
-FIRST: Final = Choice()
-"""Nobody says which."""
-
-
-def numbered(words: Sequence[str]) -> str:
-    """Put numbers and names of magnetometers into a sentence, as many as fit.
-
-    >>> numbered(["2 MAG2", "3 MAG3"])
-    '2 MAG2, 3 MAG3'
-    """
-    more = f" and {len(words) - MOST_NAMED} more" if len(words) > MOST_NAMED else ""
-    return ", ".join(words[:MOST_NAMED]) + more
 
 
 @dataclass(frozen=True, slots=True, eq=False)

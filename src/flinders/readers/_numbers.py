@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import dataclass
 from itertools import repeat
 from typing import TYPE_CHECKING, Final
@@ -25,6 +26,8 @@ SPACES: Final = " "  # The delimiter that stands for any run of spaces and tabs
 MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})
 """What loggers write where there is no value."""
 MINUS: Final = "\N{MINUS SIGN}"  # What text processors make of a hyphen before a number
+GLUED: Final = re.compile(r"(?<!\S)[-+]?\d*[.,]\d+(?:-\d*[.,]\d+)+(?!\S)")
+"""Decimals that only the sign of the next one parts: ``2995.10-5044.85``."""
 PIECE: Final = 128  # Lines that go the slow way together when one of them is unsound
 
 
@@ -79,13 +82,18 @@ def split(text: str, delimiter: str) -> list[str]:
     if text.endswith(CUT_OFF):
         return [text]
     if delimiter == SPACES:
-        return text.replace('"', "").split()
+        return unglued(text.replace('"', "")).split()
     if '"' not in text:
         return text.split(delimiter)
     try:
         return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
     except csv.Error:
         return [text]
+
+
+def unglued(text: str) -> str:
+    """Part decimals in columns of a fixed width that a minus has filled up."""
+    return GLUED.sub(lambda found: found[0][0] + found[0][1:].replace("-", " -"), text) if "-" in text else text
 
 
 def number(cell: str, decimal: str) -> float | None:

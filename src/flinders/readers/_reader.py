@@ -1,6 +1,6 @@
-r"""The row of a reader: what it is called, which files it takes, how it opens them.
+r"""One row of the table of formats: what a reader opens, and by which first bytes it knows its files.
 
->>> row = Reader("ulog", "PX4 ULog", (".ulg",), starts=(b"ULog\x01\x12\x35",))
+>>> row = Reader("ulog", "PX4 ULog", (".ulg",), "each compass", starts=(b"ULog\x01\x12\x35",))
 >>> row.accepts(b"ULog\x01\x12\x35\x01"), row.accepts(b"x,y,z\n")
 (True, False)
 """
@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    import re
     from collections.abc import Callable
 
     from flinders.core.axes import Axes
     from flinders.core.samples import Recording
-    from flinders.readers._log import Choice, Log
+    from flinders.readers._log import Log
+    from flinders.readers._selection import Choice
     from flinders.readers._source import File, Progress
 
 
@@ -40,22 +42,26 @@ class Open(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """One row of the table of formats.
+    """One row of the table of formats; of `starts`, `pattern` and `sniff`, all that are given have to hold.
 
     Attributes
     ----------
     name : str
         In one word.
     title : str
-        For people.
+        For people; a section of docs/formats.md may have it as its heading.
     suffixes : tuple of str
         Endings that such files usually have; the content decides.
+    docs : str
+        What is read of such a file, for the table in docs/formats.md.
     starts : tuple of bytes
         First bytes of such files, unpacked.
+    pattern : compiled regular expression of bytes, optional
+        What stands in the first bytes.
     sniff : callable, optional
-        Tells from the first bytes whether this reader should try, where their start is not enough.
+        Tells from the first bytes what no pattern can.
     open : callable, optional
-        Opens a table that `sniff` accepted: a magnetometer in columns, or one of several.
+        Opens a table: a magnetometer in columns, or one of several.
     log : callable, optional
         Or opens a log: several instruments, which know their units.
     extra : str
@@ -69,7 +75,9 @@ class Reader:
     name: str
     title: str
     suffixes: tuple[str, ...]
+    docs: str
     starts: tuple[bytes, ...] = ()
+    pattern: re.Pattern[bytes] | None = None
     sniff: Callable[[bytes], bool] | None = None
     open: Open | None = None
     log: Callable[..., Log] | None = None
@@ -79,4 +87,8 @@ class Reader:
 
     def accepts(self, head: bytes) -> bool:
         """Tell whether this reader should try a file with these first bytes."""
-        return head.startswith(self.starts) if self.sniff is None else self.sniff(head)
+        if self.starts and not head.startswith(self.starts):
+            return False
+        if self.pattern is not None and self.pattern.search(head) is None:
+            return False
+        return self.sniff is None or self.sniff(head)

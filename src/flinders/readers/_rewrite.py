@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._numbers import SPACES
+from flinders.readers._numbers import SPACES, unglued
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -99,7 +99,7 @@ class Rewriter:
     def _cut(self, text: str) -> list[str]:
         """Cut a line into cells that `_joined` puts together again: spaces and quotes stay on."""
         if self._delimiter == SPACES:
-            return re.findall(r"\s*\S+", text)
+            return re.findall(r"\s*\S+", unglued(text))
         if '"' not in text:
             return text.split(self._delimiter)
         cells: list[str] = []

@@ -17,13 +17,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
-from flinders.readers._blackbox import ON_BOARD, is_blackbox
 from flinders.readers._columns import Columns, choose, names_magnetometer
+from flinders.readers._instruments import vectors
 from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
-from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
-from flinders.readers._several import vectors
+from flinders.readers._selection import FIRST, Choice
 from flinders.readers._tokenizer import cut, names_of, pattern_of
 
 if TYPE_CHECKING:
@@ -32,6 +31,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.errors import InputError
 
+ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
+"""What a blackbox logs; `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
 DIALECTS: Final = (
     (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
 )  # fmt: skip
@@ -40,10 +41,14 @@ TRIED: Final = 400  # Lines that dialects are tried on
 SAMPLED: Final = 200  # Rows looked at to tell numbers from text, and ascending times
 SAME_WIDTH: Final = 0.6
 """Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
+HEADING: Final = 2  # Lines above a table of plain numbers that may hold anything
+_PLAIN: Final = re.compile(r"(?:[-+.,;\s\d]|[eE][-+]\d|nan)*", re.ASCII)
 COMMENTS: Final = ("#", "%", "//")
 PRINTED: Final = 1024  # Characters of a line that are looked at for labels
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")
 """A number of which a separator of thousands makes one with three decimals."""
+_SENSOR: Final = re.compile(r"[A-Za-z]{0,8}(\d)")
+MOST_SENSORS: Final = 8  # Sensors that lines are told to be of by their number
 MOST_RANGES: Final = 16  # Columns whose ranges are told
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
 
@@ -56,12 +61,18 @@ class TextLayout:
     columns: Columns
     start: int = 1  # number of the first line with readings
     header: tuple[str, ...] = ()  # names of the columns
+    units: tuple[str, ...] = ()  # those in a row below the header; empty where there is none
     header_line: int = 0  # where they stand; 0 where nowhere
     header_text: str = ""  # that line, as it is
     words: str = ""  # the dialect that was made a table of, for people
     in_force: str = ""  # the calibration of the board that readings are after, where headers of a blackbox tell one
     encoding: str = "utf-8"
     newline: str = "\n"
+
+    @property
+    def is_blackbox(self) -> bool:
+        """It is a log of Betaflight or INAV, whose readings are in the axes of the board."""
+        return self.columns.field.names[0].casefold().startswith("magadc")
 
     def select(self, first: int, texts: list[str]) -> tuple[list[str], Sequence[int]]:
         """Pick the lines that should be readings, with their numbers; `first` is that of the first line."""
@@ -80,8 +91,13 @@ class TextLayout:
             return self.words
         parts = ["no header"] * (not self.header) + [f"{SPOKEN[self.grid.delimiter]}-separated"]
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
-        written += f"; {ON_BOARD}" * is_blackbox(self.columns.field.names)
+        written += f"; {ON_BOARD}" * self.is_blackbox
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
+
+
+def is_plain(lines: list[str]) -> bool:
+    """Tell whether lines, but for the first two, are nothing but numbers and delimiters: a table."""
+    return len(lines) > HEADING and all(map(_PLAIN.fullmatch, lines[HEADING:TRIED]))
 
 
 def sniff(
@@ -126,6 +142,8 @@ def _table(
     width -= closed and len(header) != width  # each line ends with a delimiter
     values = _values(list(like.values())[:SAMPLED], width, dialect[1])
     units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
+    if not header and choosing.keywords["asked"] is None:
+        _refuse_numbered(name, list(like.values()))
     chosen = choosing(header, values, units=units)
     if chosen is None:
         raise _no_magnetometer(name, header, values, (start + 1, texts[start]))
@@ -139,9 +157,26 @@ def _table(
         columns=chosen,
         start=_first_row(texts, place + 1, start) + 1,
         header=tuple(header),
+        units=tuple(units),
         header_line=place + 1,
         header_text=texts[place] if place >= 0 else "",
     )
+
+
+def _refuse_numbered(name: str, rows: Sequence[Sequence[str]]) -> None:
+    """Refuse a table without a header in which the number of a sensor stands before the three of each line."""
+    width = len(rows[0])
+    for place in range(width - 3) if width in (4, 5) else ():
+        words = Counter(row[place].strip(" ()[]:#,;") for row in rows)
+        found = [_SENSOR.fullmatch(word) for word in words]
+        numbers = sorted(int(each[1]) for each in found if each)
+        is_row = len(numbers) == len(words) and numbers in (list(range(len(words))), list(range(1, len(words) + 1)))
+        if is_row and 2 <= len(words) <= MOST_SENSORS and min(words.values()) > 1:
+            last = ",".join(str(cell) for cell in range(width - 2, width + 1))
+            raise NoMagnetometer(
+                f"column {place + 1} of {name} says which sensor each line is of ({', '.join(sorted(words))}): keep "
+                f"the lines of one of them; --columns {last} reads all as one sensor"
+            )
 
 
 def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -23,10 +23,10 @@ from typing import IO, TYPE_CHECKING, Final, TypeAlias, cast
 
 from flinders.core.files import REASONS, reason
 from flinders.errors import UnreadableInput, UsageError
-from flinders.readers._kinds import GZIP, foreign_kind, may_be_log
+from flinders.readers._limits import metered
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
+from flinders.readers._recognition import GZIP, foreign_kind, may_be_log
 from flinders.readers._tokenizer import cut
-from flinders.readers._unpacking import is_bomb, too_large
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
@@ -136,12 +136,9 @@ class File:
             yield from lines_of(self._bounded(unpacked), encoding, raw.tell, blocks=blocks)
 
     def _bounded(self, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
-        done = 0
-        for chunk in _chunks(self.name, unpacked.read1):
-            done += len(chunk)
-            if isinstance(unpacked, gzip.GzipFile) and is_bomb(done, self.size):
-                raise too_large(self.name, done, self.size)
-            yield chunk
+        chunks = _chunks(self.name, unpacked.read1)
+        is_packed = isinstance(unpacked, gzip.GzipFile)
+        return metered(self.name, chunks, lambda: self.size) if is_packed else chunks
 
 
 class ByteStream:
@@ -363,12 +360,9 @@ def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
     while len(start) < len(GZIP) and (more := _read(name, stream.read1, CHUNK)):
         start += more
     if start.startswith(GZIP):
-        packed, done = _Ahead(start, stream), 0
-        for chunk in _chunks(name, gzip.GzipFile(fileobj=cast("IO[bytes]", packed)).read1):
-            done += len(chunk)
-            if is_bomb(done, packed.given):
-                raise too_large(name, done, packed.given)
-            yield chunk
+        packed = _Ahead(start, stream)
+        unpacked = gzip.GzipFile(fileobj=cast("IO[bytes]", packed))
+        yield from metered(name, _chunks(name, unpacked.read1), lambda: packed.given)
     elif start:
         yield start
         yield from _chunks(name, stream.read1)

@@ -29,9 +29,8 @@ from flinders.core.samples import BLOCK, Skipped
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Columns, choose
 from flinders.readers._lines import shown
-from flinders.readers._log import FIRST, Choice
+from flinders.readers._selection import FIRST, Choice, TimeSpan
 from flinders.readers._sniff import ranges
-from flinders.readers._span import TimeSpan
 from flinders.readers.text import unit_of
 
 if TYPE_CHECKING:

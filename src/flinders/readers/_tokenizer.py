@@ -13,11 +13,13 @@ belongs to the sensor named before it, and three numbers behind one label are it
 from __future__ import annotations
 
 import re
+from dataclasses import KW_ONLY, dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 from flinders.readers._names import FACTORS, meaning
+from flinders.readers._numbers import unglued
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -42,6 +44,8 @@ _CHECK_SUM: Final = re.compile(r"\*[0-9a-fA-F]{2}\s*$")
 """What ends a sentence like those of NMEA 0183, which begin with ``$``."""
 _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")
 """A minus that stands apart from its number: ``X: - 12``."""
+_NUMBERED: Final = re.compile(r"\b([^\W\d_]{3,}) +(\d{1,2})(?=\s*:(?!\d))")
+"""The number of a sensor that stands apart from its name: ``Mag 1:``."""
 _CUT: Final = re.compile(f"({NUMBER})")
 _OTHER_UNITS: Final = (
     "deg",
@@ -99,10 +103,25 @@ _LETTER_BITS: Final = {2: 8, 4: 16, 6: 24, 8: 32}
 """Bits of a hexadecimal number with so many digits; one that has them all is signed."""
 
 
+@dataclass(slots=True)
+class Dialect:
+    """How lines that are no table become rows of one."""
+
+    words: str  # what the lines are, for people
+    names: tuple[str, ...]  # of the columns; empty where the lines do not state them
+    _: KW_ONLY
+    frame: str = "sensor"  # what the axes are, as `Samples` calls it
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take one line, in order: the cells of a reading, nothing for a part of one, None where it is another line."""
+        raise NotImplementedError
+
+
 def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     """Cut a line into its numbers and what stands before, between and behind them, without spaces at the ends."""
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
+    line = _NUMBERED.sub(r"\1\2", unglued(line))
     pieces = _CUT.split(_LOOSE_SIGN.sub(" -", line) if "- " in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
 
@@ -145,7 +164,7 @@ def names_of(gaps: tuple[str, ...]) -> tuple[str, ...]:
 
 def pattern_of(line: str) -> str:
     """Write a line as the ``--pattern`` of lines like it: ``<{x}/{y}/{z}/{n4}>``."""
-    pieces = re.split(f"({NUMBER})", line.strip())
+    pieces = re.split(rf"((?!(?<=[A-Za-z]{{3}} )\d{{1,2}}\s*:(?!\d)){NUMBER})", line.strip())
     names = ("x", "y", "z", *(f"n{place}" for place in range(4, len(pieces))))
     return "".join(f"{{{names[place // 2]}}}" if place % 2 else piece for place, piece in enumerate(pieces))
 

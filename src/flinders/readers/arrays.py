@@ -58,10 +58,9 @@ DEEPEST: Final = 3
 """Structures within structures that are looked into."""
 
 
-def _sniff_npz(head: bytes) -> bool:
-    """Tell whether a file with these first bytes is an archive whose first member is a NumPy array."""
-    name = head[30 : 30 + int.from_bytes(head[26:28], "little")]
-    return head.startswith(ZIP) and name.endswith(b".npy")
+def _begins_with_array(head: bytes) -> bool:
+    """Tell whether the first member of an archive with these first bytes is a NumPy array."""
+    return head[30 : 30 + int.from_bytes(head[26:28], "little")].endswith(b".npy")
 
 
 def open_npy(file: File, **options: Any) -> TableRecording:
@@ -225,7 +224,23 @@ def _mapped(file: File, name: str) -> NDArray[Any] | None:
 
 
 READERS: Final = (
-    Reader("npy", "NumPy array", (".npy",), starts=(NPY,), open=open_npy),
-    Reader("npz", "NumPy archive", (".npz",), sniff=_sniff_npz, open=open_npz),
-    Reader("mat", "MATLAB 5 to 7", (".mat",), starts=(MAT,), open=open_mat, extra="scipy"),  # of 7.3: `hdf5`
+    Reader("npy", "NumPy array", (".npy",), "N × 3, N × 4 with the time first, or named fields", (NPY,), open=open_npy),
+    Reader(
+        "npz",
+        "NumPy archive",
+        (".npz",),
+        "named arrays of one length, as columns",
+        starts=(ZIP,),
+        sniff=_begins_with_array,
+        open=open_npz,
+    ),
+    Reader(
+        "mat",
+        "MATLAB 5 to 7",
+        (".mat",),
+        "variables and fields of structures, as columns",
+        starts=(MAT,),
+        open=open_mat,
+        extra="scipy",
+    ),
 )

@@ -88,7 +88,8 @@ WANTED: Final = (
 )  # fmt: skip
 CLOCKS: Final = ("TimeUS", "TimeMS")
 INSTANCE: Final = ("I", "Instance", "Inst")
-IS_TEXT: Final = re.compile(rb"^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
+BEGINS: Final = re.compile(rb"\A\xa3\x95|^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
+"""First bytes: a message, or a line that describes messages."""
 
 BESIDE: Final = 64
 """Messages of another kind that are read before and after those of a block, to interpolate between."""
@@ -109,11 +110,6 @@ MOST_MOTORS: Final = 32
 UNITY, PER_CENT, PER_MILLE = 1.0, 0.01, 0.001
 MOST_THROTTLE: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
 """Up to which largest value of a log a throttle is a share, per cent or per mille: no message says it."""
-
-
-def sniff_dataflash(head: bytes) -> bool:
-    """Tell whether these are the first bytes of such a log: a message, or lines that describe messages."""
-    return head.startswith(HEADER) or IS_TEXT.search(head) is not None
 
 
 def open_dataflash(file: File) -> Log:
@@ -650,4 +646,13 @@ def _seconds(table: Table) -> Floats:
     return table.column(label) * (1e-6 if label == "TimeUS" else 1e-3)
 
 
-READER: Final = Reader("dataflash", "ArduPilot DataFlash", (".bin", ".log"), sniff=sniff_dataflash, log=open_dataflash)
+READERS: Final = (
+    Reader(
+        "dataflash",
+        "ArduPilot DataFlash",
+        (".bin", ".log"),
+        "each compass, with the calibration in force taken off, and what the vehicle logged beside it",
+        pattern=BEGINS,
+        log=open_dataflash,
+    ),
+)

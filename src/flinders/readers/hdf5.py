@@ -38,11 +38,11 @@ from flinders.core.samples import BLOCK
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import names_magnetometer
 from flinders.readers._extras import needs, reading
-from flinders.readers._kinds import MATLAB_7_3, is_hdf5
+from flinders.readers._limits import is_bomb, too_much
 from flinders.readers._lines import shown
 from flinders.readers._reader import Reader
+from flinders.readers._recognition import MATLAB_7_3, is_hdf5
 from flinders.readers._table import MOST_NAMED, WIDEST, Table, TableRecording, named_part, open_table
-from flinders.readers._unpacking import is_bomb, too_large
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -332,7 +332,7 @@ class _Catalogue:
             _, packed = dataset.read_direct_chunk(chunk.chunk_offset) if is_deflated else (0, b"")
             made = len(zlib.decompressobj().decompress(packed, unpacked + BLOCK)) if is_deflated else chunk.size
             if made >= unpacked + BLOCK:
-                raise too_large(f"{shown(path.decode('utf-8', 'replace'))} in {self.file.name}", made, chunk.size)
+                raise too_much(f"{shown(path.decode('utf-8', 'replace'))} in {self.file.name}", made, chunk.size)
         return unpacked
 
 
@@ -523,6 +523,14 @@ def _name_of(path: Sequence[bytes]) -> str:
     return ".".join(part.decode("utf-8", "replace") for part in path)
 
 
-READER: Final = Reader(
-    "hdf5", "HDF5, MATLAB 7.3", (".h5", ".hdf5", ".mat"), sniff=is_hdf5, open=open_hdf5, extra="hdf5"
+READERS: Final = (
+    Reader(
+        "hdf5",
+        "HDF5, MATLAB 7.3",
+        (".h5", ".hdf5", ".mat"),
+        "datasets as columns, groups as parts of their names",
+        sniff=is_hdf5,
+        open=open_hdf5,
+        extra="hdf5",
+    ),
 )

@@ -181,6 +181,22 @@ def _every_third(part: int, length: int) -> Any:  # noqa: ANN401
 
 
 READERS: Final = (
-    Reader("parquet", "Parquet", (".parquet",), starts=(PARQUET,), open=open_parquet, extra="parquet"),
-    Reader("arrow", "Arrow, Feather 2", (".arrow", ".feather"), starts=(ARROW,), open=open_arrow, extra="parquet"),
+    Reader(
+        "parquet",
+        "Parquet",
+        (".parquet",),
+        "columns of numbers and of times",
+        starts=(PARQUET,),
+        open=open_parquet,
+        extra="parquet",
+    ),
+    Reader(
+        "arrow",
+        "Arrow, Feather 2",
+        (".arrow", ".feather"),
+        "columns of numbers and of times",
+        starts=(ARROW,),
+        open=open_arrow,
+        extra="parquet",
+    ),
 )

@@ -15,7 +15,7 @@ Times are those of the messages' headers, in seconds since the first reading, or
 not 1970; where a header has none, the time of recording.
 
 Types are those that the recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What is packed is unpacked up to
-`MOST_UNPACKED` bytes at a time.
+`MOST_PIECE` bytes at a time.
 
 Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers.
 """
@@ -42,10 +42,11 @@ from flinders.errors import FlindersError, UnreadableInput, counted
 from flinders.readers._beside import Beside, along, numbered
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
+from flinders.readers._limits import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
 from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._reader import Reader
-from flinders.readers._salvage import BAG, KIND, MCAP, MOST_UNPACKED, SQLITE, salvaged
+from flinders.readers._unindexed import BAG, KIND, MCAP, REPAIRS, SQLITE, beginning_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -110,7 +111,7 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
         except FlindersError:
             raise
         except Exception as error:  # noqa: BLE001 - of rosbags, and on a broken file that is anything
-            bag = _salvaged(file, error, expected)
+            bag = _beginning(file, error, expected)
             topics = _topics(file.name, bag)
         title = "ROS 1 bag" if bag.is_first else "MCAP recording" if bag.is_mcap else "ROS 2 recording"
     begun = min((int(topic.stamps[0]) for topic in topics if topic.is_magnetometer), default=0)
@@ -122,7 +123,7 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
         position=_position(topics),
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
         notes=tuple(_about(file, bag)),
-        damage=(bag.told,) if bag.told else (),
+        damage=(bag.damage,) if bag.damage else (),
     )
 
 
@@ -139,7 +140,7 @@ class _Bag:
     is_first: bool
     is_mcap: bool
     is_undefined: bool
-    told: str = ""
+    damage: str = ""
     """What is broken about it; its messages then may be, too."""
 
 
@@ -179,42 +180,31 @@ def _count(file: File, topics: Sequence[_Topic], bag: _Bag) -> None:
     ValueError
         Where there are fewer.
     UnreadableInput
-        In its place for a folder, of which nothing is salvaged.
+        In its place for a folder, of which nothing is read then.
     """
     expected, read = sum(one.msgcount for one in bag.connections), sum(len(topic.stamps) for topic in topics)
     if read >= expected:
         return
     found = f"{read:,} of {counted(expected, 'message')} are there"
     if file.path.is_dir():
-        raise UnreadableInput(f"{file.name} is damaged: {found}; give the file in it, of which the rest can be read")
+        raise UnreadableInput(f"{file.name} is damaged: {found}; give the file in it, whose beginning can be read")
     raise ValueError(found)
 
 
-def _salvaged(file: File, error: Exception, expected: int | None) -> _Bag:
-    """Take what is left beside the damage in a recording that rosbags refuses; the refusal where that is nothing."""
+def _beginning(file: File, error: Exception, expected: int | None) -> _Bag:
+    """Take what comes before the break in a recording that rosbags refuses; the refusal where that is nothing."""
     if file.path.is_dir():
         raise error
     head = file.head()
-    found = salvaged(file.name, file.path, head, expected)
-    wanted = [one for one in found.connections if _is_wanted(one) and _is_described(one)] if found else []
-    if found is None or not any(one.msgtype in (FIELD, VECTOR) for one in wanted):
+    part = beginning_of(file.name, file.path, head, expected)
+    wanted = [one for one in part.connections if _is_wanted(one)] if part else []
+    if part is None or not any(one.msgtype in (FIELD, VECTOR) for one in wanted):
         if head.startswith(SQLITE) and isinstance(error.__cause__, needs("apsw", "ros", KIND).Error):
-            name = shown(file.path.name)
-            advice = _unfinished(file.path) or f"copy it again, or try sqlite3 {name} .recover | sqlite3 whole.db3"
+            advice = _unfinished(file.path) or f"copy it again, or try {REPAIRS[SQLITE].format(shown(file.path.name))}"
             raise UnreadableInput(f"{file.name} is a broken database, out of which no reading can be taken: {advice}")
         raise error
     decode, is_undefined = _decoder(wanted, is_first=head.startswith(BAG))
-    return _Bag(found, wanted, decode, head.startswith(BAG), head.startswith(MCAP), is_undefined, found.told)
-
-
-def _is_described(connection: Any) -> bool:  # noqa: ANN401
-    """Tell whether the damage has spared the definition of a type."""
-    try:
-        with reading(connection.topic, KIND):
-            _decoder([connection], is_first=False)
-    except UnreadableInput:
-        return False
-    return True
+    return _Bag(part, wanted, decode, head.startswith(BAG), head.startswith(MCAP), is_undefined, part.damage)
 
 
 def _unfinished(path: Path) -> str:
@@ -230,8 +220,8 @@ def _unfinished(path: Path) -> str:
 
 def _about(file: File, bag: _Bag) -> Iterator[str]:
     """What to know about the recording."""
-    if bag.told:
-        yield bag.told
+    if bag.damage:
+        yield bag.damage
     for path in file.path.glob("*.db3") if file.path.is_dir() else [file.path]:
         if unfinished := _unfinished(path):
             yield unfinished
@@ -290,35 +280,23 @@ def _check_folder(file: File) -> None:
     if (file.path / METADATA).stat().st_size > MOST_METADATA:
         raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
     for packed in file.path.glob("*.zstd"):
-        done = 0
         with _zstd().open(packed, "rb") as stream:
-            while chunk := stream.read(1 << 20):
-                done += len(chunk)
-                if done > 4 * MOST_UNPACKED:
-                    raise UnreadableInput(f"{packed.name} unpacks to more than {done >> 30} GB: unpack it yourself")
+            chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
+            for _ in metered(packed.name, chunks, partial(int, size), most=MOST_MEMBER, ratio=False):
+                pass
 
 
 def _unpacked(unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
-    """Unpack a chunk of a ROS 1 bag, up to `MOST_UNPACKED` bytes; `unpack` is rosbags' own, and has no bound."""
+    """Unpack a chunk of a ROS 1 bag, up to `MOST_PIECE` bytes; `unpack` is rosbags' own, and has no bound."""
     if packed.startswith(b"BZh"):
-        return _bounded(bz2.BZ2Decompressor(), packed)
+        return unpacked_piece(bz2.BZ2Decompressor(), packed)
     if packed.startswith(b"\x04\x22\x4d\x18"):
-        return _bounded(needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor(), packed)
+        return unpacked_piece(needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor(), packed)
     return unpack(packed)
 
 
-def _bounded(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of bz2, lz4 or zstd
-    """Unpack a piece, and refuse one that is not whole or unpacks to more than any has."""
-    content: bytes = unpacker.decompress(packed, max_length=MOST_UNPACKED)
-    if unpacker.eof:
-        return content
-    if len(content) < MOST_UNPACKED:
-        raise ValueError("a packed piece is not whole")
-    raise UnreadableInput(f"a packed piece of the recording has more than {MOST_UNPACKED >> 20} MB: no ROS wrote it")
-
-
 def _bound_mcap() -> None:
-    """Have rosbags unpack chunks of MCAP up to `MOST_UNPACKED` bytes; what is sound unpacks as before."""
+    """Have rosbags unpack chunks of MCAP up to `MOST_PIECE` bytes; what is sound unpacks as before."""
     unpackers = {"lz4": needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor, "zstd": _zstd().ZstdDecompressor}
     known = needs("rosbags.rosbag2.storage_mcap", "ros", KIND).DECOMPRESSORS
     for name, unpacker in unpackers.items():
@@ -327,7 +305,7 @@ def _bound_mcap() -> None:
 
 def _chunk(unpacker: Callable[[], Any], packed: bytes, _: int) -> bytes:
     """Unpack a chunk of MCAP, as rosbags asks for it."""
-    return _bounded(unpacker(), packed)
+    return unpacked_piece(unpacker(), packed)
 
 
 def _zstd() -> Any:  # noqa: ANN401
@@ -339,7 +317,7 @@ def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> I
     """Let through packed messages that say how long they are, unpacked, and are not too long."""
     for connection, stamp, packed in messages(*asked):
         length = _zstd().get_frame_info(packed).decompressed_size
-        if length is None or length > MOST_UNPACKED:
+        if length is None or length > MOST_PIECE:
             raise UnreadableInput("a packed message of the recording does not say how long it is, or is too long")
         yield connection, stamp, packed
 
@@ -432,7 +410,7 @@ def _topics(name: str, bag: _Bag) -> list[_Topic]:
                 )
             key = connection.topic, connection.msgtype
             topic = found.setdefault(key, _Topic(*key))
-            if not bag.told:
+            if not bag.damage:
                 topic.add(recorded, bag.decode(packed, connection.msgtype))
                 continue
             try:
@@ -572,12 +550,15 @@ def _opened(file: File, *, unit: str | None = None) -> Log:
     return open_ros(replace(file, path=file.path.parent) if is_folder else file, unit=unit)
 
 
-READER: Final = Reader(
-    "ros",
-    "ROS bag, MCAP",
-    (".bag", ".mcap", ".db3"),
-    starts=(BAG, MCAP, SQLITE, b"rosbag2_bagfile_information:"),
-    log=_opened,
-    extra="ros",
-    takes_unit=True,
+READERS: Final = (
+    Reader(
+        "ros",
+        "ROS bag, MCAP",
+        (".bag", ".mcap", ".db3"),
+        "each topic of `MagneticField`, with the `Imu` and the `Temperature` in its frame",
+        starts=(BAG, MCAP, SQLITE, b"rosbag2_bagfile_information:"),
+        log=_opened,
+        extra="ros",
+        takes_unit=True,
+    ),
 )

@@ -25,25 +25,21 @@ from flinders.core.samples import BLOCK
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UnreadableInput
 from flinders.readers import _arrow
-from flinders.readers._blackbox import calibration_in_force, is_blackbox
 from flinders.readers._columns import wanted_acceleration
-from flinders.readers._kinds import foreign_kind
 from flinders.readers._lines import Lines, encoding_of, newline_of
-from flinders.readers._log import FIRST, Choice
 from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._numbers import NumberRows, rows_of
 from flinders.readers._reader import Reader
+from flinders.readers._recognition import foreign_kind
 from flinders.readers._rewrite import Rewriter
-from flinders.readers._skipping import Tally, added, left_out_of
-from flinders.readers._sniff import COMMENTS, TRIED, TextLayout, sniff
-from flinders.readers._source import File, Progress
-from flinders.readers._span import TimeSpan
+from flinders.readers._selection import FIRST, Choice, Tally, TimeSpan, added, left_out_of
+from flinders.readers._sniff import COMMENTS, TextLayout, is_plain, sniff
+from flinders.readers._source import File, Progress, derived
 from flinders.readers.dialects import Transcription, guess, recognise
+from flinders.readers.dialects.blackbox import calibration_in_force
 from flinders.readers.dialects.json_records import is_document, table_of
-from flinders.readers.dialects.magcc import is_magcc, table_of_datagrams
-from flinders.readers.dialects.paparazzi import is_paparazzi, table_of_messages
+from flinders.readers.dialects.magcc import are_glued, one_a_line
 from flinders.readers.dialects.pattern import Pattern
-from flinders.readers.dialects.replay import FRAME, is_replay, table_of_replay
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,7 +51,7 @@ if TYPE_CHECKING:
     from flinders.readers._columns import Columns
     from flinders.readers._numbers import Grid
     from flinders.readers._source import Source
-    from flinders.readers.dialects import Dialect
+    from flinders.readers._tokenizer import Dialect
 
 
 @dataclass(slots=True, eq=False)
@@ -97,7 +93,7 @@ class TextRecording:
         own = unit_of(columns, self.source, unit, scale)
         grid = replace(self.layout.grid, cells=columns.cells, needed=columns.needed)
         layout = replace(self.layout, columns=columns.with_strength_in(own), grid=grid)
-        frame = FRAME if is_blackbox(columns.field.names) else self.frame
+        frame = "vehicle" if layout.is_blackbox else self.frame
         return replace(self, layout=layout, unit=own, frame=frame)
 
     def blocks(self) -> Iterator[Samples]:
@@ -314,10 +310,16 @@ def open_text(
         raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
     chosen = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
     table, layout = _laid_out(file, head, chosen, pattern)
-    if is_blackbox(layout.columns.field.names):
+    if layout.is_blackbox:
         layout = replace(layout, in_force=calibration_in_force(table.opening[: layout.start - 1]))
     recording = TextRecording(
-        table.file, layout, Unit.of(COUNTS), axes, table.frame, transcription=table.transcription, original=file
+        table.file,
+        layout,
+        Unit.of(COUNTS),
+        axes,
+        table.dialect.frame if table.dialect else "sensor",
+        transcription=table.transcription,
+        original=file,
     ).with_columns(layout.columns, unit, scale)
     if layout.in_force and columns is None:
         raise _not_raw(file.name, layout)
@@ -336,9 +338,7 @@ class _Table(NamedTuple):
     encoding: str
     opening: list[str]  # its first lines
     is_all: bool  # they are all
-    names: tuple[str, ...] = ()  # of the columns, where no line of the table says them
-    words: str = ""  # what the file is, where it is no table
-    frame: str = "sensor"
+    dialect: Dialect | None = None  # of the file, where it is no table
     transcription: Transcription | None = None
 
 
@@ -349,15 +349,14 @@ def _laid_out(
     encoding = encoding_of(head)
     table = _table_of(file, encoding, head.decode(encoding, "replace").removeprefix("\ufeff"), pattern)
     try:
-        layout = chosen(table.opening, header=table.names)
+        layout = _layout_of(table, chosen)
     except (NoMagnetometer, UnreadableInput):
-        dialect = None if table.words else recognise(table.opening) or guess(table.opening)
+        dialect = None if table.dialect else recognise(table.opening) or guess(table.opening)
         if dialect is None:
             raise
         table = _transcribed(file, encoding, dialect)
-        layout = chosen(table.opening, header=table.names)
-    newline = "\n" if table.words else newline_of(head)
-    return table, replace(layout, encoding=table.encoding, newline=newline, words=table.words)
+        layout = _layout_of(table, chosen)
+    return table, layout if table.dialect else replace(layout, encoding=encoding, newline=newline_of(head))
 
 
 def _table_of(file: Source, encoding: str, beginning: str, pattern: str | None) -> _Table:
@@ -365,28 +364,29 @@ def _table_of(file: Source, encoding: str, beginning: str, pattern: str | None) 
     if pattern is not None:
         return _transcribed(file, encoding, Pattern.of(pattern))
     if is_document(beginning):
-        return _made(table_of(file, encoding), "JSON")
-    if is_magcc(beginning):
-        return _made(table_of_datagrams(file, encoding), "magcc datagrams")
+        table, records = table_of(file, encoding)
+        return _Table(table, "utf-8", *table.opening("utf-8"), records)
+    if are_glued(beginning):
+        file, encoding = derived(file, one_a_line(file)), "utf-8"
     opening, is_all = file.opening(encoding)
-    if is_paparazzi(opening):
-        return _made(table_of_messages(file, encoding, opening), "messages of Paparazzi")
-    if is_replay(opening):
-        return _made(table_of_replay(file, encoding), "replay of PX4's estimator")._replace(frame=FRAME)
-    dialect = recognise(opening[:TRIED])
+    dialect = None if is_plain(opening) else recognise(opening)
     return _transcribed(file, encoding, dialect) if dialect else _Table(file, encoding, opening, is_all)
-
-
-def _made(table: tuple[Source, tuple[str, ...]], words: str) -> _Table:
-    """Open a table that was made of a file, with the names of its columns."""
-    source, names = table
-    return _Table(source, "utf-8", *source.opening("utf-8"), names, words)
 
 
 def _transcribed(file: Source, encoding: str, dialect: Dialect) -> _Table:
     """Make a table of a file in a dialect."""
     transcription = Transcription(file, dialect, encoding)
-    return _made((transcription.table, dialect.names), dialect.words)._replace(transcription=transcription)
+    table = transcription.table
+    return _Table(table, "utf-8", *table.opening("utf-8"), dialect, transcription)
+
+
+def _layout_of(table: _Table, chosen: Callable[..., TextLayout]) -> TextLayout:
+    """Recognise how a table is laid out; of one that was made of a dialect the names are known."""
+    if table.dialect is None:
+        return chosen(table.opening)
+    if not any(map(str.strip, table.opening)):
+        raise NoMagnetometer(f"{table.file.name} is a {table.dialect.words} without a line of a magnetometer")
+    return replace(chosen(table.opening, header=table.dialect.names), words=table.dialect.words)
 
 
 def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:
@@ -413,10 +413,13 @@ def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) 
     return Unit.of(columns.unit or COUNTS, columns.scale)
 
 
-READER: Final = Reader(
-    "text",
-    "text",
-    (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"),
-    sniff=lambda head: foreign_kind(head) is None,
-    open=open_text,
+READERS: Final = (
+    Reader(
+        "text",
+        "text",
+        (".csv", ".txt", ".tsv", ".dat", ".log", ".json", ".jsonl", ".gz"),
+        "tables, JSON, and the lines that boards print",
+        sniff=lambda head: foreign_kind(head) is None,
+        open=open_text,
+    ),
 )

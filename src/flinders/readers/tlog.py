@@ -122,7 +122,7 @@ IN_SI: Final = Units(Unit.of("G"), 1.0, 1.0, 1000.0)
 """Those of HIGHRES_IMU; all others have whole numbers."""
 
 
-def sniff_tlog(head: bytes) -> bool:
+def begins_with_packet(head: bytes) -> bool:
     """Tell whether these are the first bytes of such a log: a time, a packet, and another unless they end there."""
     first = _packet(head, 0)
     return first is not None and (first.end + TIME_SIZE >= len(head) or head[first.end] == 0)
@@ -523,4 +523,15 @@ def _mapped(file: File) -> Iterator[mmap.mmap]:
         yield content
 
 
-READER: Final = Reader("tlog", "MAVLink telemetry", (".tlog",), sniff=sniff_tlog, log=open_tlog, extra="mavlink")
+READERS: Final = (
+    Reader(
+        "tlog",
+        "MAVLink telemetry",
+        (".tlog",),
+        "each compass that a ground station heard of, with the calibration taken off where it heard that too",
+        starts=(b"\x00",),  # of a time before the year 4000
+        sniff=begins_with_packet,
+        log=open_tlog,
+        extra="mavlink",
+    ),
+)

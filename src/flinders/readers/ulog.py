@@ -639,4 +639,14 @@ def _damage(file: File, flight: _Flight) -> Iterator[str]:
         yield f"the logger lost {figures(seconds)} s in {counted(len(lost), 'dropout')}"
 
 
-READER: Final = Reader("ulog", "PX4 ULog", (".ulg",), starts=(MAGIC,), log=open_ulog, extra="px4")
+READERS: Final = (
+    Reader(
+        "ulog",
+        "PX4 ULog",
+        (".ulg",),
+        "each compass, with the calibration in force taken off, and what the vehicle logged beside it",
+        starts=(MAGIC,),
+        log=open_ulog,
+        extra="px4",
+    ),
+)

@@ -18,15 +18,16 @@ walk.zip/MagnetometerUncalibrated.csv: columns x, y, z in uT, time in seconds_el
 from __future__ import annotations
 
 import zipfile
+from functools import partial
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
 from flinders.readers._extras import reading
+from flinders.readers._limits import MOST_MEMBER, metered
 from flinders.readers._lines import shown
 from flinders.readers._reader import Reader
 from flinders.readers._source import spooled
-from flinders.readers._unpacking import MOST_UNPACKED, is_bomb, too_large
 from flinders.readers.text import open_text
 
 if TYPE_CHECKING:
@@ -82,13 +83,10 @@ def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) ->
     """
     if member.flag_bits & 1:
         raise UnreadableInput(f"{member.filename} in {file.name} is locked with a password: unpack it first")
-    done = 0
+    name = f"{member.filename} in {file.name}"
     with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive, archive.open(member) as stream:
-        while chunk := stream.read(CHUNK):
-            done += len(chunk)
-            if done > MOST_UNPACKED or (ratio and is_bomb(done, member.compress_size)):
-                raise too_large(f"{member.filename} in {file.name}", done, member.compress_size)
-            yield chunk
+        chunks = iter(partial(stream.read, CHUNK), b"")
+        yield from metered(name, chunks, lambda: member.compress_size, most=MOST_MEMBER, ratio=ratio)
 
 
 def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRecording:
@@ -163,4 +161,14 @@ def _listed(members: list[zipfile.ZipInfo]) -> str:
     return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "") or "nothing"
 
 
-READER: Final = Reader("zip", "phone logger's archive", (".zip",), starts=(ZIP,), open=open_zip, takes_topic=True)
+READERS: Final = (
+    Reader(
+        "zip",
+        "phone logger's archive",
+        (".zip",),
+        "the file of the uncalibrated magnetometer, of phyphox, Sensor Logger or AndroSensor",
+        starts=(ZIP,),
+        open=open_zip,
+        takes_topic=True,
+    ),
+)

@@ -1,7 +1,7 @@
 """Dialects: lines that are no table, and how each of them becomes a row of one.
 
 A dialect is recognised by the first lines and then takes one line at a time, whether that comes from a file or from a
-wire. A new one is a file with a function ``recognise``, and a line in `recognise` here.
+wire. A new one is a file with a `Dialect` and a function ``recognise``, and a line in `recognise` here.
 
 >>> dialect = recognise(["starting up", "X: -20.8 Y: -20.2 Z: 26.1 uT", "X: -20.7 Y: -20.1 Z: 26.2 uT"])
 >>> dialect.words, dialect.names
@@ -12,47 +12,37 @@ wire. A new one is a file with a function ``recognise``, and a line in `recognis
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from flinders.core.samples import Skipped
 from flinders.readers._lines import ENDS_EARLY, shown
+from flinders.readers._sniff import TRIED
 from flinders.readers._source import derived
-from flinders.readers.dialects import json_records, labelled, magcc, motioncal, wrapped
+from flinders.readers.dialects import json_records, labelled, magcc, motioncal, paparazzi, replay, wrapped
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from flinders.readers._lines import Lines
     from flinders.readers._source import Source
+    from flinders.readers._tokenizer import Dialect
 
 OTHER: Final = "other"  # Why lines are left out that are none of the dialect
 MOST_NUMBERS: Final = 10  # Numbers of lines that are kept to be shown
 
 
-class Dialect(Protocol):
-    """How lines that are no table become rows of one."""
-
-    @property
-    def words(self) -> str:
-        """What the lines are, for people."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns; empty where the lines do not state them."""
-
-    def row(self, line: str) -> Sequence[str] | None:
-        """Take one line, in order: the cells of a reading, nothing for a part of one, None where it is another line."""
-
-
 def recognise(lines: list[str]) -> Dialect | None:
     """Find the dialect whose marks the lines bear; None for a table."""
+    first = lines[:TRIED]
     return (
-        motioncal.recognise(lines)
-        or magcc.recognise(lines)
-        or json_records.recognise(lines)
-        or wrapped.stamped(lines, recognise)
-        or wrapped.hexadecimal(lines, _labelled)
-        or labelled.recognise(lines)
+        motioncal.recognise(first)
+        or magcc.recognise(first)
+        or paparazzi.recognise(lines)
+        or replay.recognise(lines)
+        or json_records.recognise(first)
+        or wrapped.stamped(first, recognise)
+        or wrapped.hexadecimal(first, _labelled)
+        or labelled.recognise(first)
     )
 
 
@@ -66,6 +56,7 @@ def guess(lines: list[str]) -> Dialect | None:
 
 
 def _labelled(lines: list[str]) -> Dialect | None:
+    """Find labels that name a magnetometer, else three numbers between any words."""
     return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
 
 
@@ -73,8 +64,7 @@ class Transcription:
     """A recording in a dialect as a `table` without a header, each row in the place of its line, and what is no row."""
 
     def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
-        self.dialect = dialect
-        self._encoding = encoding
+        self._dialect, self._encoding = dialect, encoding
         self._others, self._numbers, self._example = 0, list[int](), ""
         self.table = derived(source, self._rows(source))
 
@@ -86,7 +76,8 @@ class Transcription:
         return (Skipped(OTHER, self._others - before, numbers, "" if before else self._example),)
 
     def _rows(self, source: Source) -> Iterator[bytes]:
-        row = self.dialect.row
+        """Yield the rows of each block of lines."""
+        row = self._dialect.row
         for lines in source.lines(self._encoding):
             rows = [
                 self._other(lines, place, text) if (cells := row(text)) is None else ",".join(cells)

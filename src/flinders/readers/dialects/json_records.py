@@ -25,26 +25,20 @@ from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput
 from flinders.readers._columns import names_magnetometer
 from flinders.readers._lines import shown
+from flinders.readers._numbers import number
 from flinders.readers._source import Source, derived, unpacked
+from flinders.readers._tokenizer import Dialect
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
 _load = partial(json.loads, parse_float=str, parse_int=str)  # numbers stay as they are written
 LEAST: Final = 3  # Numbers in a record with a reading
 
 
-@dataclass(frozen=True, slots=True)
-class JsonLines:
+@dataclass(slots=True)
+class JsonLines(Dialect):
     """Records with the same keys; lists have none."""
-
-    names: tuple[str, ...]
-    words: str = "JSON lines"
-
-    @classmethod
-    def of(cls, records: Sequence[object]) -> JsonLines:
-        """Name the columns after the keys of the first object."""
-        return cls(next((tuple(flat(record)) for record in records if isinstance(record, dict)), ()))
 
     def row(self, line: str) -> list[str] | None:
         """Bring the record of a line into the order of the columns, numbers as they are written."""
@@ -64,7 +58,7 @@ def recognise(lines: list[str]) -> JsonLines | None:
     keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records)
     if not keys:
         return None
-    return JsonLines(max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
+    return JsonLines("JSON lines", max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
 
 
 def parsed(line: str) -> dict[str, object] | list[object] | None:
@@ -98,16 +92,9 @@ def flat(record: dict[str, object]) -> dict[str, object]:
 
 
 def _numbers(record: dict[str, object] | list[object]) -> int:
+    """Count the numbers of a record."""
     values = flat(record).values() if isinstance(record, dict) else record
-    return sum(isinstance(value, str) and _is_number(value) for value in values)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return sum(isinstance(value, str) and bool(value) and number(value, ".") is not None for value in values)
 
 
 def _cell(value: object) -> str:
@@ -137,14 +124,16 @@ def is_document(text: str) -> bool:
     return record in (None, []) and not (is_closed and _loaded(first) is None)
 
 
-def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
-    """Turn the records of a document into a table without a header, and give the names of its columns."""
+def table_of(source: Source, encoding: str) -> tuple[Source, JsonLines]:
+    """Turn the records of a document into a table without a header; names are the keys of its first object."""
     records = _records(source, encoding)
-    dialect = JsonLines.of(records)
-    return derived(source, _rows(records, dialect)), dialect.names
+    names = next((tuple(flat(record)) for record in records if isinstance(record, dict)), ())
+    dialect = JsonLines("JSON", names)
+    return derived(source, _rows(records, dialect)), dialect
 
 
 def _rows(records: list[object], dialect: JsonLines) -> Iterator[bytes]:
+    """Write records as lines of a table, those that have no such keys as they are."""
     for start in range(0, len(records), BLOCK):
         rows = (dialect.cells(record) or [shown(str(record))] for record in records[start : start + BLOCK])
         yield "".join(f"{','.join(row)}\n" for row in rows).encode()

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.core.units import COUNTS
+from flinders.readers._instruments import magnetometers, vectors
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
-from flinders.readers._several import magnetometers, vectors
 from flinders.readers._sniff import COMMENTS
-from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_of
+from flinders.readers._tokenizer import QUANTITY, Dialect, cut, is_labelled, like, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,6 +41,7 @@ _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron"
 """Words of lines that say how a sensor is set or corrected."""
 LONGEST: Final = 2048  # Characters in a printed line; nobody reads a longer one
 PLAIN: Final = ("x", "y", "z")
+WORDS: Final = "labelled lines"
 LEAST_TURNS, MANY_TURNS = 8, 24
 """Lines from which on steps, and strengths, show whether they are of several sensors in turn."""
 UNEVEN: Final = 2.0  # Ratio of the median strengths of such sensors
@@ -59,14 +60,12 @@ class _Printed(NamedTuple):
 
 
 @dataclass(slots=True)
-class Labelled:
+class Labelled(Dialect):
     """Lines of some kinds that together make a reading."""
 
     kinds: dict[Kind, int]  # those that are read, and where the numbers of each stand in the row
     closing: Kind  # the one that ends a reading
     needed: frozenset[int]  # places in the row without which there is no reading
-    names: tuple[str, ...]  # of the columns
-    words: str = "labelled lines"
     has_headings: bool = False  # labels stand in lines of their own above the numbers
     signs: tuple[str, ...] | None = None  # what stands before and between the numbers, where that alone is known
     _heading: str = field(default="", init=False)
@@ -119,7 +118,11 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
         if counts[closing] < LEAST_SHARE * sum(len(each.numbers) >= len(PLAIN) for each in every):
             return None
         others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
-        found = _laid_out(closing, [kind for kind in others if _belongs(kind, closing)], printed)
+        read = [kind for kind in counts if kind == closing or (kind in others and _belongs(kind, closing))]
+        turns = [
+            kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)
+        ]
+        found = _laid_out(turns, [kind for kind in read if kind not in turns], printed)
         found.has_headings = 2 * sum(map(_is_heading, lines)) > counts[closing]
         return found
     often = max(OFTEN * max(counts.values(), default=0), enough)
@@ -174,13 +177,17 @@ def _belongs(kind: Kind, closing: Kind) -> bool:
     return any(known.kind in AUXILIARY for known in meanings)
 
 
-def _laid_out(closing: Kind, others: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled:
-    """Put the numbers of the magnetometer's lines first in the row, and behind them those of the others."""
-    kinds, names = {closing: 0}, _timed(closing, [each.numbers for each in printed if each.kind == closing])
+def _laid_out(turns: Sequence[Kind], others: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled:
+    """Put the numbers of magnetometers in turn first in the row; the last of them ends a reading."""
+    kinds, names = dict[Kind, int](), tuple[str, ...]()
+    for kind in turns:
+        kinds[kind] = len(names)
+        names += _timed(kind, [each.numbers for each in printed if each.kind == kind])
+    needed = frozenset(range(kinds[turns[-1]], len(names)))
     for kind in others:
         kinds[kind] = len(names)
         names += kind
-    return Labelled(kinds, closing, frozenset(range(len(closing))), names)
+    return Labelled(WORDS, names, kinds, turns[-1], needed)
 
 
 def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
@@ -192,7 +199,7 @@ def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
     starts = {kind: sum(map(len, kinds[:place])) for place, kind in enumerate(kinds)}
     last = fields[0].cells[-1]
     closing = next(kind for kind, start in starts.items() if start <= last < start + len(kind))
-    return Labelled(starts, closing, frozenset(fields[0].cells), names)
+    return Labelled(WORDS, names, starts, closing, frozenset(fields[0].cells))
 
 
 def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
@@ -208,7 +215,8 @@ def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
         return None
     words = "lines of three numbers" if len(kind) == len(PLAIN) else "lines of time and three numbers"
-    return Labelled({kind: 0}, kind, frozenset(range(len(kind))), (*names[: -len(PLAIN)], *PLAIN), words, signs=signs)
+    names = (*names[: -len(PLAIN)], *PLAIN)
+    return Labelled(words, names, {kind: 0}, kind, frozenset(range(len(kind))), signs=signs)
 
 
 def _says_nothing(kind: Kind) -> bool:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from flinders.readers._numbers import number
+from flinders.readers._tokenizer import Dialect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,23 +32,12 @@ COUNTS: Final = (8192, 16, 10)  # Counts of ``Raw:`` in one g, °/s and µT
 MOST_IN_UNITS: Final = 160.0  # Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g
 
 
-@dataclass(frozen=True, slots=True)
-class MotionCal:
-    """Lines with one of the two signs."""
+@dataclass(slots=True)
+class MotionCal(Dialect):
+    """Lines with one of the two signs; some sketches print the units of ``Uni:`` after ``Raw:``."""
 
     sign: str
-    units: tuple[str, str, str]  # of acceleration, rate and field; some sketches print those of ``Uni:`` after ``Raw:``
-
-    @property
-    def words(self) -> str:
-        """For people."""
-        return f"{self.sign.capitalize()}: lines"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the nine columns."""
-        sensors = zip(("accel", "gyro", "mag"), self.units, strict=True)
-        return tuple(f"{sensor}_{axis}_{unit}" for sensor, unit in sensors for axis in "xyz")
+    is_in_units: bool
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take the nine numbers of a line, counts in units; nothing where the other sign or a calibration stands."""
@@ -60,7 +50,7 @@ class MotionCal:
         values = [number(cell, ".") for cell in cells]
         if len(cells) != 9 or None in values:
             return None
-        if self.units == UNITS["uni"]:
+        if self.is_in_units:
             return cells
         return [f"{value / COUNTS[place // 3]:.9g}" for place, value in enumerate(values) if value is not None]
 
@@ -71,12 +61,15 @@ def recognise(lines: list[str]) -> MotionCal | None:
     sign = next((sign for sign in UNITS if sign in signs), None)
     if sign is None:
         return None
-    return MotionCal(sign, UNITS["uni" if sign == "raw" and _are_units(lines) else sign])
+    is_in_units = sign == "uni" or _are_units(lines)
+    sensors = zip(("accel", "gyro", "mag"), UNITS["uni" if is_in_units else "raw"], strict=True)
+    names = tuple(f"{sensor}_{axis}_{unit}" for sensor, unit in sensors for axis in "xyz")
+    return MotionCal(f"{sign.capitalize()}: lines", names, sign, is_in_units)
 
 
 def _are_units(lines: list[str]) -> bool:
     """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
-    raw = MotionCal("raw", UNITS["uni"])
+    raw = MotionCal("", (), "raw", is_in_units=True)
     rows = [cells[:3] for line in lines if (cells := raw.row(line))]
     gravity = [math.hypot(*map(float, cells)) for cells in rows]
     return any("." in cell for cells in rows for cell in cells) and 0 < min(gravity) <= max(gravity) < MOST_IN_UNITS

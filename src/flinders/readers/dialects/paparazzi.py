@@ -6,23 +6,21 @@ beside it, and is taken where there is no other. The first aircraft of the log, 
 
 Sources: Paparazzi ``sw/tools/calibration/calibration_utils.py`` (its regular expressions) and ``messages.xml``.
 
->>> is_paparazzi(["12.5 3 GPS 1 2 3", "12.6 3 IMU_MAG_RAW 12 -3 400"])
-True
->>> lines = ["12.6 3 IMU_MAG_RAW 12 -3 400", "12.7 4 IMU_MAG_RAW 1 2 3"]
->>> list(_cells(lines, _Kept.of(lines)))
-['12.6,12,-3,400']
+>>> dialect = recognise(["12.5 3 GPS 1 2 3", "12.6 3 IMU_MAG_RAW 12 -3 400"])
+>>> dialect.row("12.7 3 IMU_MAG_RAW 13 -3 399"), dialect.row("12.7 4 IMU_MAG_RAW 1 2 3")
+(['12.7', '13', '-3', '399'], ())
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
-from flinders.readers._source import Source, derived
+from flinders.readers._tokenizer import Dialect
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Sequence
 
 RAW, WITH_CURRENT = "IMU_MAG_RAW", "IMU_MAG_CURRENT_CALIBRATION"
 MESSAGE: Final = re.compile(r"\d+(?:\.\d+)? \d+ [A-Z][A-Z0-9_]+(?: |$)")
@@ -33,62 +31,30 @@ MOST: Final = 0.6
 NAMES: Final = ("time (s)", "mag_x", "mag_y", "mag_z")
 
 
-@dataclass(frozen=True, slots=True)
-class _Kept:
-    """Which lines are taken: of one aircraft, one message, one magnetometer (nothing where they are not numbered)."""
+@dataclass(slots=True)
+class Paparazzi(Dialect):
+    """Lines of one aircraft, one message, and one magnetometer (empty where they are not numbered)."""
 
     aircraft: str
     message: str
     sensor: str
 
-    @classmethod
-    def of(cls, texts: Iterable[str]) -> Self | None:
-        """Find the first line of a magnetometer, with `RAW` before `WITH_CURRENT`; None where there is none."""
-        found = [match for text in texts if (match := MAGNETOMETER.match(text))]
-        if not found:
-            return None
-        first = next((match for match in found if match[3] == RAW), found[0])
-        numbers = first[4].split()
-        return cls(first[2], first[3], numbers[0] if first[3] == RAW and len(numbers) == 4 else "")
+    def row(self, line: str) -> Sequence[str]:
+        """Take the numbers of a line of the magnetometer; nothing for another message."""
+        found = MAGNETOMETER.match(line)
+        if found is None or (found[2], found[3]) != (self.aircraft, self.message):
+            return ()
+        numbers = found[4].split()
+        return () if self.sensor and numbers.pop(0) != self.sensor else [found[1], *numbers]
 
 
-def is_paparazzi(texts: list[str]) -> bool:
-    """Tell whether lines are those of such a log, with a magnetometer among them."""
-    lines = [text for text in texts if text.strip()]
-    if not any(MAGNETOMETER.match(text) for text in lines):
-        return False
-    return sum(MESSAGE.match(text) is not None for text in lines) >= MOST * len(lines)
-
-
-def table_of_messages(source: Source, encoding: str, opening: list[str]) -> tuple[Source, tuple[str, ...]]:
-    """Turn the magnetometer's messages into a table, which is kept as the file is: on the disk, or not at all.
-
-    Returns
-    -------
-    Source, tuple of str
-        The table, and the names of its columns.
-    """
-    kept = _Kept.of(opening)
-    names = (*NAMES, "current (A)") if kept and kept.message == WITH_CURRENT else NAMES
-    return derived(source, _encoded(source, encoding, kept)), names
-
-
-def _encoded(source: Source, encoding: str, kept: _Kept | None) -> Iterator[bytes]:
-    for lines in source.lines(encoding):
-        rows = "".join(f"{row}\n" for row in _cells(lines.texts, kept))
-        if rows:
-            yield rows.encode()
-
-
-def _cells(texts: Iterable[str], kept: _Kept | None) -> Iterator[str]:
-    """Yield the numbers of the lines that are taken."""
-    for text in texts:
-        match = MAGNETOMETER.match(text)
-        if match is None or kept is None or (match[2], match[3]) != (kept.aircraft, kept.message):
-            continue
-        numbers = match[4].split()
-        if kept.sensor:
-            if numbers[0] != kept.sensor:
-                continue
-            numbers = numbers[1:]
-        yield ",".join((match[1], *numbers))
+def recognise(lines: list[str]) -> Paparazzi | None:
+    """Find the first message of a magnetometer among messages, with `RAW` before `WITH_CURRENT`."""
+    found = [match for line in lines if (match := MAGNETOMETER.match(line))]
+    if not found or sum(map(bool, map(MESSAGE.match, lines))) < MOST * sum(map(bool, map(str.strip, lines))):
+        return None
+    first = next((match for match in found if match[3] == RAW), found[0])
+    names = NAMES if first[3] == RAW else (*NAMES, "current (A)")
+    numbers = first[4].split()
+    sensor = numbers[0] if first[3] == RAW and len(numbers) == len(NAMES) else ""
+    return Paparazzi("messages of Paparazzi", names, first[2], first[3], sensor)

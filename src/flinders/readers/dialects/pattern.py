@@ -10,25 +10,23 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, Self
 
 from flinders.errors import UsageError
-from flinders.readers._tokenizer import ATTACHED, NUMBER, decimal
+from flinders.readers._tokenizer import ATTACHED, NUMBER, Dialect, decimal
 
 _PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")
 """A name in braces; what a format adds behind a colon says nothing of how to read it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Pattern:
+@dataclass(slots=True)
+class Pattern(Dialect):
     """A line with names in the place of its numbers."""
 
-    words: str  # for people
-    names: tuple[str, ...]
     line: re.Pattern[str]  # what finds the numbers
 
     @classmethod
-    def of(cls, pattern: str) -> Pattern:
+    def of(cls, pattern: str) -> Self:
         """Compile the user's pattern; UsageError without three different names."""
         pieces = _PLACE.split(pattern)
         names = tuple(pieces[1::2])

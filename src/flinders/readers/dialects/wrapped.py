@@ -1,7 +1,8 @@
 """Lines of another dialect with something around it: a time stamp in front, or hexadecimal words without ``0x``.
 
 What stands behind a stamp is a dialect of its own, or a table; a stamp without a date counts from midnight. Words of 4,
-6 or 8 hexadecimal digits are signed numbers; letters in some of the lines distinguish them from decimal ones.
+6 or 8 hexadecimal digits are signed numbers; letters in some of the lines distinguish them from decimal ones, and a
+first word without any that ascends is the time.
 
 >>> from flinders.readers.dialects import recognise
 >>> dialect = recognise(["14:03:00.100 -> X: 1 Y: 2 Z: 3", "14:03:00.200 -> X: 1 Y: 2 Z: 4"])
@@ -12,6 +13,8 @@ What stands behind a stamp is a dialect of its own, or a table; a stamp without 
 >>> dialect = recognise(["Mag: 0165 fe58 01a5", "Mag: 0160 0058 01a4"])
 >>> dialect.words, dialect.row("Mag: 0010 fffe 0020")
 ('hexadecimal words in labelled lines', ['16', '-2', '32'])
+>>> recognise(["9998 0165 fe58 01a5", "10018 0160 0058 01a4"]).row("10038 0010 fffe 0020")
+['10038', '16', '-2', '32']
 """
 
 from __future__ import annotations
@@ -23,13 +26,12 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 from flinders.errors import FlindersError
 from flinders.readers._numbers import row_of, split
 from flinders.readers._sniff import SPOKEN, sniff
-from flinders.readers._tokenizer import STAMP, seconds_of
+from flinders.readers._tokenizer import STAMP, Dialect, seconds_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.readers._numbers import Grid
-    from flinders.readers.dialects import Dialect
 
 Recognise: TypeAlias = "Callable[[list[str]], Dialect | None]"
 MOST: Final = 0.6  # share of lines that have to have a stamp
@@ -41,12 +43,10 @@ LETTERED: Final = 0.3  # share of the lines with as many words that have to hold
 
 
 @dataclass(slots=True)
-class Stamped:
+class Stamped(Dialect):
     """A dialect, or a table, behind a time stamp."""
 
     inner: Dialect
-    words: str
-    names: tuple[str, ...]
     _midnights: float = field(default=0.0, init=False)
     _last: float = field(default=-1.0, init=False)
 
@@ -65,13 +65,11 @@ class Stamped:
         return [f"{self._last:.6f}".removesuffix("000"), *cells]
 
 
-@dataclass(frozen=True, slots=True)
-class Cells:
+@dataclass(slots=True)
+class Cells(Dialect):
     """Rows of a table, cut at its delimiter."""
 
     grid: Grid
-    words: str
-    names: tuple[str, ...]
 
     def row(self, line: str) -> list[str] | None:
         """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
@@ -81,18 +79,17 @@ class Cells:
         return [cell.strip().replace(self.grid.decimal, ".") for cell in cells[: self.grid.width or None]]
 
 
-@dataclass(frozen=True, slots=True)
-class Hexadecimal:
-    """Lines whose words of so many digits are hexadecimal numbers."""
+@dataclass(slots=True)
+class Hexadecimal(Dialect):
+    """Lines whose last words, so many of so many digits, are hexadecimal numbers."""
 
     inner: Dialect
     digits: int
-    words: str
-    names: tuple[str, ...]
+    count: int
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take a line, its words marked as hexadecimal."""
-        return self.inner.row(_marked(line, self.digits))
+        return self.inner.row(_marked(line, self.digits, self.count))
 
 
 def stamped(lines: list[str], behind: Recognise, *, marked: bool = True) -> Stamped | None:
@@ -106,7 +103,7 @@ def stamped(lines: list[str], behind: Recognise, *, marked: bool = True) -> Stam
         return None
     is_parted = all(stamp["mark"] for stamp in stamps if stamp)
     inner = behind(rest) or (_table(rest) if is_parted or not marked else None)
-    return Stamped(inner, f"time stamps before {inner.words}", ("time (s)", *inner.names)) if inner else None
+    return Stamped(f"time stamps before {inner.words}", ("time (s)", *inner.names), inner) if inner else None
 
 
 def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
@@ -115,20 +112,39 @@ def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
         found = [words for line in lines if len(words := word.findall(line)) >= LEAST]
         lettered = [words for words in found if not all(map(str.isdigit, words))]
         if lettered and len(lettered) >= LETTERED * len(found):
-            inner = behind([_marked(line, digits) for line in lines])
-            return Hexadecimal(inner, digits, f"hexadecimal words in {inner.words}", inner.names) if inner else None
+            count = _hexadecimal_words(found)
+            inner = behind([_marked(line, digits, count) for line in lines])
+            return (
+                Hexadecimal(f"hexadecimal words in {inner.words}", inner.names, inner, digits, count) if inner else None
+            )
     return None
 
 
-def _marked(line: str, digits: int) -> str:
-    return WORDS[digits].sub(lambda word: f"0x{word[0]}", line)
+def _hexadecimal_words(rows: list[list[str]]) -> int:
+    """Count the words of each line that are hexadecimal: before them a decimal time may have as many digits."""
+    count = min(map(len, rows))
+    while count > LEAST and all(row[-count].isdigit() for row in rows):
+        times = [int(row[-count]) for row in rows if len(row) == len(rows[0])]
+        if sorted(times) != times or times[0] == times[-1]:
+            break
+        count -= 1
+    return count
+
+
+def _marked(line: str, digits: int, count: int) -> str:
+    """Put ``0x`` before the last words of so many digits."""
+    words = list(WORDS[digits].finditer(line))
+    for word in reversed(words[-count:] if len(words) >= count else []):
+        line = f"{line[: word.start()]}0x{line[word.start() :]}"
+    return line
 
 
 def _table(lines: list[str]) -> Cells | None:
+    """Find a table behind the stamps; three columns without names are x, y, z."""
     try:
         layout = sniff("", lines)
     except FlindersError:
         return None
     width = layout.grid.width
     names = layout.header or (PLAIN if width == len(PLAIN) else tuple(map(str, range(1, width + 1))))
-    return Cells(layout.grid, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", names)
+    return Cells(f"{SPOKEN[layout.grid.delimiter]}-separated numbers", names, layout.grid)

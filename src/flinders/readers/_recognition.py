@@ -1,4 +1,4 @@
-r"""What a file is, by its first bytes, where it is not text.
+r"""What a file is, by its first bytes, where no reader takes it.
 
 >>> foreign_kind(b"\x89PNG\r\n\x1a\n....")
 FileKind(name='a PNG image', advice='give the recording itself')

@@ -1,9 +1,7 @@
-"""What a blackbox log of Betaflight or INAV says, and does not say, of its magnetometer.
+"""Headers of a blackbox log of Betaflight or INAV: the calibration of the board that its readings are after.
 
 Sources: ``compassUpdate`` in ``sensors/compass.c`` and ``blackbox.c`` of both.
 
->>> is_blackbox(("magADC[0]", "magADC[1]", "magADC[2]"))
-True
 >>> calibration_in_force(['"Firmware revision","INAV 7.0.0"', '"magzero","12,13,14"', '"maggain","1024,1024,1024"'])
 'magzero 12,13,14'
 >>> calibration_in_force(["mag_calibration,0,0,0", "magHardware,1"])
@@ -18,8 +16,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
-"""What was done to the readings before they were logged."""
 _CALIBRATION: Final = re.compile(
     r'^\W*(mag_?(?:calibration|zero|gain)(?:_[xyz]|\[[012]\])?)"?\s*[,;:=\t]\s*"?'
     r'([-+\d]+(?:[,;\s]+[-+\d]+)*)"?\s*$',
@@ -27,11 +23,6 @@ _CALIBRATION: Final = re.compile(
 )
 """A line of the headers with a calibration; no known firmware writes one, tools may."""
 _NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
-
-
-def is_blackbox(names: Sequence[str]) -> bool:
-    """Tell the magnetometer's columns of a blackbox, which are in the axes of the board."""
-    return names[0].casefold().startswith("magadc")
 
 
 def calibration_in_force(above: Sequence[str]) -> str:
