@@ -4,8 +4,6 @@ The file needs nothing else: no server, no network, and no script but that of th
 sorted by choosing one of several orders, which a browser does without a script. What comes from files is escaped, and a
 Content-Security-Policy lets nothing run but the page's own script. Its size does not grow with the fleet.
 
->>> advice("saturated")
-'choose a larger range of the sensor, or move it away from magnets'
 >>> when(1.7e9), when(float("nan"))
 ('2023-11-14', '–')
 """
@@ -19,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
-from flinders.findings import CATALOGUE
+from flinders.findings import CATALOGUE, action
 from flinders.report import fleet_figures as drawing
 from flinders.report.fleet_view import STATES, SUMS_ALONE
 from flinders.report.formatting import as_sentence, date_of, degrees
@@ -42,36 +40,6 @@ SHOWN: Final = 4
 """Findings of a unit that are named; the others are counted."""
 FAIR: Final = 0.02
 """Share of recordings without a calibration up to which a fleet is called good."""
-
-ADVICE: Final = {
-    "heading-error": "turn the sensor through all directions and record for longer, or ask for less",
-    "coverage": "turn the sensor so that the unseen directions are seen too",
-    "prior": "turn the sensor through more directions, or trust that soft iron is mild",
-    "inflation": "turn the sensor further: the readings lie on a small patch",
-    "outliers": "look for what passed by, a cable that moved, or bits lost on the way",
-    "skipped-rows": "check the sensor, its cable and what was saved",
-    "unreadable": "check whether the file is whole, and of a kind that is read",
-    "no-magnetometer": "name the columns of the magnetometer",
-    "no-unit": "say in the table whose readings they are",
-    "lost-worker": "fit it by itself with flinders calibrate, and look at the memory of the machine",
-    "unit": "give all files of a unit in one unit of field",
-    "foreign-axes": "check which sensor the columns belong to",
-    "wrong-strength": "check the column of the field's strength, or take it out",
-    "refused": "record again, and turn the sensor as the example says",
-    "too-few-samples": "record for longer, turning all the time",
-    "stuck-axis": "check the sensor and its wiring: an axis never changes",
-    "unmoved": "turn the sensor while recording",
-    "not-turned": "turn the sensor while recording, or give the calibration that the disturbances belong to",
-    "not-an-ellipsoid": "turn the sensor upside down and onto each of its sides",
-    "undetermined": "turn the sensor about more of its axes",
-    "out-of-scale": "check the unit and the columns",
-    "usage": "check the options that say how files are read",
-    "axes": "check --axes",
-    "document": "check whether the file is whole",
-    "missing-extra": "install what the example names",
-    "internal": "report it: this is a fault in Flinders",
-}
-"""What to do about errors, and about findings whose own advice names directions or rows of one unit."""
 
 
 def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence[str] = ()) -> str:
@@ -99,8 +67,8 @@ def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence
         "verdicts": [(name, overview.verdicts.get(name, 0), words) for name, words in VERDICTS.items()],
         "most_findings": SHOWN,
         "worst": [(rank, units) for rank, units in overview.worst.items() if units],
-        "findings": [(code, count, _meaning(code), advice(code)) for code, count in overview.findings.items()],
-        "codes": [(code, *example, advice(code)) for code, example in overview.codes.items()],
+        "findings": [(code, count, _meaning(code), action(code)) for code, count in overview.findings.items()],
+        "codes": [(code, *example, action(code)) for code, example in overview.codes.items()],
         "held_against": "" if drift is None else drift.against,
         "odd_states": [] if drift is None else _odd(drift)[:10],
         "shown_batches": len(drawing.shown_batches(overview.batches)),
@@ -110,12 +78,6 @@ def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence
     }
     script = f"\n{joined('plain.js')}\n{START}\n"
     return html_file("fleet.html.j2", given, style=style_of("fleet.css"), script=script, filters=FILTERS)
-
-
-def advice(code: str) -> str:
-    """Say what to do about a finding or an error; empty where that is said elsewhere."""
-    row = CATALOGUE.get(code)
-    return ADVICE.get(code) or ("" if row is None else row.action.replace("`", ""))
 
 
 def when(seconds: float) -> str:

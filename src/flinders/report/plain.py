@@ -3,8 +3,6 @@
 It says what was found, how far off the compass was and will be, for which attitudes that holds, what is not known and
 why, what to do next, and the numbers to copy. Of a refusal it says why and how to move, and shows no numbers.
 
->>> REFUSALS["unmoved"].remedy
-'Turn it slowly through all directions while recording.'
 >>> print(_paragraph("It is short."), _items(["One.", "Two."]), sep="")
 It is short.
 - One.
@@ -16,11 +14,11 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.findings import CATALOGUE, limit_of
+from flinders.findings import CATALOGUE, REFUSALS, limit_of
 from flinders.fitting.advice import UPSIDE_DOWN, remedy, unseen_side
 from flinders.fitting.result import TILTS, Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
@@ -46,60 +44,6 @@ AGAIN: Final = (
     "Calibrate again when anything of iron, or a current, has come near the sensor or gone from it. A new recording "
     "shows whether the calibration still holds: flinders check."
 )
-
-
-class Words(NamedTuple):
-    """What was found, and what to do about it, if there is anything."""
-
-    said: str
-    remedy: str = ""
-
-
-REFUSALS: Final = {
-    "too-few-samples": Words(
-        "The number of usable readings is {found:,}, and at least {needed:,} are needed.",
-        "Record for longer, while turning the sensor through all directions.",
-    ),
-    "stuck-axis": Words(
-        "Some of the sensor's axes never change.",
-        "Check the wiring and the columns that are read, and turn the sensor about all three of its axes.",
-    ),
-    "unmoved": Words(
-        "The sensor was hardly turned: all readings lie within {angle_deg:.2g}° of one direction.",
-        "Turn it slowly through all directions while recording.",
-    ),
-    "not-turned": Words(
-        "The sensor was held still while what disturbs it changed.",
-        "Give the calibration that this belongs to, or turn the sensor while recording.",
-    ),
-    "out-of-scale": Words(
-        "The readings are larger or smaller than those of any magnetometer.",
-        "Check which columns are read, and the unit.",
-    ),
-    "not-an-ellipsoid": Words(
-        "The readings cover too few directions to tell what they would be in the others.",
-        "Turn the sensor upside down and onto each of its sides.",
-    ),
-    "undetermined": Words(
-        "The sensor was turned in too few ways. For {unseen} of the 9 numbers of the correction the recording tells "
-        "nothing.",
-        "Turn the sensor about all three of its axes.",
-    ),
-    "constant-strength": Words(
-        "The field has nearly one and the same strength at all readings. The method that was asked for needs one that "
-        "varies.",
-        "Use another method.",
-    ),
-    "wrong-strength": Words(
-        "The strength of the field that the recording tells beside its readings cannot be right.",
-        "Check where that column comes from, or take it out.",
-    ),
-    "collapsed": Words(
-        "The method that was asked for finds no correction near these readings.",
-        "Use another method, or turn the sensor onto all of its sides.",
-    ),
-}
-"""Each refusal that has no fit in plain words, and what to do about it."""
 
 
 def page(outcome: Fit | FitError, provenance: Provenance) -> str:
@@ -147,10 +91,10 @@ def _refused(fit: Fit) -> list[str]:
 
 
 def _without_a_fit(error: FitError) -> list[str]:
-    if error.code not in REFUSALS:
+    refusal = REFUSALS.get(error.code)
+    if refusal is None or not refusal.plain:
         return _refusal([str(error)], [])
-    words = REFUSALS[error.code]
-    return _refusal([words.said.format(**error.evidence)], [words.remedy])
+    return _refusal([refusal.plain.format(**error.evidence)], [refusal.remedy])
 
 
 def _refusal(why: Iterable[str], what: Iterable[str]) -> list[str]:
