@@ -24,7 +24,7 @@ from rich.text import Text
 
 from flinders.core.units import label
 from flinders.errors import figures
-from flinders.report.formatting import FINEST, matrix_entries, on_the_point, with_uncertainty
+from flinders.report.formatting import aligned, matrix_entries, offset_entries, on_the_point
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -85,16 +85,12 @@ def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
 def numbers(calibration: Calibration, offset_sigma: Floats, noise: float | None) -> Text:
     """Offset above matrix, in columns x, y and z, each on its decimal points."""
     unit = label(calibration.unit)
-    offset = [
-        with_uncertainty(*pair, finest=FINEST * calibration.field_strength)
-        for pair in zip(calibration.offset, offset_sigma, strict=True)
-    ]
-    columns = [on_the_point(column) for column in zip(offset, *matrix_entries(calibration.matrix), strict=True)]
-    shown = on_the_point(["?" if noise is None else figures(noise, 3), offset[0]])[0]
-    rows = ["   ".join(row) for row in zip(*columns, strict=True)]
-    rows.append(shown.ljust(len(rows[0])))
+    offset = offset_entries(calibration, offset_sigma)
+    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix))]
+    below, _ = on_the_point(["?" if noise is None else figures(noise, 3), offset[0]])
+    shown.append(below.ljust(len(shown[0])))
     names, units = ("offset", "matrix", "", "", "noise"), (unit, "", "", "", unit)
-    return lines(list(zip(names, rows, units, strict=True)))
+    return lines(list(zip(names, shown, units, strict=True)))
 
 
 def verdict(title: str, colour: str, words: str, *more: str | Text) -> Table:

@@ -22,7 +22,16 @@ from flinders.findings import CATALOGUE, REFUSALS, limit_of
 from flinders.fitting.advice import UPSIDE_DOWN, remedy, unseen_side
 from flinders.fitting.result import TILTS, Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
-from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
+from flinders.report.formatting import (
+    aligned,
+    as_sentence,
+    capitalised,
+    date_of,
+    degrees,
+    matrix_entries,
+    offset_entries,
+    on_the_point,
+)
 from flinders.report.sections import mounting
 
 if TYPE_CHECKING:
@@ -68,9 +77,10 @@ def page(outcome: Fit | FitError, provenance: Provenance) -> str:
 
 def _head(fit: Fit | None, provenance: Provenance) -> str:
     sensor = f" of the sensor {fit.calibration.sensor}" if fit and fit.calibration.sensor else ""
-    date = f"{provenance.date.day} {provenance.date:%B %Y, %H:%M %Z}"
     method = f", method {fit.method}" if fit else ""
-    return f"Compass calibration{sensor}\n" + _paragraph(f"{date}, Flinders {provenance.flinders}{method}")
+    return f"Compass calibration{sensor}\n" + _paragraph(
+        f"{date_of(provenance.date)}, Flinders {provenance.flinders}{method}"
+    )
 
 
 def _given(fit: Fit) -> list[str]:
@@ -126,7 +136,7 @@ def _how_far_off(fit: Fit) -> str:
     raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
     before = "any angle: the compass does not work" if raw.worst > 100.0 else f"up to {degrees(raw.worst)}"
     adds = mounting(fit).replace(" (1 σ)", "")
-    mounted = f" {adds[:1].upper()}{adds[1:]}." if adds else ""
+    mounted = f" {capitalised(adds)}." if adds else ""
     return (
         f"Without the calibration headings are off by {before}. With it, expect them to be off by {degrees(error.rms)} "
         f"on average and by {degrees(error.worst)} at the worst heading; in 19 of 20 cases by no more than twice that. "
@@ -167,8 +177,7 @@ def _in_words(fit: Fit, finding: Finding) -> str:
 
 def _remedies(fit: Fit, findings: Iterable[Finding]) -> list[str]:
     """Say what to do about each finding, each thing once."""
-    advice = remedy(fit)
-    move = f"{advice[0].upper()}{advice[1:]}."
+    move = f"{capitalised(remedy(fit))}."
     remedies = (CATALOGUE[finding.code].remedy.format(remedy=move) for finding in findings)
     return [what for what in dict.fromkeys(remedies) if what]
 
@@ -177,10 +186,8 @@ def _numbers(fit: Fit) -> str:
     """Offset and matrix, one line each a person can copy, and what to do with them."""
     calibration = fit.calibration
     unit = label(calibration.unit)
-    pairs = zip(calibration.offset, fit.offset_sigma, strict=True)
-    finest = FINEST * calibration.field_strength
-    offsets = on_the_point([with_uncertainty(*pair, finest=finest) for pair in pairs])
-    rows = zip(*map(on_the_point, zip(*matrix_entries(calibration.matrix), strict=True)), strict=True)
+    offsets = on_the_point(offset_entries(calibration, fit.offset_sigma))
+    rows = aligned(*matrix_entries(calibration.matrix))
     lines = [
         "corrected = matrix * (raw - offset)",
         "",
@@ -213,8 +220,7 @@ def _read(outcome: Fit | FitError, fit: Fit | None, provenance: Provenance) -> s
         more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
         items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
     findings = fit.findings if fit else ()
-    items += [f"{finding.advice[0].upper()}{finding.advice[1:].rstrip('.')}." for finding in findings
-              if finding.code == "skipped-rows"]  # fmt: skip
+    items += [as_sentence(finding.advice) for finding in findings if finding.code == "skipped-rows"]
     items += [f"Left out: {entry}." for entry in getattr(outcome, "skipped", ())]
     return _section("WHAT WAS READ", _items(items))
 
@@ -223,16 +229,12 @@ def _section(heading: str, text: str) -> str:
     return f"{heading}\n{text}"
 
 
-def _paragraph(text: str) -> str:
-    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
+def _paragraph(text: str, first: str = "", other: str = "") -> str:
+    """Write text in lines, the first and the others with an indent."""
+    wrapper = textwrap.TextWrapper(WIDTH, first, other, break_long_words=False, break_on_hyphens=False)
+    return f"{wrapper.fill(text)}\n"
 
 
 def _items(texts: Iterable[str]) -> str:
     """Write sentences below each other, each with a dash."""
-    return "".join(
-        textwrap.fill(
-            text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-        )
-        + "\n"
-        for text in texts
-    )
+    return "".join(_paragraph(text, "- ", "  ") for text in texts)
