@@ -26,10 +26,9 @@ from flinders.fitting.result import Fit, Refused
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import script
-from flinders.report.figure_data import FigureData
+from flinders.report.figure_data import FigureData, doubts, restored
 from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
 from flinders.report.formatting import degrees
-from flinders.report.from_file import doubts, restored
 from flinders.report.html import page, python_of
 from flinders.report.sections import mounting
 from flinders.report.terminal import plot

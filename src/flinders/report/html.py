@@ -72,10 +72,6 @@ START: Final = "m0.theming(() => {});\nm0.copying();"
 ASTRAY, NOISY = 0.05, 3.0
 """Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
 
-UNSTATED: Final = (
-    "The calibration states no uncertainty, so that nobody knows how good headings are: calibrate from a recording."
-)
-
 
 @dataclass(frozen=True, slots=True)
 class Listing:
@@ -130,8 +126,6 @@ def page(
     """
     fit = outcome if isinstance(outcome, Fit) else outcome.fit if isinstance(outcome, Refused) else None
     drawn = None if recording is None else FigureData.of(fit, recording)
-    if drawn is not None and fit is not None and claims_nothing(fit):
-        drawn = drawn.without_claims()
     provenance = provenance or Provenance(
         flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=()
     )
@@ -163,17 +157,12 @@ def page(
     return html_file("report.html.j2", given, style=_style(), script=script[0], filters=filters)
 
 
-def claims_nothing(fit: Fit) -> bool:
-    """Whether nobody said how uncertain a calibration is, as of one that was imported."""
-    return not fit.covariance.any()
-
-
 def goes_with(fit: Fit, drawn: FigureData) -> bool:
     """Whether readings are as long as a calibration has them; where they are of another sensor, nothing moved."""
     if not len(drawn.residuals) or not drawn.is_used.any():
         return False
     off = drawn.residuals[drawn.is_used]
-    noise = 0.0 if claims_nothing(fit) else fit.noise
+    noise = fit.noise if fit.states_uncertainty else 0.0
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 
@@ -235,9 +224,8 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     """Verdict, its title, and what it is in a sentence."""
     if fit is None:
         return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
-    said = UNSTATED if claims_nothing(fit) else sentence(fit)
-    title = "Of unknown quality" if claims_nothing(fit) else TITLES[fit.verdict]
-    return {"verdict": fit.verdict, "title": title, "sentence": capitalised(said)}
+    title = TITLES[fit.verdict] if fit.states_uncertainty else "Of unknown quality"
+    return {"verdict": fit.verdict, "title": title, "sentence": capitalised(sentence(fit))}
 
 
 def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
@@ -253,7 +241,7 @@ def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
         ("Strength of the field", length(field, unit), known),
         ("Varies while turning", left, f"before: {spread:.1%} about {length(strength, unit)}"),
     ]
-    if claims_nothing(fit):
+    if not fit.states_uncertainty:
         return strengths
     raw, error, limit = fit.uncorrected_heading_error_deg, fit.heading_error_deg, fit.attitude_limit_deg
     target = f"{fit.target_deg:g}°"
@@ -289,7 +277,7 @@ def _walk(walk: RandomWalk | None, fit: Fit | None) -> dict[str, Any] | None:
     if walk is None or fit is None:
         return None
     unit = label(fit.calibration.unit)
-    is_claimed = fit.verdict != "refused" and not claims_nothing(fit)
+    is_claimed = fit.verdict != "refused" and fit.states_uncertainty
     dip = abs(fit.heading_error_deg.dip_deg)
     say = walk.words if is_claimed else walk.story
     words = say(unit, level_deg=fit.target_deg, dip_deg=dip)
@@ -303,7 +291,7 @@ def _parameters(fit: Fit | None) -> dict[str, Any] | None:
     calibration = fit.calibration
     unit = label(calibration.unit)
     offsets = offset_entries(calibration, fit.offset_sigma)
-    sigma = None if claims_nothing(fit) else matrix_sigma(fit)
+    sigma = matrix_sigma(fit) if fit.states_uncertainty else None
     return {
         "unit": unit,
         "rows": [
@@ -358,7 +346,7 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
         "offset_over_time": walk and drawing.offset_over_time(walk, drawn.unit, drawn.plane),
     }
     if fit is not None and fit.verdict != "refused":
-        drawings["correlation"] = None if claims_nothing(fit) else drawing.correlation(fit)
+        drawings["correlation"] = drawing.correlation(fit) if fit.states_uncertainty else None
         drawings["compensated"] = [drawing.compensated(drawn, one) for one in fit.calibration.disturbances]
     return drawings
 
