@@ -204,15 +204,15 @@ def test_the_map_keeps_areas() -> None:
     fit, samples = fitted()
     drawn = FigureData.of(fit, samples)
     assert drawn.view is not None
-    from flinders.report.figures import DISC, _disc
+    from flinders.report.figures import hemisphere
 
     def area(ring: np.ndarray) -> float:
         x, y = ring.T
         return abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2.0
 
-    inner = [(tile, ring) for tile, ring in _disc(0, 1.0) if tiles().centres[tile, 2] > 0.15]
-    shares = np.array([area(ring) / (2.0 * np.pi * DISC**2) for _, ring in inner])
-    expected = tiles().areas[[tile for tile, _ in inner]] / (4.0 * np.pi)
+    inner = {tile: ring for tile, ring in hemisphere(1.0).items() if tiles().centres[tile, 2] > 0.15}
+    shares = np.array([area(ring) / (4.0 * np.pi) for ring in inner.values()])
+    expected = tiles().areas[list(inner)] / (4.0 * np.pi)
     npt.assert_allclose(shares, expected, rtol=0.03)
     for figure in (error_map(drawn.view, 1.0), coverage_map(drawn.view)):
         assert figure.count("clip-path") == 2

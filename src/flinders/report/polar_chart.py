@@ -119,7 +119,7 @@ def _before(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
     parts = [polar.grid(turn.plane, unit), shape("outline before", polar.places(outline), is_closed=True)]
     parts += [shape("aim", ends), _points("before", polar.places(points))]
     ((x, y),) = polar.places(loaded.centre[np.newaxis]).tolist()
-    parts.append(charts.offset_arm(polar.x, MIDDLE, x, y))
+    parts.append(segment("iron", polar.x, MIDDLE, x, y) + circle("iron-end", x, y, 3))
     return "".join(parts)
 
 
