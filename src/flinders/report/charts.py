@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.report.colours import colour_of
 from flinders.report.formatting import minus
-from flinders.report.script import asset
+from flinders.report.html_file import asset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -27,8 +27,8 @@ from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.geometry.plane import across
 from flinders.report.formatting import degrees, p_value, written_time
-from flinders.report.layout import COLOURS, notes, numbers, page, styled, table, verdict
 from flinders.report.sections import mounting
+from flinders.report.terminal import COLOURS, notes, numbers, page, styled, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

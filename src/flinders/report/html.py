@@ -48,8 +48,7 @@ from flinders.report.formatting import (
     minus,
     offset_entries,
 )
-from flinders.report.html_file import html_file, style_of
-from flinders.report.script import joined
+from flinders.report.html_file import html_file, joined, style_of
 from flinders.report.sections import aiding_rows, disturbance_rows, instrument_rows, sources, with_unit
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 
