@@ -14,8 +14,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.geometry.angles import folded
 from flinders.heading.deviation import fit
-from flinders.report.deviation_chart import drawing
-from flinders.report.swing_page import card
+from flinders.report.swing_page import card, drawing
 
 if TYPE_CHECKING:
     from pathlib import Path

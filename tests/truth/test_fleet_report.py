@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from flinders.errors import FitError, FlindersError, InputError, UsageError
+from flinders.findings import action
 from flinders.fleet import progress
 from flinders.fleet.aggregate import overview_of
 from flinders.fleet.results import UnitResult, UnitResults
 from flinders.fleet.worker import LostWorker
-from flinders.report.fleet import advice, page
+from flinders.report.fleet import page
 from flinders.report.fleet_view import SUMS_ALONE
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ def of_rows() -> Iterator[type[FlindersError]]:
 
 
 NEVER: frozenset[str] = frozenset({
-    "fit", "input", "array", "link", "needs-samples", "not-merged", "no-accelerometer",
+    "fit", "input", "array", "link", "needs-samples", "needs-recording", "not-merged", "no-accelerometer",
     "not-validated", "collapsed", "constant-strength",
 })  # fmt: skip
 """Of bases, of connections, and of methods that a fleet does not call."""
@@ -113,4 +114,4 @@ NEVER: frozenset[str] = frozenset({
 
 def test_every_reason_has_an_advice() -> None:
     codes = {kind.code for kind in of_rows()} | {"refused", "internal"}
-    assert [code for code in sorted(codes - NEVER) if not advice(code)] == []
+    assert [code for code in sorted(codes - NEVER) if not action(code)] == []

@@ -25,11 +25,10 @@ from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
-from flinders.report import script
-from flinders.report.figure_data import FigureData
+from flinders.report import html_file
+from flinders.report.figure_data import FigureData, doubts, restored
 from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
 from flinders.report.formatting import degrees
-from flinders.report.from_file import doubts, restored
 from flinders.report.html import page, python_of
 from flinders.report.sections import mounting
 from flinders.report.terminal import plot
@@ -171,7 +170,7 @@ def test_the_python_of_a_report_corrects_readings_as_recorded() -> None:
 
 
 def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:
-    text = script.joined()
+    text = html_file.joined()
     assert "const m0 = (() => {" in text
     assert not re.search(r"^(?:import|export)\b", text, re.MULTILINE)
     assert len(re.findall(r"^const m\d+ = ", text, re.MULTILINE)) >= 9
@@ -181,19 +180,19 @@ def test_modules_are_joined_and_nothing_of_their_imports_is_left() -> None:
     "line", ['import x from "./x.js";', 'import * as x from "./x.js";', "export default 1;", "export let x = 1;"]
 )
 def test_a_module_in_another_form_is_refused(line: str) -> None:
-    with pytest.raises(script.NotJoined, match="form that is not joined"):
-        script._wrapped("m0", f"{line}\n", {})
+    with pytest.raises(html_file.NotJoined, match="form that is not joined"):
+        html_file._wrapped("m0", f"{line}\n", {})
 
 
 def test_a_report_without_the_bundle_has_all_but_the_view(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = script.asset
+    whole = html_file.asset
 
     def without(path: str) -> str:
         if path.startswith("vendor/"):
             raise FileNotFoundError(path)
         return whole(path)
 
-    monkeypatch.setattr(script, "asset", without)
+    monkeypatch.setattr(html_file, "asset", without)
     text = page(*fitted())
     assert 'id="scene"' not in text
     assert "theming" in text
@@ -205,15 +204,15 @@ def test_the_map_keeps_areas() -> None:
     fit, samples = fitted()
     drawn = FigureData.of(fit, samples)
     assert drawn.view is not None
-    from flinders.report.figures import DISC, _disc
+    from flinders.report.figures import hemisphere
 
     def area(ring: np.ndarray) -> float:
         x, y = ring.T
         return abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2.0
 
-    inner = [(tile, ring) for tile, ring in _disc(0, 1.0) if tiles().centres[tile, 2] > 0.15]
-    shares = np.array([area(ring) / (2.0 * np.pi * DISC**2) for _, ring in inner])
-    expected = tiles().areas[[tile for tile, _ in inner]] / (4.0 * np.pi)
+    inner = {tile: ring for tile, ring in hemisphere(1.0).items() if tiles().centres[tile, 2] > 0.15}
+    shares = np.array([area(ring) / (4.0 * np.pi) for ring in inner.values()])
+    expected = tiles().areas[list(inner)] / (4.0 * np.pi)
     npt.assert_allclose(shares, expected, rtol=0.03)
     for figure in (error_map(drawn.view, 1.0), coverage_map(drawn.view)):
         assert figure.count("clip-path") == 2

@@ -25,7 +25,7 @@ from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.fitting.result import Fit
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
-from flinders.report.polar_chart import drawing
+from flinders.report.turn import drawing
 from flinders.simulate import TwoAxis, swing
 from flinders.summary.summary import Summary
 

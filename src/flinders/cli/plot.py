@@ -49,7 +49,6 @@ def command(
     """
     from flinders.core.files import write_bytes
     from flinders.report.figure_data import FigureData
-    from flinders.report.html import claims_nothing
     from flinders.report.matplotlib import figure_bytes, figure_of, matplotlib_of
 
     kind = Path(output).suffix.lower()
@@ -64,10 +63,7 @@ def command(
             beyond=(),
             verdict="refused",
         )
-    drawn = FigureData.of(fit, recording)
-    if claims_nothing(fit):
-        drawn = drawn.without_claims()
-    write_bytes(figure_bytes(figure_of(drawn, fit, what), kind[1:]), output, force=force)
+    write_bytes(figure_bytes(figure_of(FigureData.of(fit, recording), fit, what), kind[1:]), output, force=force)
     say(f"written to {output}")
     if as_json:
         print_json({"figure": output, "what": what, "verdict": fit.verdict, "notes": notes})

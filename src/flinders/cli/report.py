@@ -148,7 +148,7 @@ def pictured(
         For what cannot be read, or does not belong together.
     """
     from flinders.core.compensation import compensated
-    from flinders.report.from_file import doubts, restored
+    from flinders.report.figure_data import doubts, restored
 
     loaded = load(name, calibration, recordings)
     with progress("reading") as watch:

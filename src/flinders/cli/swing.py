@@ -332,7 +332,7 @@ def _write(deviation: Deviation | None, card: Card, outputs: Outputs) -> None:
         Where there is no curve to write, or the step does not go round.
     """
     from flinders.report import swing_page
-    from flinders.report.deviation_chart import drawing
+    from flinders.report.swing_page import drawing
 
     if deviation is not None:
         outputs.write(swing_page.card(deviation, card.step_deg), card.output)

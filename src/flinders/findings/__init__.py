@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
+from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import VERDICTS as VERDICTS
 from flinders.findings.row import CatalogueRow as CatalogueRow  # noqa: TC001 - also a name to import
 from flinders.findings.row import Finding as Finding
@@ -55,3 +56,15 @@ def limit_of(code: str, of: Severity | str = "limits") -> float:
         need.quantity: need.factor for need in rule.needs
     }
     return limits[of]
+
+
+def action(code: str) -> str:
+    """What to do about a finding or an error that many units have; empty where the catalogue does not say.
+
+    >>> action("coverage"), action("unit")
+    ('turn the sensor so that the unseen directions are seen too', 'give all files of a unit in one unit of field')
+    """
+    row = CATALOGUE.get(code)
+    if row is None:
+        return REFUSALS[code].action if code in REFUSALS else ""
+    return row.fleet_action or row.action.replace("`", "")

@@ -61,6 +61,7 @@ ROWS: Final = (
         number="heading error to expect at the worst heading, degrees, 1 σ",
         limit="the target (`target_deg`, `--target`)",
         action="turn the sensor as the advice says; record for longer; or ask for less",
+        fleet_action="turn the sensor through all directions and record for longer, or ask for less",
         rule=Rule("worst_deg", (Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg"))),
         said=(
             "the heading may be off by {worst_deg:angle} (1 σ, worst heading; the target is {target_deg:g}°{why}): "
@@ -116,6 +117,7 @@ ROWS: Final = (
             "good up to the tilt that the advice names, and how fast it gets worse beyond; for all attitudes turn"
             " the sensor as the advice says"
         ),
+        fleet_action="turn the sensor so that the unseen directions are seen too",
         rule=Rule("hole_deg", (Grade("limits", 60.0),)),
         said=(
             "directions up to {hole_deg:.0f}° from any reading are unseen ({covered:.0%} of the sphere was "
@@ -178,6 +180,7 @@ ROWS: Final = (
         number="share of the least known shape parameter that the prior speaks for",
         limit="0.1",
         action="turn the sensor as the advice says, or trust that soft iron is mild",
+        fleet_action="turn the sensor through more directions, or trust that soft iron is mild",
         rule=Rule("prior_share", (Grade("limits", 0.1),)),
         said="part of the shape rests to {prior_share:.0%} on the prior that soft iron is mild: {movement}",
         plain=(
@@ -227,6 +230,7 @@ ROWS: Final = (
         number="longest axis of the ellipsoid over the widest extent of the readings",
         limit="2",
         action="turn the sensor as the advice says: the readings lie on a small patch",
+        fleet_action="turn the sensor further: the readings lie on a small patch",
         rule=Rule("inflation", (Grade("limits", 2.0),)),
         said="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it: {movement}",
         plain="The readings lie on a small patch of what they should go round ({number:.1f} times as wide).",

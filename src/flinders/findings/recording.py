@@ -43,6 +43,7 @@ ROWS: Final = (
             "look at the rows or times that the advice names: something magnetic passed by, a cable moved, or "
             "bits were lost on the way"
         ),
+        fleet_action="look for what passed by, a cable that moved, or bits lost on the way",
         rule=Rule("outlier_share", (Grade("note", 0.0), Grade("limits", 0.1)), limit=Limit(0.1)),
         said=(
             "{outliers} ({outlier_share:.1%}), up to {farthest} {unit} off the rest, left out ({runs}): something"
@@ -125,6 +126,7 @@ ROWS: Final = (
         number="rows that could not be used",
         limit="a tenth of the rows",
         action="look at the lines that the advice names; check the sensor, its cable and what was saved",
+        fleet_action="check the sensor, its cable and what was saved",
         rule=Rule("skipped", (Grade("note", 0.0), Grade("limits", 0.1, "rows")), limit=Limit(0.1, "rows")),
         said="left out: {skipped_rows}{check}",
         plain="Some lines could not be used (number of lines: {number:,.0f}); they are named below.",

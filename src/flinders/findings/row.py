@@ -175,6 +175,8 @@ class CatalogueRow:
         What it is about.
     grades, number, limit, action : str
         For the table of docs/findings.md: how severe when, what number and limit are, what to do.
+    fleet_action : str
+        What to do in a report of many units, where `action` speaks of what the advice to one unit names.
     said : str
         The technical sentence, a format of quantities and words of the record.
     plain, remedy : str
@@ -199,6 +201,7 @@ class CatalogueRow:
     rule: Rule | None = None
     alarm: bool = False
     former: str = ""
+    fleet_action: str = ""
 
     def finding(self, record: Mapping[str, Any]) -> Finding | None:
         """Apply the rule to a record; None where it does not hold.

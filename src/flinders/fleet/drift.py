@@ -31,7 +31,7 @@ from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
 from flinders.fleet.history import OffsetSeries, histories
 from flinders.fleet.results import VERDICTS, needs_arrow
 from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
-from flinders.report.fleet_figures import standing_out
+from flinders.report.fleet import standing_out
 from flinders.report.fleet_view import STATES, BatchDrift, FleetDrift, Histogram, Undated, UnitDrift, UnitStep
 
 if TYPE_CHECKING:

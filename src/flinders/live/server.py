@@ -34,7 +34,7 @@ from flinders.live.session import (
     Requested,
     Session,
 )
-from flinders.report.script import joined
+from flinders.report.html_file import joined
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable

@@ -20,13 +20,13 @@ import math
 import re
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
 from flinders.report.colours import colour_of
 from flinders.report.formatting import minus
-from flinders.report.script import asset
+from flinders.report.html_file import asset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -114,9 +114,9 @@ class Plot:
         inside: Floats = places[((places >= near) & (places <= far)).all(axis=1)]
         return inside
 
-    def line(self, kind: str, x: ArrayLike, y: ArrayLike) -> str:
+    def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str:
         """A line through numbers."""
-        return shape(kind, self.places(x, y))
+        return shape(kind, self.places(x, y), is_closed=is_closed)
 
     def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str:
         """What lies between two lines."""
@@ -132,6 +132,16 @@ class Plot:
         places = thinned(self.inside(x, y), MOST_CROSSES).tolist()
         marks = "".join(f"M{x - 3:.1f} {y - 3:.1f}l6 6m0-6l-6 6" for x, y in places)
         return f'<path class="reject" d="{marks}"/>' if marks else ""
+
+    def tiles(self, kind: str, rings: Sequence[Floats]) -> str:
+        """Polygons of one class as one path."""
+        outlines = (outline_of(self.places(*ring.T), is_closed=True) for ring in rings)
+        return f'<path class="tile {kind}" d="{"".join(outlines)}"/>'
+
+    def arm(self, x: float, y: float) -> str:
+        """Hard iron: a line from zero to the centre, and a dot there."""
+        end = self.x(x), self.y(y)
+        return segment("iron", self.x(0.0), self.y(0.0), *end) + circle("iron-end", *end, 3)
 
     def bars(self, kind: str, edges: ArrayLike, counts: Iterable[float], *, least: float = 0.0) -> str:
         """A bar for each class that holds anything, none lower than `least`."""
@@ -179,6 +189,46 @@ class Plot:
     def clipped(self, name: str, *parts: str) -> str:
         """Shapes that end at the edge of the rectangle."""
         return clipped(name, self.outline(""), *parts)
+
+
+class Canvas(Protocol):
+    """What marks are drawn on: a `Plot` in SVG, or axes of matplotlib, where they give no text."""
+
+    def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str: ...  # noqa: D102
+    def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str: ...  # noqa: D102
+    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MOST_DOTS) -> str: ...  # noqa: D102
+    def crosses(self, x: ArrayLike, y: ArrayLike) -> str: ...  # noqa: D102
+    def tiles(self, kind: str, rings: Sequence[Floats]) -> str: ...  # noqa: D102
+    def arm(self, x: float, y: float) -> str: ...  # noqa: D102
+    def bars(self, kind: str, edges: ArrayLike, counts: Iterable[float]) -> str: ...  # noqa: D102
+    def level(self, value: float, kind: str) -> str: ...  # noqa: D102
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A rectangle of a figure: its axes and what is drawn there, for SVG and for matplotlib.
+
+    Attributes
+    ----------
+    x, y : (low, high)
+        Ends of the axes.
+    x_words, y_words : str
+        What the numbers are.
+    draw : function of a Canvas
+    mark : str
+        By which thousands of the first axis are parted.
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    x_words: str
+    y_words: str
+    draw: Callable[[Canvas], Sequence[str]]
+    mark: str = ""
+
+    def at(self, left: float, top: float, width: float, height: float) -> Plot:
+        """The plot that it is in a drawing."""
+        return Plot(left, top, width, height, Axis(*self.x), Axis(*self.y))
 
 
 def compass_ticks() -> list[tuple[float, str]]:
@@ -285,11 +335,6 @@ def thinned(rows: Floats, most: int) -> Floats:
     """Every k-th of more rows than `most`."""
     few: Floats = rows[:: max(1, -(-len(rows) // most))]
     return few
-
-
-def offset_arm(x0: float, y0: float, x1: float, y1: float) -> str:
-    """Hard iron: a line from zero to the centre, and a dot there."""
-    return segment("iron", x0, y0, x1, y1) + circle("iron-end", x1, y1, 3)
 
 
 def clipped(name: str, outline: str, *parts: str) -> str:

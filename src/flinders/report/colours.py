@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from functools import cache
 from typing import Final, Literal
 
 Theme = Literal["light", "dark"]
@@ -81,12 +82,12 @@ SERIES: Final[dict[Theme, tuple[str, ...]]] = {
 
 
 def colour_of(name: str, theme: Theme) -> str:
-    """The colour that a style sheet means by a name: a role, or ``c0`` to ``c5`` for a line of several.
+    """The colour that a style sheet means by a name: a role, a line of several, or a class of a map.
 
-    >>> colour_of("ink", "dark"), colour_of("c1", "light")
-    ('#eef2f6', '#d55e00')
+    >>> colour_of("ink", "dark"), colour_of("c1", "light"), colour_of("s1", "light")
+    ('#eef2f6', '#d55e00', '#b9d7ee')
     """
-    return ROLES[theme].get(name) or SERIES[theme][int(name[1:])]
+    return _palette(theme)[name]
 
 
 def error_colour(deg: float | None, target_deg: float, theme: Theme) -> str:
@@ -113,14 +114,18 @@ def class_of(deg: float | None, target_deg: float) -> str:
 
 def variables(theme: Theme) -> str:
     """All colours of a theme as CSS variables."""
+    return " ".join(f"--{name}: {colour};" for name, colour in _palette(theme).items())
+
+
+@cache
+def _palette(theme: Theme) -> dict[str, str]:
+    """Colours by name: roles, lines of several (c), and the classes of errors (e) and of readings (s)."""
     low, high = _ends()
     middles = [math.exp(low + (step + 0.5) / STEPS * (high - low)) for step in range(STEPS)]
-    named = {
-        **ROLES[theme],
-        **{f"e{step}": error_colour(ratio, 1.0, theme) for step, ratio in enumerate(middles)},
-        **{f"s{level}": colour for level, colour in enumerate(SEEN[theme])},
-    }
-    return " ".join(f"--{name}: {colour};" for name, colour in named.items())
+    errors = [error_colour(ratio, 1.0, theme) for ratio in middles]
+    series = {"c": SERIES[theme], "e": errors, "s": SEEN[theme]}
+    numbered = {f"{letter}{place}": one for letter, row in series.items() for place, one in enumerate(row)}
+    return ROLES[theme] | numbered
 
 
 def seen_ends(share: float) -> tuple[int, int, int]:

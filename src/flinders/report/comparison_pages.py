@@ -25,7 +25,7 @@ from flinders.errors import counted, figures
 from flinders.findings import VERDICTS
 from flinders.geometry.ellipsoid import upper
 from flinders.report.formatting import FINEST, angle, degrees, on_the_point, p_value, with_uncertainty
-from flinders.report.layout import COLOURS, lines, notes, page, styled, table, verdict
+from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

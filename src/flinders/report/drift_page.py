@@ -19,7 +19,7 @@ from flinders.errors import counted, figures, percent
 from flinders.report.fleet import about_order, chance, when
 from flinders.report.fleet_view import STATES
 from flinders.report.formatting import degrees
-from flinders.report.layout import page, styled, table
+from flinders.report.terminal import page, styled, table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,5 +1,7 @@
 """What figures are made of: a fit as a `View`, and some of the readings that it came from.
 
+A calibration from a file and a recording are `restored` to the fit that they would be: nothing is fitted anew.
+
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
 >>> samples = simulate.tumble(seed=1).samples
@@ -8,29 +10,44 @@
 (1000, 3000, 3, 's')
 >>> bool(np.linalg.norm(drawn.corrected, axis=1).std() < 1.1 * drawn.view.noise)
 True
+>>> from flinders.fitting.result import Fit
+>>> fit = calibrate.fit(samples)
+>>> again = restored(Fit.from_document(fit.to_document()), samples)
+>>> again.verdict, abs(again.heading_error_deg.worst - fit.heading_error_deg.worst) < 1e-9
+('good', True)
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 import msgspec
 import numpy as np
 
+from flinders.comparison.comparison import Strength
 from flinders.core.compensation import compensated
 from flinders.core.samples import Samples, singles
 from flinders.core.units import label
 from flinders.diagnostics.random_walk import FEWEST, random_walk_of
+from flinders.estimators.data import concatenated
+from flinders.findings import Finding, by_severity
+from flinders.geometry.plane import down_of
+from flinders.heading.error_propagation import level_error
 from flinders.report.view import lengths_off, view
+from flinders.summary.cloud import Cloud
+from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
     from flinders.core.samples import Recording
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit
+    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
     from flinders.report.view import Shown, View
 
@@ -100,12 +117,9 @@ class FigureData:
         InputError
             For a recording that cannot be read, or lacks what the calibration follows.
         """
-        disturbances = () if fit is None else fit.calibration.disturbances
-        recorded, driving = (
-            _whole(recording),
-            {disturbance.name: _column(recording, disturbance.name) for disturbance in disturbances},
-        )
-        samples = recorded if fit is None or not disturbances else _whole(compensated(recording, fit.calibration))
+        recorded = whole(recording)
+        names = [] if fit is None else [disturbance.name for disturbance in fit.calibration.disturbances]
+        samples = whole(compensated(recording, fit.calibration)) if fit is not None and names else recorded
         seen = None if fit is None else _seen(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:
@@ -117,7 +131,7 @@ class FigureData:
             samples,
             samples.field[::stride],
             recorded.field[::stride],
-            {name: values[::stride] for name, values in driving.items()},
+            {name: column[::stride] for name in names if (column := recorded.driving(name)) is not None},
             when[::stride],
             clock,
             is_used[::stride],
@@ -126,23 +140,6 @@ class FigureData:
             label(recording.unit.inside),
             None if fit is None else fit.plane,
         )
-
-    def without_claims(self) -> Self:
-        """The same of a calibration that states no uncertainty: nothing is known of the errors to expect."""
-        if self.view is None:
-            return self
-        view = msgspec.structs.replace(
-            self.view,
-            heading_error_deg=None,
-            attitude_limit_deg=None,
-            any_attitude_deg=None,
-            offset_sigma=None,
-            matrix_sigma=None,
-            tiles_deg=(None,) * len(self.view.tiles_deg),
-            guidance=None,
-            turn=None,
-        )
-        return replace(self, view=view)
 
     @property
     def shown(self) -> Shown | None:
@@ -195,27 +192,9 @@ def _seen(fit: Fit, samples: Samples) -> View:
     return msgspec.structs.replace(seen, guidance=None) if fit.verdict == "good" else seen
 
 
-def _whole(recording: Recording) -> Samples:
-    """All readings in memory, with their time where every block has it."""
-    if isinstance(recording, Samples):
-        return recording
-    blocks = list(recording.blocks())
-    if not blocks:
-        return Samples.of(np.empty((0, 3)), unit=recording.unit)
-    times = [block.time for block in blocks if block.time is not None]
-    return Samples(
-        np.concatenate([block.field for block in blocks]),
-        unit=blocks[0].unit,
-        axes=blocks[0].axes,
-        time=np.concatenate(times) if len(times) == len(blocks) else None,
-        source=recording.source,
-    )
-
-
-def _column(recording: Recording, name: str) -> Floats:
-    """(N,) what drives the offset, of all readings."""
-    columns = (block.driving(name) for block in recording.blocks())
-    return np.concatenate([column for column in columns if column is not None] or [np.empty(0)])
+def whole(recording: Recording) -> Samples:
+    """All readings of a recording in memory."""
+    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
 
 
 def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
@@ -224,3 +203,72 @@ def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
     if time is not None and is_one and len(time) and np.isfinite(time).all() and (np.diff(time) >= 0.0).all():
         return time - time[0], "s"
     return np.arange(1.0, len(samples) + 1.0), "reading"
+
+
+# -------------------------------------------------------------------------------- a calibration from a file
+
+UNEVEN: Final = (0.97, 1.03, 0.05)
+"""Least and most of a mean strength, and a spread, beyond which a recording and a calibration are said not to match."""
+
+ODD_STRENGTH: Final = (
+    "Under this calibration the readings are {mean:.3f} times as long as its field, with a spread of {spread:.1%}: it "
+    "may be that of another sensor, or something has changed since. flinders check tells more."
+)
+
+NO_UNCERTAINTY: Final = Finding(
+    "no-uncertainty",
+    "limits",
+    math.nan,
+    math.nan,
+    "the calibration file states no uncertainty, as one does that was imported: how good headings are is not known. "
+    "Calibrate from a recording to know it",
+)
+
+
+def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None, dip_deg: float | None = None) -> Fit:
+    """Put a calibration and a recording together.
+
+    Parameters
+    ----------
+    fit : Fit
+        Loaded from its file. Where it states no uncertainty, so does the result, with a finding that says so.
+    recording : Recording
+        In the unit and axes of the calibration.
+    target_deg, dip_deg : float, optional
+        As asked for; by default those of the file, else 1° and 60°. Where the dip is another one, the heading error is
+        computed anew from the covariance.
+    """
+    field = whole(recording).field
+    dip = fit.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.known_dip_deg)
+    expected = level_error(fit.ellipsoid, fit.covariance, dip_deg=dip, down=down_of(fit.plane))
+    unstated = () if fit.states_uncertainty else (NO_UNCERTAINTY,)
+    strength = Strength.under(fit.calibration.at(), field)
+    noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
+    together = replace(
+        fit,
+        noise=noise if math.isnan(fit.noise) else fit.noise,
+        samples=fit.samples if fit.is_described else len(field),
+        coverage=_coverage(field, fit.ellipsoid),
+        heading_error_deg=expected,
+        target_deg=target_deg or fit.target_deg,
+        dip_deg=abs(dip) if dip_deg is None else dip_deg,
+        disturbances_covariance=None,
+        aiding=None,
+        findings=by_severity([*fit.findings, *unstated]),
+    )
+    return replace(together, heading_error_deg=expected.beside(together.structure_deg))
+
+
+def doubts(calibration: Calibration, recording: Recording) -> list[str]:
+    """What is odd about the pair, in sentences."""
+    strength, (least, most, spread) = Strength.under(calibration, whole(recording).field), UNEVEN
+    if least <= strength.mean <= most and strength.spread <= spread:
+        return []
+    return [ODD_STRENGTH.format(mean=strength.mean, spread=strength.spread)]
+
+
+def _coverage(field: Floats, ellipsoid: Ellipsoid) -> Coverage:
+    """Directions of readings under a calibration, counted as those of a fit are."""
+    if not len(field):
+        return Coverage.of(np.array([[0.0, 0.0, 1.0]]), np.zeros(1))
+    return Coverage.through(Cloud.of(field), ellipsoid)

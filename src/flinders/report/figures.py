@@ -24,13 +24,13 @@ from flinders.geometry.sphere import tiles
 from flinders.report.charts import (
     MOST_DOTS,
     Axis,
+    Panel,
     Plot,
     chart,
     circle,
     clipped,
     compass_ticks,
     labelled,
-    offset_arm,
     outline_of,
     rectangle,
     round_up,
@@ -45,15 +45,14 @@ from flinders.report.formatting import minus
 from flinders.report.sections import with_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from numpy.typing import ArrayLike
+    from collections.abc import Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.disturbance import Disturbance
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
+    from flinders.report.charts import Canvas
     from flinders.report.figure_data import FigureData
     from flinders.report.view import View
 
@@ -77,9 +76,13 @@ SIGMAS: Final = 4.5
 PARAMETERS: Final = ("bx", "by", "bz", "Sxx", "Syy", "Szz", "Sxy", "Sxz", "Syz")
 
 
-def _wide(top: float, height: float, span: tuple[float, float], ends: tuple[float, float]) -> Plot:
-    """A plot as wide as the page."""
-    return Plot(LEFT, top, WIDE - 88, height, Axis(*span), Axis(*ends))
+def _framed(panel: Panel, title: str, *, left: float = LEFT, wide: float = WIDE, height: float = 170.0) -> str:
+    """A panel as a figure: its grid and the names of its axes."""
+    plot = panel.at(left, 10, wide - left - (30 if left == LEFT else 12), height)
+    parts = [plot.grid(8 if left == LEFT else 5, mark=panel.mark), *panel.draw(plot)]
+    parts.append(text(plot.middle, plot.bottom + 36, panel.x_words))
+    parts.append(text(14, plot.top + plot.height / 2, panel.y_words, is_turned=True))
+    return chart(wide, plot.bottom + 42, title, *parts)
 
 
 # ------------------------------------------------------------------------------------------------------- projections
@@ -91,26 +94,34 @@ def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
 
 
 def _projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> str:
-    (i, j), name = plane, "after" if is_corrected else "before"
-    points, low, high = extents(drawn, is_corrected=is_corrected)
-    inner = SIDE - EDGE - 8
-    plot = Plot(EDGE, 8, inner, inner, Axis(low[i], high[i]), Axis(low[j], high[j]))
-    used, out = points[drawn.is_used], points[~drawn.is_used]
-    edge = outline(drawn, plane, is_corrected=is_corrected)
-    inside = [plot.dots(name, used[:, i], used[:, j]), plot.crosses(out[:, i], out[:, j])]
-    inside.append(shape(f"outline {name}", plot.places(*edge.T), is_closed=True))
-    if not is_corrected and drawn.shown is not None:
-        offset = drawn.shown.offset
-        inside.append(offset_arm(plot.x(0.0), plot.y(0.0), plot.x(offset[i]), plot.y(offset[j])))
+    (i, j), name, inner = plane, "after" if is_corrected else "before", SIDE - EDGE - 8
+    panel = projection(drawn, plane, is_corrected=is_corrected)
+    plot = panel.at(EDGE, 8, inner, inner)
     return chart(
         SIDE,
         SIDE,
         f"Projection {AXES[i]}{AXES[j]} {name} correction",
         plot.grid(),
-        text(plot.right - 6, plot.bottom - 6, f"{AXES[i]}, {drawn.unit}", "end", "name halo"),
+        text(plot.right - 6, plot.bottom - 6, panel.x_words, "end", "name halo"),
         text(plot.left + 6, plot.top + 14, AXES[j], "start", "name halo"),
-        plot.clipped(f"clip-{name}-{i}{j}", *inside),
+        plot.clipped(f"clip-{name}-{i}{j}", *panel.draw(plot)),
     )
+
+
+def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Panel:
+    """Readings seen along an axis, with the outline of the ellipsoid or sphere."""
+    (i, j), name, shown = plane, "after" if is_corrected else "before", drawn.shown
+    points, low, high = extents(drawn, is_corrected=is_corrected)
+    used, out = points[drawn.is_used], points[~drawn.is_used]
+    edge = outline(drawn, plane, is_corrected=is_corrected)
+
+    def draw(plot: Canvas) -> list[str]:
+        marks = [plot.dots(name, used[:, i], used[:, j]), plot.crosses(out[:, i], out[:, j])]
+        marks.append(plot.line(f"outline {name}", *edge.T, is_closed=True))
+        return marks if is_corrected or shown is None else [*marks, plot.arm(shown.offset[i], shown.offset[j])]
+
+    across, up = ((float(low[axis]), float(high[axis])) for axis in plane)
+    return Panel(across, up, f"{AXES[i]}, {drawn.unit}", f"{AXES[j]}, {drawn.unit}", draw)
 
 
 def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, Floats]:
@@ -211,8 +222,7 @@ def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
         plot.crosses(*out.T[:2]),
     ]
     if not is_corrected and shown is not None and not origin.any():
-        x, y, _ = eye @ np.array(shown.offset)
-        parts.append(offset_arm(plot.x(0.0), plot.y(0.0), plot.x(x), plot.y(y)))
+        parts.append(plot.arm(*(eye @ np.array(shown.offset))[:2].tolist()))
     return chart(SIDE, SIDE, f"Readings {name} correction, in three dimensions", *parts)
 
 
@@ -238,24 +248,21 @@ def _triad(ends: Floats) -> str:
 def _ball(view: View, target_deg: float) -> str:
     """The sphere of tiles from the same eye."""
     eye, radius, middle = _eye(), (SIDE - 8) / 2.5, SIDE / 2.0
-
-    def seen(vectors: ArrayLike) -> Floats:
-        places: Floats = middle + radius * ((np.asarray(vectors, float) @ eye.T)[..., :2] * [1.0, -1.0])
-        return places
-
+    plot = Plot(middle - radius, middle - radius, 2 * radius, 2 * radius, Axis(-1.0, 1.0), Axis(-1.0, 1.0))
+    polygons = tiles().polygons()
     facing = np.flatnonzero(tiles().centres @ eye[2] > -0.08)
-    placed = [(tile, seen(ring)) for tile, ring in _rings(facing)]
+    rings = {tile: (polygons[tile] @ eye.T)[:, :2] for tile in facing.tolist()}
     rim = circle("", middle, middle, radius)
-    parts = [_hatch("hatch-ball"), clipped("ball", rim, _error_tiles(view, target_deg, placed, "hatch-ball"))]
+    parts = [_hatch("hatch-ball"), clipped("ball", rim, *_errors(plot, view, target_deg, rings, "hatch-ball"))]
     for end in (sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)):
         if end @ eye[2] > 0.0:
             name = f"{'−' * bool(end.min() < 0.0)}{AXES[int(np.abs(end).argmax())]}"
-            (x0, y0), (x1, y1), (x2, y2) = seen([end, 1.16 * end, 1.26 * end]).tolist()
+            right, up = np.outer([1.0, 1.16, 1.26], eye[:2] @ end).T
+            (x0, y0), (x1, y1), (x2, y2) = plot.places(right, up).tolist()
             parts.append(segment("axis", x0, y0, x1, y1) + text(x2, y2 + 4, name, kind="name"))
     if view.guidance is not None and view.guidance.direction is not None:
-        there = np.array(view.guidance.direction)
-        x, y = seen(there).tolist()
-        parts.append(circle("next behind" if there @ eye[2] <= 0.0 else "next", x, y, 9))
+        right, up, near = eye @ np.array(view.guidance.direction)
+        parts.append(circle("next behind" if near <= 0.0 else "next", plot.x(right), plot.y(up), 9))
     return chart(SIDE, SIDE, "Predicted heading error in each direction, on the sphere", *parts)
 
 
@@ -267,25 +274,21 @@ def _hatch(name: str) -> str:
     )
 
 
-def _rings(which: Iterable[int]) -> list[tuple[int, Floats]]:
-    """Corners of some tiles."""
-    polygons = tiles().polygons()
-    return [(int(tile), polygons[tile]) for tile in which]
-
-
-def _tiled(classes: Sequence[str], placed: Sequence[tuple[int, Floats]]) -> str:
+def _tiled(plot: Canvas, classes: Sequence[str], rings: Mapping[int, Floats]) -> list[str]:
     """Tiles of one class as one path each."""
-    paths: dict[str, str] = {}
-    for tile, ring in placed:
-        paths[classes[tile]] = paths.get(classes[tile], "") + outline_of(ring, is_closed=True)
-    return "".join(f'<path class="tile {kind}" d="{outline}"/>' for kind, outline in paths.items())
+    sorted_rings: dict[str, list[Floats]] = {}
+    for tile, ring in rings.items():
+        sorted_rings.setdefault(classes[tile], []).append(ring)
+    return [plot.tiles(kind, rings) for kind, rings in sorted_rings.items()]
 
 
-def _error_tiles(view: View, target_deg: float, placed: Sequence[tuple[int, Floats]], hatch: str) -> str:
+def _errors(plot: Plot, view: View, target_deg: float, rings: Mapping[int, Floats], hatch: str) -> list[str]:
     """Tiles in the colours of their errors; those without a reading are hatched besides."""
-    classes = [class_of(error, target_deg) for error in view.tiles_deg]
-    unseen = "".join(outline_of(ring, is_closed=True) for tile, ring in placed if not view.tiles_seen[tile])
-    return _tiled(classes, placed) + (f'<path fill="url(#{hatch})" d="{unseen}"/>' if unseen else "")
+    unseen = "".join(
+        outline_of(plot.places(*ring.T), is_closed=True) for tile, ring in rings.items() if not view.tiles_seen[tile]
+    )
+    hatched = [f'<path fill="url(#{hatch})" d="{unseen}"/>'] if unseen else []
+    return [*_tiled(plot, error_classes(view, target_deg), rings), *hatched]
 
 
 # -------------------------------------------------------------------------------------------------------------- maps
@@ -293,35 +296,59 @@ def _error_tiles(view: View, target_deg: float, placed: Sequence[tuple[int, Floa
 DISC, MAP_WIDE, MAP_HIGH = 114.0, 552, 282
 MIDDLES: Final = (136.0, 416.0)
 MIDDLE: Final = MAP_HIGH / 2.0 + 4.0
+ROUND: Final = (-math.sqrt(2.0), math.sqrt(2.0))
+"""Ends of both axes of a hemisphere in Lambert's azimuthal projection, which keeps areas."""
 
 
 def error_map(view: View, target_deg: float) -> str:
-    """Predicted error of all directions: two hemispheres in Lambert's azimuthal projection, which keeps areas."""
-    tiled = [_error_tiles(view, target_deg, _disc(place, up), "hatch-map") for place, up in enumerate((1.0, -1.0))]
-    parts = [_hatch("hatch-map"), *_discs("error", tiled)]
+    """Predicted error of all directions: two hemispheres, those without a reading hatched."""
+    insides = [_errors(plot, view, target_deg, hemisphere(up), "hatch-map") for plot, up in _discs()]
+    parts = [_hatch("hatch-map"), *_framed_discs("error", insides)]
     if view.guidance is not None and view.guidance.direction is not None:
-        there = np.array(view.guidance.direction)
-        place = 0 if there[2] >= 0.0 else 1
-        ((x, y),) = _lambert(there[np.newaxis], place, 1.0 - 2.0 * place).tolist()
+        there = np.array([view.guidance.direction])
+        plot, up = _discs()[0 if there[0, 2] >= 0.0 else 1]
+        ((x, y),) = plot.places(*_lambert(there, up).T).tolist()
         parts.append(circle("next", x, y, 8))
     return chart(MAP_WIDE, MAP_HIGH, "Map of the predicted heading error over all directions of the field", *parts)
 
 
 def coverage_map(view: View) -> str:
     """Readings in each direction, on the same map."""
+    insides = [_tiled(plot, seen_classes(view), hemisphere(up)) for plot, up in _discs()]
+    title = "Map of the readings over all directions of the field"
+    return chart(MAP_WIDE, MAP_HIGH, title, *_framed_discs("seen", insides))
+
+
+def hemisphere_panel(classes: Sequence[str], up: float) -> Panel:
+    """A hemisphere, its tiles in the colours of their classes."""
+    return Panel(ROUND, ROUND, "+x", "", lambda plot: _tiled(plot, classes, hemisphere(up)))
+
+
+def error_classes(view: View, target_deg: float) -> list[str]:
+    """Class of each tile by its predicted error."""
+    return [class_of(error, target_deg) for error in view.tiles_deg]
+
+
+def seen_classes(view: View) -> list[str]:
+    """Class of each tile by its readings."""
     ends = _seen_ends(view)
-    classes = [f"s{seen_level(count, ends)}" for count in view.tiles_seen]
-    tiled = [_tiled(classes, _disc(place, up)) for place, up in enumerate((1.0, -1.0))]
-    return chart(MAP_WIDE, MAP_HIGH, "Map of the readings over all directions of the field", *_discs("seen", tiled))
+    return [f"s{seen_level(count, ends)}" for count in view.tiles_seen]
 
 
-def _discs(name: str, tiled: Sequence[str]) -> list[str]:
+def _discs() -> list[tuple[Plot, float]]:
+    """Where both hemispheres lie on the map, and where z points in each."""
+    axis, size = Axis(*ROUND), 2.0 * DISC
+    plots = [Plot(middle - DISC, MIDDLE - DISC, size, size, axis, axis) for middle in MIDDLES]
+    return list(zip(plots, (1.0, -1.0), strict=True))
+
+
+def _framed_discs(name: str, insides: Sequence[Sequence[str]]) -> list[str]:
     """Both hemispheres, each with its edge, where x and y point, and which one it is."""
     parts = []
-    for place, (x, sides, inside) in enumerate(zip(MIDDLES, ("+z +y −y", "−z −y +y"), tiled, strict=True)):
+    for place, (x, sides, inside) in enumerate(zip(MIDDLES, ("+z +y −y", "−z −y +y"), insides, strict=True)):
         pole, above, below = sides.split()
         parts += [
-            clipped(f"{name}-{place}", circle("", x, MIDDLE, DISC), inside),
+            clipped(f"{name}-{place}", circle("", x, MIDDLE, DISC), *inside),
             circle("rim", x, MIDDLE, DISC),
             segment("meridian", x - DISC, MIDDLE, x + DISC, MIDDLE),
             segment("meridian", x, MIDDLE - DISC, x, MIDDLE + DISC),
@@ -334,20 +361,17 @@ def _discs(name: str, tiled: Sequence[str]) -> list[str]:
     return parts
 
 
-def _disc(place: int, up: float) -> list[tuple[int, Floats]]:
-    """Tiles of a hemisphere, and those that reach into it, where they lie on the map."""
-    which = np.flatnonzero(up * tiles().centres[:, 2] > -0.12)
-    return [(tile, _lambert(ring, place, up)) for tile, ring in _rings(which)]
+def hemisphere(up: float) -> dict[int, Floats]:
+    """Corners of the tiles of a hemisphere, and of those that reach into it, on a disc of radius √2, by tile."""
+    polygons = tiles().polygons()
+    return {tile: _lambert(polygons[tile], up) for tile in np.flatnonzero(up * tiles().centres[:, 2] > -0.12).tolist()}
 
 
-def _lambert(directions: Floats, place: int, up: float) -> Floats:
-    """(k, 2) places of (k, 3) unit vectors: at √(2/(1 + z)) (x, y), so that a hemisphere has the radius √2.
-
-    Both are seen from outside: y is up in the first, down in the second.
-    """
+def _lambert(directions: Floats, up: float) -> Floats:
+    """(k, 2) of (k, 3) unit vectors: √(2/(1 + z)) (x, y), seen from outside: y is up for z, down for −z."""
     x, y, z = directions.T
-    scale = DISC / math.sqrt(2.0) * np.sqrt(2.0 / (1.0 + up * z).clip(min=0.05))
-    return np.stack([MIDDLES[place] + scale * x, MIDDLE - up * scale * y], axis=1)
+    scale = np.sqrt(2.0 / (1.0 + up * z).clip(min=0.05))
+    return np.stack([scale * x, up * scale * y], axis=1)
 
 
 def error_legend(target_deg: float) -> list[tuple[str, str]]:
@@ -377,21 +401,26 @@ def _seen_ends(view: View) -> tuple[int, int, int]:
 
 def residuals(drawn: FigureData) -> str:
     """How much longer each corrected reading is than the field, over time; those left out as crosses."""
+    return _framed(residuals_over_time(drawn), "Residuals over time")
+
+
+def residuals_over_time(drawn: FigureData) -> Panel:
+    """Residuals, those left out as crosses, with the band of two standard deviations."""
     assert drawn.view is not None
     noise, when, is_used = drawn.view.noise or 0.0, drawn.when, drawn.is_used
     end = SIGMAS * noise if noise > 0.0 else float(np.abs(drawn.residuals).max(initial=0.0)) or 1.0
     span = (float(when[0]), float(when[-1])) if len(when) > 1 and when[-1] > when[0] else (0.0, 1.0)
-    plot, off = _wide(10, 170, span, (-end, end)), drawn.residuals.clip(-end, end)
-    twice = min(2.0 * noise, end)
-    parts = [
-        plot.grid(8, mark=_thousands(span, drawn.clock)),
-        plot.area("band", span, [-twice] * 2, [twice] * 2) if noise > 0.0 else "",
-        plot.dots("after", when[is_used], off[is_used], most=len(off)),
-        plot.crosses(when[~is_used], off[~is_used]),
-        text(plot.middle, 216, "seconds" if drawn.clock == "s" else "number of the reading"),
-        text(14, plot.top + plot.height / 2, drawn.unit, is_turned=True),
-    ]
-    return chart(WIDE, 222, "Residuals over time", *parts)
+    off, twice = drawn.residuals.clip(-end, end), min(2.0 * noise, end)
+
+    def draw(plot: Canvas) -> list[str]:
+        return [
+            plot.area("band", span, [-twice] * 2, [twice] * 2) if noise > 0.0 else "",
+            plot.dots("after", when[is_used], off[is_used], most=len(off)),
+            plot.crosses(when[~is_used], off[~is_used]),
+        ]
+
+    words = "seconds" if drawn.clock == "s" else "number of the reading"
+    return Panel(span, (-end, end), words, drawn.unit, draw, _thousands(span, drawn.clock))
 
 
 def _thousands(span: tuple[float, float], clock: str) -> str:
@@ -400,16 +429,22 @@ def _thousands(span: tuple[float, float], clock: str) -> str:
 
 def histogram(view: View, unit: str) -> str:
     """Residuals counted, with the bell of as many and as much noise."""
+    return _framed(residuals_counted(view, unit), "Histogram of the residuals", left=46, wide=SIDE + 100)
+
+
+def residuals_counted(view: View, unit: str) -> Panel:
+    """Residuals counted, with the bell of as many and as much noise."""
     assert view.residuals is not None
     edges, counts, noise = view.residuals.edges, view.residuals.counts, view.noise or 0.0
     middles = np.linspace(edges[0], edges[-1], 121)
     height = sum(counts) * (edges[1] - edges[0]) / (noise * math.sqrt(2.0 * math.pi)) if noise > 0.0 else 0.0
     bell = height * np.exp(-0.5 * (middles / (noise or 1.0)) ** 2)
+
+    def draw(plot: Canvas) -> list[str]:
+        return [plot.bars("bar", edges, counts), plot.line("line", middles, bell)]
+
     most = 1.08 * max(*counts, height, 1.0)
-    plot = Plot(46, 10, SIDE + 100 - 58, 170, Axis(edges[0], edges[-1]), Axis(0.0, most))
-    parts = [plot.grid(), plot.bars("bar", edges, counts), plot.line("line", middles, bell)]
-    parts.append(text(plot.middle, 216, f"longer than the field, {unit}"))
-    return chart(SIDE + 100, 222, "Histogram of the residuals", *parts)
+    return Panel((edges[0], edges[-1]), (0.0, most), f"longer than the field, {unit}", "", draw)
 
 
 STRIP: Final = 72
@@ -431,7 +466,7 @@ def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) ->
     rows = [(value, minus(f"{value:+.3g}") if value else "0") for value in (-end, 0.0, end)]
     parts = []
     for place, axis in enumerate(axes):
-        plot = _wide(10 + place * (STRIP + 18), STRIP, span, (-end, end))
+        plot = Plot(LEFT, 10 + place * (STRIP + 18), WIDE - 88, STRIP, Axis(*span), Axis(-end, end))
         is_last = place == len(axes) - 1
         parts += [
             plot.columns(numbers if is_last else [(value, "") for value, _ in numbers]),
@@ -449,18 +484,21 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
     assert drawn.shown is not None
     driving = drawn.driving[disturbance.name]
     is_shown = drawn.is_used & np.isfinite(driving)
-    values, origin = driving[is_shown], disturbance.reference
-    rows = [drawn.strengths(is_compensated=is_compensated)[is_shown] for is_compensated in (False, True)]
-    low, high = np.quantile(rows, [0.002, 0.998]) if len(values) else (0.0, 1.0)
-    margin = 0.06 * max(float(high - low), 1e-9)
+    values, origin, strength = driving[is_shown], disturbance.reference, drawn.shown.strength
+    rows = {
+        kind: drawn.strengths(is_compensated=is_compensated)[is_shown]
+        for kind, is_compensated in (("before", False), ("after", True))
+    }
+    low, high = np.quantile([*rows.values()], [0.002, 0.998]).tolist() if len(values) else (0.0, 1.0)
+    margin = 0.06 * max(high - low, 1e-9)
     first, last = float(values.min(initial=origin)), float(values.max(initial=origin))
-    plot = _wide(10, 190, (first, max(last, first + 1e-9)), (low - margin, high + margin))
-    parts = [plot.grid(8), *(plot.dots(kind, values, row) for kind, row in zip(("before", "after"), rows, strict=True))]
-    parts.append(plot.level(drawn.shown.strength, "aim"))
-    parts.append(text(plot.middle, 236, with_unit(disturbance)))
-    parts.append(text(14, plot.top + plot.height / 2, drawn.unit, is_turned=True))
+
+    def draw(plot: Canvas) -> list[str]:
+        return [*(plot.dots(kind, values, row) for kind, row in rows.items()), plot.level(strength, "aim")]
+
+    ends = (first, max(last, first + 1e-9)), (low - margin, high + margin)
     title = f"Strength of the corrected field over {disturbance.name}, before and after following it"
-    return chart(WIDE, 242, title, *parts)
+    return _framed(Panel(*ends, with_unit(disturbance), drawn.unit, draw), title, height=190.0)
 
 
 # --------------------------------------------------------------------------------------------------------- deviation
@@ -468,33 +506,46 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
 
 def deviation(view: View, target_deg: float) -> str:
     """A level turn: what the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
-    assert view.turn is not None
-    heading = np.append(view.turn.heading_deg, 360.0)
-    before, sigma = (np.append(row, row[0]) for row in (view.turn.before_deg, view.turn.sigma_deg))
-    end = round_up(1.06 * float(np.abs(before).max()))
-    raw = _turn_plot(24, 180.0 if end > 150.0 else end)
-    most = max(2.0 * float(sigma.max()), 1e-9)
-    has_target = target_deg < 6.0 * most
-    plot = _turn_plot(180, round_up(1.1 * (max(most, target_deg) if has_target else most)))
+    before, after = deviations(view, target_deg)
+    raw, plot = before.at(LEFT, 24, WIDE - 88, 120), after.at(LEFT, 180, WIDE - 88, 120)
     parts = [
         text(raw.left, 15, "before: the raw compass", "start", "name raw"),
         raw.columns([(value, "") for value, _ in compass_ticks()]),
         raw.rows(_degrees(raw)),
-        *(raw.line("curve raw", heading[run], before[run]) for run in _runs(before)),
+        *before.draw(raw),
         text(plot.left, 171, "after: expected, ± 1 σ and ± 2 σ", "start", "name corrected"),
         plot.columns(compass_ticks(), gap=16),
         plot.rows(_degrees(plot)),
-        *(plot.area("band", heading, -factor * sigma, factor * sigma) for factor in (2.0, 1.0)),
-        text(plot.middle, 336, "heading of a level vehicle"),
+        *after.draw(plot),
+        text(plot.middle, 336, after.x_words),
     ]
-    if has_target:
-        parts += [plot.level(sign * target_deg, "aim") for sign in (1.0, -1.0)]
+    if target_deg < plot.up.high:
         parts.append(text(plot.right - 4, plot.y(target_deg) + 13, f"target {target_deg:g}°", "end", "name"))
     return chart(WIDE, 342, "Deviation over the heading, before and after", *parts)
 
 
-def _turn_plot(top: float, end: float) -> Plot:
-    return _wide(top, 120, (0.0, 360.0), (-end, end))
+def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
+    """Deviation over a level turn: of the raw compass, and what to expect of the corrected one."""
+    assert view.turn is not None
+    heading = np.append(view.turn.heading_deg, 360.0)
+    before, sigma = (np.append(row, row[0]) for row in (view.turn.before_deg, view.turn.sigma_deg))
+    largest = round_up(1.06 * float(np.abs(before).max()))
+    most = max(2.0 * float(sigma.max()), 1e-9)
+    has_target = target_deg < 6.0 * most
+
+    def draw_before(plot: Canvas) -> list[str]:
+        return [plot.line("curve raw", heading[run], before[run]) for run in _runs(before)]
+
+    def draw_after(plot: Canvas) -> list[str]:
+        bands = [plot.area("band", heading, -factor * sigma, factor * sigma) for factor in (2.0, 1.0)]
+        return bands + [plot.level(sign * target_deg, "aim") for sign in (1.0, -1.0) if has_target]
+
+    words, turn = "heading of a level vehicle", (0.0, 360.0)
+    ends = 180.0 if largest > 150.0 else largest, round_up(1.1 * (max(most, target_deg) if has_target else most))
+    raw, corrected = ((-end, end) for end in ends)
+    return Panel(turn, raw, words, "before, °", draw_before), Panel(
+        turn, corrected, words, "after, ± 1 σ, ± 2 σ, °", draw_after
+    )
 
 
 def _degrees(plot: Plot) -> list[tuple[float, str]]:

@@ -1,34 +1,22 @@
-"""Calibrations as pages for the terminal: of a recording, merged, typed, of a turn in one plane, of several sensors.
-
->>> from flinders.geometry.plane import PlaneEllipse, Turn
->>> heading = np.radians(np.arange(0, 360, 10))
->>> points = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5], axis=1)
->>> turn = Turn.of("xy", points, PlaneEllipse.of_points(points))
->>> [row[:2] for row in plane_rows(turn, "µT")][1:4]
-[('mean Hx', '10.0000 µT'), ('mean Hy', '-5.0000 µT'), ('eigenvalues', '450.000, 200.000')]
->>> spacing_words(turn, 1.0, is_mean=True)
-'36 points, widest gap 10°, first harmonic 0.000, second 0.000: evenly spaced, the mean can be trusted'
-"""
+"""Calibrations as pages for the terminal: of a recording, merged, typed, of several sensors."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.comparison.composition import ANY_ANGLE, in_words
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.fitting.advice import UPSIDE_DOWN, movement
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
-from flinders.geometry.plane import across
 from flinders.report.formatting import degrees, p_value, written_time
-from flinders.report.layout import COLOURS, notes, numbers, page, styled, table, verdict
 from flinders.report.sections import mounting
+from flinders.report.terminal import COLOURS, notes, numbers, page, styled, table, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -36,17 +24,12 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from flinders.comparison.composition import Composed
     from flinders.comparison.merging import Merged
     from flinders.comparison.multi_sensor import Member, Together
     from flinders.errors import FlindersError
     from flinders.findings import Finding, Verdict
     from flinders.fitting.axis_extremes import Extremes
-    from flinders.geometry.plane import PlaneEllipse, Turn
     from flinders.heading.error_propagation import HeadingError
-
-NEGLIGIBLE: Final = 0.1
-"""Of the target: what costs less is not worth a word."""
 
 
 def of_fit(fit: Fit) -> RenderableType:
@@ -57,9 +40,9 @@ def of_fit(fit: Fit) -> RenderableType:
     """
     if fit.verdict != "refused":
         result = numbers(fit.calibration, fit.offset_sigma, fit.noise)
-        return Group(page(_before_and_after(fit), result, _fit_verdict(fit)), _findings(fit.findings, movement(fit)))
+        return Group(page(_before_and_after(fit), result, _fit_verdict(fit)), findings(fit.findings, movement(fit)))
     reasons = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
-    return Group(page(_fit_verdict(fit)), _findings(reasons, movement(fit)))
+    return Group(page(_fit_verdict(fit)), findings(reasons, movement(fit)))
 
 
 def of_merged(merged: Merged) -> RenderableType:
@@ -67,7 +50,7 @@ def of_merged(merged: Merged) -> RenderableType:
     is_refused = merged.verdict == "refused"
     said = [finding for finding in merged.findings if finding.severity != "note" or not is_refused]
     result = None if is_refused else numbers(merged.calibration, merged.offset_sigma, merged.noise)
-    return Group(page(_merged_parts(merged), result, _merged_verdict(merged)), _findings(said))
+    return Group(page(_merged_parts(merged), result, _merged_verdict(merged)), findings(said))
 
 
 def of_extremes(extremes: Extremes) -> RenderableType:
@@ -80,20 +63,7 @@ def of_extremes(extremes: Extremes) -> RenderableType:
         "six typed numbers; minmax",
     )
     result = numbers(extremes.calibration, unknown, None)
-    return Group(page(extremes_table(extremes), result, said), _findings(extremes.findings))
-
-
-def of_turn(fit: Fit, turn: Turn, *, composed: Composed | None, after: str | None) -> RenderableType:
-    """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
-    mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
-    headings = (
-        f"plane {turn.plane}, turned about {across(turn.plane)}",
-        Column("mean and scatter", justify="right", style=mean_style),
-        Column("least squares", justify="right", style=least_style),
-    )
-    recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
-    words = spacing_words(turn, fit.target_deg, is_mean=is_mean(fit))
-    return Group(page(recipe, words), of_fit(fit), *([] if composed is None else [_composed(composed, after)]))
+    return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
 
 def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
@@ -136,7 +106,7 @@ def of_several(together: Together, target_deg: float) -> RenderableType:
 # ---------------------------------------------------------------------------------------------------------- one fit
 
 
-def _findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
+def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
     """What limits it and what to do; how to move on, which is `turn`, is said once."""
     said: list[tuple[str, str]] = []
     is_repeated = False
@@ -158,13 +128,14 @@ def _before_and_after(fit: Fit) -> Table:
     return table(("", "strength", "spread", "heading error, rms", "worst"), [before, after])
 
 
-def _good_to(error: HeadingError, target_deg: float) -> str:
+def good_to(error: HeadingError, target_deg: float) -> str:
+    """Say to how much the worst heading is good, and to how much it should be."""
     return f"worst heading good to {degrees(error.worst)} (1 σ; the target is {target_deg:g}°)"
 
 
 def _fit_verdict(fit: Fit) -> Table:
     """What a fit is good for, and for whom the number holds."""
-    is_refused, within = fit.verdict == "refused", _good_to(fit.heading_error_deg, fit.target_deg)
+    is_refused, within = fit.verdict == "refused", good_to(fit.heading_error_deg, fit.target_deg)
     words = {
         "good": f"{within}, {_reach(fit)}",
         "limited": f"{within}, with these limits:",
@@ -202,7 +173,7 @@ def _merged_parts(merged: Merged) -> Table:
 
 
 def _merged_verdict(merged: Merged) -> Table:
-    within = _good_to(merged.heading_error_deg, merged.target_deg)
+    within = good_to(merged.heading_error_deg, merged.target_deg)
     words = {
         "good": within,
         "limited": f"{within}, with these limits:",
@@ -243,75 +214,6 @@ def _decimals(extremes: Extremes) -> int:
     """Decimals that all six numbers need, up to six digits in all."""
     written = [f"{value:.6g}" for value in [*extremes.low.tolist(), *extremes.high.tolist()]]
     return 3 if any("e" in text for text in written) else max(len(text.partition(".")[2]) for text in written)
-
-
-# ------------------------------------------------------------------------------------------------ a turn in one plane
-
-
-def is_mean(fit: Fit) -> bool:
-    """Whether the offset is the mean of the points."""
-    return fit.method.startswith("two-axis")
-
-
-def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
-    """Name, what mean and scatter give and what least squares give, of each number of the recipe."""
-    points, axes = f"{turn.spacing.points:,}", ["xyz".index(axis) + 1 for axis in turn.plane]
-    entries = [f"S{row}{column}" for row in axes for column in axes]
-    means = [f"mean H{axis}" for axis in turn.plane]
-    names = (*means, "eigenvalues", "semi-axes", "axis ratio", "skew angle", *entries)
-    cells = (_ellipse_cells(ellipse, unit) for ellipse in (turn.recipe, turn.ellipse))
-    return [("points", points, points), *zip(names, *cells, strict=True)]
-
-
-def _ellipse_cells(ellipse: PlaneEllipse, unit: str) -> list[str]:
-    """Write an ellipse as the recipe has it."""
-    first, second = (figures(value, 6) for value in ellipse.eigenvalues.tolist())
-    long, short = (figures(axis, 6) for axis in ellipse.semi_axes.tolist())
-    return [
-        *(f"{value:.4f} {unit}" for value in ellipse.centre.tolist()),
-        f"{first}, {second}",
-        f"{long}, {short} {unit}",
-        f"{ellipse.ratio:.5f}",
-        f"{ellipse.direction_deg + 0.0:+.3f}°",
-        *(f"{entry + 0.0:+.6f}" for entry in ellipse.matrix.ravel().tolist()),
-    ]
-
-
-def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
-    """Say how the points are spaced, and whether their mean is the centre."""
-    spacing = turn.spacing
-    instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
-    return (
-        f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
-        f"{spacing.first:.3f}, second {spacing.second:.3f}: {evenness(turn, target_deg, is_mean=is_mean)}{instead}"
-    )
-
-
-def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
-    """Say what the spacing of the points costs, or would cost, those who take the mean."""
-    spacing = turn.spacing
-    if spacing.cost_deg < NEGLIGIBLE * target_deg:
-        return "evenly spaced, the mean can be trusted"
-    cost = f"the mean {'costs' if is_mean else 'would cost'} up to {degrees(spacing.cost_deg)} of heading"
-    if spacing.is_even(within_deg=target_deg):
-        return f"{cost}, within the target of {target_deg:g}°"
-    return f"not evenly spaced, {cost}"
-
-
-def _composed(composed: Composed, after: str | None) -> RenderableType:
-    """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
-    error = composed.heading_error_deg
-    good = _good_to(error, composed.fit.target_deg)
-    words = good if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    said = verdict(
-        composed.verdict.upper(),
-        composed.verdict,
-        f"{words}, with these limits:",
-        f"{in_words(composed.turns)}; held level, dip {error.dip_deg:g}°",
-    )
-    title = Text(f"composed with {after}, to be loaded in its place", "bold")
-    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.fit.noise))
-    return Group(page(result, said), _findings(composed.findings))
 
 
 # --------------------------------------------------------------------------------------------------- several sensors

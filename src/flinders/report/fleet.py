@@ -4,32 +4,49 @@ The file needs nothing else: no server, no network, and no script but that of th
 sorted by choosing one of several orders, which a browser does without a script. What comes from files is escaped, and a
 Content-Security-Policy lets nothing run but the page's own script. Its size does not grow with the fleet.
 
->>> advice("saturated")
-'choose a larger range of the sensor, or move it away from magnets'
 >>> when(1.7e9), when(float("nan"))
 ('2023-11-14', '–')
+
+Figures of the report of a fleet: distributions, shares of verdicts or states, and a map of hardware batches.
+
+Colours are classes of the style sheet, as in `flinders.report.figures`, so that a figure is the same text in light, in
+dark and on paper. A batch stands out where its share of rows without a good verdict is more than chance explains.
+
+>>> standing_out({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
+{'B': True}
+>>> figure = distribution(Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0]), "degrees", target=1.0)
+>>> figure.startswith("<svg"), "style=" in figure
+(True, False)
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from datetime import UTC, datetime
+from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
-from flinders.findings import CATALOGUE
-from flinders.report import fleet_figures as drawing
-from flinders.report.fleet_view import STATES, SUMS_ALONE
+from flinders.findings import CATALOGUE, action
+from flinders.report.charts import Axis, Plot, chart, segment, text
+from flinders.report.fleet_view import (
+    STATES,
+    SUMS_ALONE,
+    Histogram,
+)
 from flinders.report.formatting import as_sentence, date_of, degrees
-from flinders.report.html_file import html_file, style_of
-from flinders.report.script import joined
+from flinders.report.html_file import html_file, joined, style_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Mapping, Sequence
 
     from flinders.report.fleet_view import BatchDrift, FleetDrift, Histogram, Overview, UnitDrift
+
 
 START: Final = "m0.theming(() => {});"
 VERDICTS: Final = {
@@ -42,36 +59,6 @@ SHOWN: Final = 4
 """Findings of a unit that are named; the others are counted."""
 FAIR: Final = 0.02
 """Share of recordings without a calibration up to which a fleet is called good."""
-
-ADVICE: Final = {
-    "heading-error": "turn the sensor through all directions and record for longer, or ask for less",
-    "coverage": "turn the sensor so that the unseen directions are seen too",
-    "prior": "turn the sensor through more directions, or trust that soft iron is mild",
-    "inflation": "turn the sensor further: the readings lie on a small patch",
-    "outliers": "look for what passed by, a cable that moved, or bits lost on the way",
-    "skipped-rows": "check the sensor, its cable and what was saved",
-    "unreadable": "check whether the file is whole, and of a kind that is read",
-    "no-magnetometer": "name the columns of the magnetometer",
-    "no-unit": "say in the table whose readings they are",
-    "lost-worker": "fit it by itself with flinders calibrate, and look at the memory of the machine",
-    "unit": "give all files of a unit in one unit of field",
-    "foreign-axes": "check which sensor the columns belong to",
-    "wrong-strength": "check the column of the field's strength, or take it out",
-    "refused": "record again, and turn the sensor as the example says",
-    "too-few-samples": "record for longer, turning all the time",
-    "stuck-axis": "check the sensor and its wiring: an axis never changes",
-    "unmoved": "turn the sensor while recording",
-    "not-turned": "turn the sensor while recording, or give the calibration that the disturbances belong to",
-    "not-an-ellipsoid": "turn the sensor upside down and onto each of its sides",
-    "undetermined": "turn the sensor about more of its axes",
-    "out-of-scale": "check the unit and the columns",
-    "usage": "check the options that say how files are read",
-    "axes": "check --axes",
-    "document": "check whether the file is whole",
-    "missing-extra": "install what the example names",
-    "internal": "report it: this is a fault in Flinders",
-}
-"""What to do about errors, and about findings whose own advice names directions or rows of one unit."""
 
 
 def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence[str] = ()) -> str:
@@ -99,23 +86,17 @@ def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence
         "verdicts": [(name, overview.verdicts.get(name, 0), words) for name, words in VERDICTS.items()],
         "most_findings": SHOWN,
         "worst": [(rank, units) for rank, units in overview.worst.items() if units],
-        "findings": [(code, count, _meaning(code), advice(code)) for code, count in overview.findings.items()],
-        "codes": [(code, *example, advice(code)) for code, example in overview.codes.items()],
+        "findings": [(code, count, _meaning(code), action(code)) for code, count in overview.findings.items()],
+        "codes": [(code, *example, action(code)) for code, example in overview.codes.items()],
         "held_against": "" if drift is None else drift.against,
         "odd_states": [] if drift is None else _odd(drift)[:10],
-        "shown_batches": len(drawing.shown_batches(overview.batches)),
-        "odd_batches": sorted(drawing.standing_out(overview.batches)),
+        "shown_batches": len(shown_batches(overview.batches)),
+        "odd_batches": sorted(standing_out(overview.batches)),
         "date": date_of(datetime.now(UTC)),
         "release": version("flinders"),
     }
     script = f"\n{joined('plain.js')}\n{START}\n"
     return html_file("fleet.html.j2", given, style=style_of("fleet.css"), script=script, filters=FILTERS)
-
-
-def advice(code: str) -> str:
-    """Say what to do about a finding or an error; empty where that is said elsewhere."""
-    row = CATALOGUE.get(code)
-    return ADVICE.get(code) or ("" if row is None else row.action.replace("`", ""))
 
 
 def when(seconds: float) -> str:
@@ -258,8 +239,8 @@ def _meaning(code: str) -> str:
 def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
     """Figures by name: numbers and words of our own, and names escaped."""
     shown: dict[str, Any] = {
-        "verdicts": drawing.bar(overview.verdicts),
-        "batches": drawing.batch_map(overview.batches) if overview.batches else None,
+        "verdicts": bar(overview.verdicts),
+        "batches": batch_map(overview.batches) if overview.batches else None,
         "change": None,
         "batch_states": None,
         "distributions": _distributions(overview),
@@ -268,9 +249,9 @@ def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
         states = {one.batch: one.states for one in drift.batches}
         odd = {one.batch for one in _odd(drift)}
         kinds = ("steady", "single", "none", "unordered", "unsure", "changed", "recalibrate")
-        shown["batch_states"] = drawing.batch_map(states, kinds, kinds[:-2], odd)
+        shown["batch_states"] = batch_map(states, kinds, kinds[:-2], odd)
     if drift is not None and drift.change_deg.total:
-        shown["change"] = drawing.distribution(drift.change_deg, "degrees", target=drift.target_deg)
+        shown["change"] = distribution(drift.change_deg, "degrees", target=drift.target_deg)
     return shown
 
 
@@ -285,14 +266,14 @@ def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
     worst, target = overview.heading_deg, overview.target_deg
     heading = (
         "Worst heading error",
-        drawing.quantile_words(worst, "°"),
-        drawing.distribution(worst, "degrees, 1 σ", target=target),
+        quantile_words(worst, "°"),
+        distribution(worst, "degrees, 1 σ", target=target),
     )
     return [heading] * bool(worst.total) + [
         (
             title,
-            drawing.quantile_words(counts, unit),
-            drawing.distribution(counts, words, factor=100.0 if unit else 1.0),
+            quantile_words(counts, unit),
+            distribution(counts, words, factor=100.0 if unit else 1.0),
         )
         for title, counts, words, unit in listed
         if counts.total
@@ -309,3 +290,189 @@ FILTERS: Final = {
     "chance": chance, "percent": percent,
 }  # fmt: skip
 """How the page writes numbers."""
+
+
+# -------------------------------------------------------------------------------------------------------------- figures
+
+WIDE, HIGH = 400, 190
+KINDS: Final = ("good", "limited", "refused", "failed")
+MOST_BATCHES: Final = 240
+"""Batches on the map; of more, those with the largest share without a good verdict."""
+CHANCE: Final = 0.01
+SEEN: Final = 0.004
+"""Least share of a bar that is drawn: of a million, one that failed is seen."""
+
+
+def distribution(histogram: Histogram, words: str, *, target: float | None = None, factor: float = 1.0) -> str:
+    """Numbers counted on a logarithmic axis, with their median, and what is above the target in another colour.
+
+    Parameters
+    ----------
+    histogram : Histogram
+    words : str
+        What stands below the axis.
+    target : float, optional
+        The largest number that is good enough.
+    factor : float
+        By which numbers on the axis are larger than those counted.
+    """
+    low, high = _ends(histogram)
+    edges, counts = histogram.edges[low : high + 1], histogram.counts[low:high]
+    most = max(counts, default=1) or 1
+    plot = Plot(16, 22, WIDE - 28, 124, Axis(edges[0], edges[-1], np.log), Axis(0.0, most))
+    is_above = [target is not None and first * last > target**2 for first, last in itertools.pairwise(edges)]
+    parts = [plot.columns(_decades(edges[0], edges[-1], factor), gap=27)]
+    for kind, is_kind in (("bar", False), ("bar above", True)):
+        here = [count if above == is_kind else 0 for count, above in zip(counts, is_above, strict=True)]
+        parts.append(plot.bars(kind, edges, here, least=0.8))
+    parts.append(plot.level(0.0, "zero"))
+    if target is not None and edges[0] < target < edges[-1]:
+        x = plot.x(target)
+        parts += [segment("aim", x, plot.top - 6, x, plot.bottom), text(x, plot.top - 10, "target", kind="name")]
+    middle = histogram.quantile(0.5)
+    if math.isfinite(middle):
+        parts.append(text(plot.x(min(max(middle, edges[0]), edges[-1])), plot.bottom + 14, "▲", kind="name"))
+    parts.append(text(plot.middle, HIGH - 4, words))
+    return chart(WIDE, HIGH, f"Distribution: {words}", *parts)
+
+
+def bar(counts: Mapping[str, int], kinds: Sequence[str] = KINDS) -> str:
+    """Shares of some kinds, in their order, as a bar that is as wide as its place; its height is the style sheet's."""
+    total = sum(counts.get(kind, 0) for kind in kinds)
+    widths = {kind: max(counts[kind] / total, SEEN) for kind in kinds if counts.get(kind)}
+    parts, x = [], 0.0
+    for kind, share in widths.items():
+        width = 1000.0 * share / sum(widths.values())
+        parts.append(f'<rect class="v-{kind}" x="{x:.2f}" y="0" width="{width:.2f}" height="10"/>')
+        x += width
+    words = listed_counts(counts, kinds)
+    return (
+        f'<svg class="shares" viewBox="0 0 1000 10" preserveAspectRatio="none" role="img" aria-label="{words}">'
+        f"{''.join(parts)}</svg>"
+    )
+
+
+def listed_counts(counts: Mapping[str, int], kinds: Sequence[str] = KINDS) -> str:
+    """How many there are of each kind, in words.
+
+    >>> listed_counts({"refused": 2, "good": 1500})
+    '1,500 good, 2 refused'
+    """
+    return ", ".join(f"{counts[kind]:,} {kind}" for kind in kinds if counts.get(kind))
+
+
+def batch_map(
+    batches: Mapping[str, Mapping[str, int]],
+    kinds: Sequence[str] = KINDS,
+    fine: Container[str] = ("good",),
+    odd: Container[str] | None = None,
+) -> str:
+    """A bar of shares for each batch, in the order of their names, as a list of HTML; those that stand out are marked.
+
+    Parameters
+    ----------
+    batches : mapping of str to mapping of str to int
+        How many there are of each kind in each batch.
+    kinds : sequence of str
+        In the order of the bar.
+    fine : container of str
+        Kinds that are as they should be; the number beside a bar is the share of all others.
+    odd : container of str, optional
+        Batches that stand out, by default those of `standing_out`.
+    """
+    marked = standing_out(batches) if odd is None else odd
+    rows = [_row(name, batches[name], kinds, fine, is_odd=name in marked) for name in shown_batches(batches, fine)]
+    return f'<ul class="batches">{"".join(rows)}</ul>'
+
+
+def _row(name: str, counts: Mapping[str, int], kinds: Sequence[str], fine: Container[str], *, is_odd: bool) -> str:
+    about = f"{escape(name or 'no batch')}: {listed_counts(counts, kinds)}"
+    share = escape(percent(_bad(counts, fine), sum(counts.values())))
+    mark = ' class="odd"' if is_odd else ""
+    return (
+        f'<li{mark} title="{about}"><span class="batch">{escape(name or "none")}</span>'
+        f"{bar(counts, kinds)}<span>{share}</span></li>"
+    )
+
+
+def shown_batches(batches: Mapping[str, Mapping[str, int]], fine: Container[str] = ("good",)) -> list[str]:
+    """Names of the batches that the map has room for, sorted."""
+
+    def spoilt(name: str) -> float:
+        return _bad(batches[name], fine) / max(sum(batches[name].values()), 1)
+
+    worst = sorted(batches, key=lambda name: (-spoilt(name), name))[:MOST_BATCHES]
+    return sorted(worst)
+
+
+def standing_out(batches: Mapping[str, Mapping[str, int]]) -> dict[str, bool]:
+    """Batches whose share without a good verdict is larger than that of all others, beyond what chance explains.
+
+    Fisher's exact test of two shares, on the side of more, at `CHANCE` over the number of batches.
+    """
+    total = sum(sum(counts.values()) for counts in batches.values())
+    bad = sum(_bad(counts) for counts in batches.values())
+    return {name: True for name, counts in batches.items() if _is_odd(counts, total, bad, len(batches))}
+
+
+def _is_odd(counts: Mapping[str, int], total: int, bad: int, batches: int) -> bool:
+    here, ours = sum(counts.values()), _bad(counts)
+    rest = total - here
+    if not here or not rest or ours / here <= (bad - ours) / rest:
+        return False
+    return _as_many(ours, here, bad, total) < CHANCE / batches
+
+
+def _as_many(ours: int, here: int, bad: int, total: int) -> float:
+    """How often chance puts at least `ours` of the `bad` rows among `here` of `total`: the hypergeometric tail."""
+    fine = total - bad
+    first = math.exp(_choices(bad, ours) + _choices(fine, here - ours) - _choices(total, here))
+    term = summed = 1.0
+    for more in range(ours, min(here, bad)):
+        term *= (bad - more) * (here - more) / ((more + 1.0) * (fine - here + more + 1.0))
+        summed += term
+        if term < 1e-12 * summed:
+            break
+    return first * summed
+
+
+def _choices(many: int, few: int) -> float:
+    """Logarithm of the binomial coefficient."""
+    return math.lgamma(many + 1.0) - math.lgamma(few + 1.0) - math.lgamma(many - few + 1.0)
+
+
+def _bad(counts: Mapping[str, int], fine: Container[str] = ("good",)) -> int:
+    return sum(count for kind, count in counts.items() if kind not in fine)
+
+
+def _ends(histogram: Histogram) -> tuple[int, int]:
+    """First class that holds something, and the one after the last; a third of a decade wide at the least."""
+    filled = [place for place, count in enumerate(histogram.counts) if count]
+    low, high = (filled[0], filled[-1] + 1) if filled else (0, len(histogram.counts))
+    least = math.ceil(len(histogram.counts) / math.log10(histogram.high / histogram.low) / 3.0)
+    while high - low < min(least, len(histogram.counts)):
+        low, high = max(low - 1, 0), min(high + 1, len(histogram.counts))
+    return max(low - 1, 0), min(high + 1, len(histogram.counts))
+
+
+def _decades(low: float, high: float, factor: float) -> list[tuple[float, str]]:
+    """Round numbers of each decade from `low` to `high`, and what stands at each: `factor` times that."""
+    first, last = low * factor, high * factor
+    decades = range(math.floor(math.log10(first)), math.ceil(math.log10(last)) + 1)
+    fine = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)
+    steps = fine if high / low < 8.0 else (1.0, 2.0, 5.0) if high / low < 300.0 else (1.0,)
+    values = (step * 10.0**decade for decade in decades for step in steps)
+    return [(value / factor, f"{value:,.6g}") for value in values if first <= value <= last]
+
+
+def quantile_words(histogram: Histogram, unit: str) -> str:
+    """Median and 95th percentile in words.
+
+    >>> quantile_words(Histogram.over(0.01, 100.0, 400).counted([0.5] * 9 + [2.0] * 91), "°")
+    'median 2.0°, 95 % below 2.0°'
+    """
+    if not histogram.total:
+        return "none is known"
+    factor, sign = (100.0, " %") if unit == "%" else (1.0, unit)
+    middle, most = (figures(factor * histogram.quantile(share)) for share in (0.5, 0.95))
+    return f"median {middle}{sign}, 95 % below {most}{sign}"

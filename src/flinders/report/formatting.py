@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from flinders.errors import figures
 
 if TYPE_CHECKING:
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
 
 FINEST: Final = 2e-4
 """Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
@@ -134,10 +137,25 @@ def _point(number: str) -> int:
     return value.find(".") if "." in value else len(value)
 
 
-def matrix_entries(matrix: Floats) -> list[list[str]]:
-    """Write a matrix with as many decimals everywhere: seven digits of its largest entry."""
+def offset_entries(calibration: Calibration, sigma: Floats) -> list[str]:
+    """Write an offset, each axis with its uncertainty where one is known."""
+    finest = FINEST * calibration.field_strength
+    return [with_uncertainty(*pair, finest=finest) for pair in zip(calibration.offset.tolist(), sigma, strict=True)]
+
+
+def matrix_entries(matrix: Floats, sigma: Floats | None = None) -> list[list[str]]:
+    """Write a matrix with its uncertainties; without, as many decimals everywhere, seven digits of the largest."""
+    if sigma is not None:
+        pairs = np.stack([matrix, sigma], axis=2).tolist()
+        return [[with_uncertainty(*pair, finest=FINEST) for pair in row] for row in pairs]
     largest = float(abs(matrix).max())
     decimals = DECIMALS - math.floor(math.log10(largest) + 1e-9)
     if not 0 <= decimals <= 2 * DECIMALS:
         return [[f"{value:.{DECIMALS}e}" for value in row.tolist()] for row in matrix]
     return [[f"{round(value, decimals) + 0.0:.{decimals}f}" for value in row.tolist()] for row in matrix]
+
+
+def aligned(*rows: Sequence[str]) -> list[list[str]]:
+    """Rows of numbers, each column padded to stand on its decimal points."""
+    columns = (on_the_point(column) for column in zip(*rows, strict=True))
+    return [list(row) for row in zip(*columns, strict=True)]

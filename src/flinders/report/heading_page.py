@@ -12,7 +12,7 @@ from flinders.errors import counted
 from flinders.heading.axis_consistency import OPPOSITE, remedy
 from flinders.heading.compass import AS_THEY_ARE, LEVEL
 from flinders.report.formatting import degrees
-from flinders.report.layout import facts, notes
+from flinders.report.terminal import facts, notes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

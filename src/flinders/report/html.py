@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import base64
 import math
+from collections import defaultdict
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -38,7 +39,6 @@ from flinders.report import figures as drawing
 from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
-    FINEST,
     as_sentence,
     capitalised,
     date_of,
@@ -46,10 +46,9 @@ from flinders.report.formatting import (
     length,
     matrix_entries,
     minus,
-    with_uncertainty,
+    offset_entries,
 )
-from flinders.report.html_file import html_file, style_of
-from flinders.report.script import joined
+from flinders.report.html_file import html_file, joined, style_of
 from flinders.report.sections import aiding_rows, disturbance_rows, instrument_rows, sources, with_unit
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 
@@ -57,7 +56,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import SourceFile
     from flinders.core.samples import Recording
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.errors import FitError
@@ -70,18 +68,8 @@ WITH_3D, WITHOUT_3D = "report.js", "plain.js"
 
 START: Final = "m0.theming(() => {});\nm0.copying();"
 
-FIGURES: Final = (
-    "pictures", "before", "after", "error_map", "error_legend", "coverage_map", "seen_legend", "residuals", "histogram",
-    "deviation", "correlation", "compensated", "offset_over_time",
-)  # fmt: skip
-"""What a report shows, where it is known."""
-
 ASTRAY, NOISY = 0.05, 3.0
 """Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
-
-UNSTATED: Final = (
-    "The calibration states no uncertainty, so that nobody knows how good headings are: calibrate from a recording."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,8 +125,6 @@ def page(
     """
     fit = outcome if isinstance(outcome, Fit) else outcome.fit if isinstance(outcome, Refused) else None
     drawn = None if recording is None else FigureData.of(fit, recording)
-    if drawn is not None and fit is not None and claims_nothing(fit):
-        drawn = drawn.without_claims()
     provenance = provenance or Provenance(
         flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=()
     )
@@ -148,13 +134,12 @@ def page(
     given = {
         "outcome": _outcome(outcome, fit),
         "numbers": _numbers(fit),
-        "findings": _findings(fit),
+        "findings": () if fit is None else fit.findings,
         "notes": list(notes),
         "parameters": _parameters(fit),
         "sections": _sections(fit),
         "walk": _walk(walk, fit),
         "listings": _listings(fit, listings),
-        "files": [_file(file) for file in provenance.files],
         "asked": dict(asked or {}),
         "provenance": provenance,
         "date": date_of(provenance.date),
@@ -163,17 +148,12 @@ def page(
         "sensor": fit.calibration.sensor if fit is not None else None,
         "drawn": drawn,
         "view": view,
-        "figures": dict.fromkeys(FIGURES) if drawn is None else _figures(drawn, fit, walk),
+        "figures": _figures(drawn, fit, walk),
         "data": _data(drawn, fit) if drawn is not None and script[1] else "",
         "has_scene": script[1] and drawn is not None,
     }
-    filters = {"counted": counted, "figures": figures}
+    filters = {"counted": counted, "figures": figures, "sentence": as_sentence}
     return html_file("report.html.j2", given, style=_style(), script=script[0], filters=filters)
-
-
-def claims_nothing(fit: Fit) -> bool:
-    """Whether nobody said how uncertain a calibration is, as of one that was imported."""
-    return not fit.covariance.any()
 
 
 def goes_with(fit: Fit, drawn: FigureData) -> bool:
@@ -181,7 +161,7 @@ def goes_with(fit: Fit, drawn: FigureData) -> bool:
     if not len(drawn.residuals) or not drawn.is_used.any():
         return False
     off = drawn.residuals[drawn.is_used]
-    noise = 0.0 if claims_nothing(fit) else fit.noise
+    noise = fit.noise if fit.states_uncertainty else 0.0
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 
@@ -243,9 +223,8 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     """Verdict, its title, and what it is in a sentence."""
     if fit is None:
         return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
-    said = UNSTATED if claims_nothing(fit) else sentence(fit)
-    title = "Of unknown quality" if claims_nothing(fit) else TITLES[fit.verdict]
-    return {"verdict": fit.verdict, "title": title, "sentence": capitalised(said)}
+    title = TITLES[fit.verdict] if fit.states_uncertainty else "Of unknown quality"
+    return {"verdict": fit.verdict, "title": title, "sentence": capitalised(sentence(fit))}
 
 
 def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
@@ -261,7 +240,7 @@ def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
         ("Strength of the field", length(field, unit), known),
         ("Varies while turning", left, f"before: {spread:.1%} about {length(strength, unit)}"),
     ]
-    if claims_nothing(fit):
+    if not fit.states_uncertainty:
         return strengths
     raw, error, limit = fit.uncorrected_heading_error_deg, fit.heading_error_deg, fit.attitude_limit_deg
     target = f"{fit.target_deg:g}°"
@@ -297,25 +276,11 @@ def _walk(walk: RandomWalk | None, fit: Fit | None) -> dict[str, Any] | None:
     if walk is None or fit is None:
         return None
     unit = label(fit.calibration.unit)
-    is_claimed = fit.verdict != "refused" and not claims_nothing(fit)
+    is_claimed = fit.verdict != "refused" and fit.states_uncertainty
     dip = abs(fit.heading_error_deg.dip_deg)
     say = walk.words if is_claimed else walk.story
     words = say(unit, level_deg=fit.target_deg, dip_deg=dip)
     return {"words": as_sentence(words), "is_proven": walk.is_proven}
-
-
-def _findings(fit: Fit | None) -> list[dict[str, str]]:
-    """Gravest first, in sentences."""
-    words = {"refuses": "Refused", "limits": "Limit", "note": "Note"}
-    return [
-        {
-            "severity": finding.severity,
-            "word": words[finding.severity],
-            "code": finding.code,
-            "advice": as_sentence(finding.advice),
-        }
-        for finding in (() if fit is None else fit.findings)
-    ]
 
 
 def _parameters(fit: Fit | None) -> dict[str, Any] | None:
@@ -324,22 +289,13 @@ def _parameters(fit: Fit | None) -> dict[str, Any] | None:
         return None
     calibration = fit.calibration
     unit = label(calibration.unit)
-    finest = FINEST * calibration.field_strength
-    if claims_nothing(fit):
-        offsets = [f"{value:.6g}" for value in calibration.offset.tolist()]
-        entries = matrix_entries(calibration.matrix)
-    else:
-        pairs = zip(calibration.offset, fit.offset_sigma, strict=True)
-        offsets = [with_uncertainty(float(value), float(sigma), finest=finest) for value, sigma in pairs]
-        rows = zip(calibration.matrix, matrix_sigma(fit), strict=True)
-        entries = [
-            [with_uncertainty(*map(float, pair), finest=FINEST) for pair in zip(*row, strict=True)] for row in rows
-        ]
+    offsets = offset_entries(calibration, fit.offset_sigma)
+    sigma = matrix_sigma(fit) if fit.states_uncertainty else None
     return {
         "unit": unit,
         "rows": [
             (axis, _split(offset), [_split(entry) for entry in row])
-            for axis, offset, row in zip("xyz", offsets, entries, strict=True)
+            for axis, offset, row in zip("xyz", offsets, matrix_entries(calibration.matrix, sigma), strict=True)
         ],
         "noise": length(fit.noise, unit) if math.isfinite(fit.noise) else "?",
         "strength": length(calibration.field_strength, unit),
@@ -362,25 +318,19 @@ def _listings(fit: Fit | None, listings: Sequence[Listing]) -> list[Listing]:
     return [Listing("Python with NumPy", "correction.py", python_of(fit.calibration)), *listings]
 
 
-def _file(file: SourceFile) -> dict[str, str]:
-    return {
-        "name": file.name,
-        "rows": counted(file.rows, "reading"),
-        "bytes": f"{file.bytes:,} bytes",
-        "sha256": file.sha256,
-    }
-
-
 # ----------------------------------------------------------------------------------------------------- what is drawn
 
 
-def _figures(drawn: FigureData, fit: Fit | None, walk: RandomWalk | None) -> dict[str, Any]:
+def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None) -> defaultdict[str, Any]:
     """Figures by name, numbers and words of our own; None of those that nothing is known for."""
+    drawings: defaultdict[str, Any] = defaultdict(lambda: None)
+    if drawn is None or not len(drawn.raw):
+        return drawings
     view, target = drawn.view, 1.0 if fit is None else fit.target_deg
-    drawings: dict[str, Any] = dict.fromkeys(FIGURES)
-    if len(drawn.raw):
-        drawings["before"] = drawing.projections(drawn, is_corrected=False)
-        drawings["pictures"] = drawing.pictures(drawn, target)
+    drawings |= {
+        "before": drawing.projections(drawn, is_corrected=False),
+        "pictures": drawing.pictures(drawn, target),
+    }
     if view is None or view.shown is None:
         return drawings
     drawings |= {
@@ -390,15 +340,13 @@ def _figures(drawn: FigureData, fit: Fit | None, walk: RandomWalk | None) -> dic
         "coverage_map": drawing.coverage_map(view),
         "seen_legend": drawing.seen_legend(view),
         "residuals": drawing.residuals(drawn),
-        "histogram": None if view.residuals is None else drawing.histogram(view, drawn.unit),
-        "deviation": None if view.turn is None else drawing.deviation(view, target),
-        "offset_over_time": None if walk is None else drawing.offset_over_time(walk, drawn.unit, drawn.plane),
+        "histogram": view.residuals and drawing.histogram(view, drawn.unit),
+        "deviation": view.turn and drawing.deviation(view, target),
+        "offset_over_time": walk and drawing.offset_over_time(walk, drawn.unit, drawn.plane),
     }
     if fit is not None and fit.verdict != "refused":
-        drawings["correlation"] = None if claims_nothing(fit) else drawing.correlation(fit)
-        drawings["compensated"] = [
-            drawing.compensated(drawn, disturbance) for disturbance in fit.calibration.disturbances
-        ]
+        drawings["correlation"] = drawing.correlation(fit) if fit.states_uncertainty else None
+        drawings["compensated"] = [drawing.compensated(drawn, one) for one in fit.calibration.disturbances]
     return drawings
 
 

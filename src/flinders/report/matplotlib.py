@@ -11,30 +11,34 @@
 
 The parts: `projections`, the three scatter plots that every recipe shows, before and after; `deviation` over the
 heading of a level vehicle; `residuals` over time and counted; `coverage`, readings and predicted error in all
-directions. Nothing global of matplotlib is touched: no pyplot, no style, no window.
+directions. They are the panels of the report (`flinders.report.figures`) on axes of matplotlib. Nothing global of
+matplotlib is touched: no pyplot, no style, no window.
 """
 
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from flinders.errors import MissingExtra, UsageError
-from flinders.geometry.sphere import tiles
 from flinders.report import figures as drawing
-from flinders.report.colours import LEGEND, ROLES, SEEN, error_colour, seen_ends, seen_level
+from flinders.report.charts import MOST_DOTS
+from flinders.report.colours import ROLES, colour_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from types import ModuleType
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
+    from flinders.report.charts import Panel
     from flinders.report.figure_data import FigureData
 
 FORMATS: Final = ("svg", "png", "pdf")
@@ -56,6 +60,19 @@ RC: Final = {
     "xtick.color": FAINT, "ytick.color": FAINT, "axes.grid": True, "grid.color": LINE, "grid.linewidth": 0.7,
     "axes.axisbelow": True, "svg.fonttype": "none", "pdf.fonttype": 42, "svg.hashsalt": "flinders",
 }  # fmt: skip
+
+LEGEND: Final[dict[str, Any]] = {
+    "frameon": False, "fontsize": 7.5, "labelcolor": FAINT, "columnspacing": 1.0, "handlelength": 0.9,
+}  # fmt: skip
+
+STYLES: Final[dict[str, dict[str, Any]]] = {
+    "outline before": {"color": INK, "lw": 1.1, "ls": "--"},
+    "outline after": {"color": INK, "lw": 1.1},
+    "curve raw": {"color": RAW, "lw": 1.8},
+    "line": {"color": INK, "lw": 1.1},
+    "aim": {"color": INK, "lw": 1.1, "ls": ":"},
+}
+"""How lines are drawn, by their class in the style sheet of the report."""
 
 
 def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
@@ -123,10 +140,71 @@ def matplotlib_of() -> ModuleType:
         Where it is not; says what to install.
     """
     try:
-        import matplotlib as found
+        import matplotlib
     except ImportError:
         raise MissingExtra("matplotlib", "plot", "drawing figures") from None
-    return found
+    return matplotlib
+
+
+@dataclass(frozen=True, slots=True)
+class AxesCanvas:
+    """Axes of matplotlib that marks are drawn on as on a `flinders.report.charts.Plot`; none of them is text."""
+
+    axes: Axes
+
+    def line(self, kind: str, x: ArrayLike, y: ArrayLike, *, is_closed: bool = False) -> str:
+        """A line through numbers."""
+        places = np.stack([x, y], axis=1)
+        self.axes.plot(*np.append(places, places[:is_closed], axis=0).T, **STYLES[kind])
+        return ""
+
+    def area(self, kind: str, x: ArrayLike, low: ArrayLike, high: ArrayLike) -> str:  # noqa: ARG002 - all alike
+        """What lies between two lines."""
+        self.axes.fill_between(x, low, high, color=CORRECTED, alpha=0.2, lw=0)
+        return ""
+
+    def dots(self, kind: str, x: ArrayLike, y: ArrayLike, *, most: int = MOST_DOTS) -> str:  # noqa: ARG002 - all
+        """Dots, all of them."""
+        self.axes.scatter(x, y, s=3, lw=0, alpha=0.55, color=RAW if kind == "before" else CORRECTED, rasterized=True)
+        return ""
+
+    def crosses(self, x: ArrayLike, y: ArrayLike) -> str:
+        """Crosses, all of them."""
+        if np.size(x):
+            self.axes.scatter(x, y, s=16, marker="x", lw=1, color=REJECT)
+        return ""
+
+    def tiles(self, kind: str, rings: Sequence[Floats]) -> str:
+        """Polygons of one class inside a disc of radius √2."""
+        from matplotlib.collections import PolyCollection
+        from matplotlib.patches import Circle
+
+        shapes = PolyCollection(rings, facecolors=colour_of(kind, "light"), edgecolors="white", linewidths=0.4)
+        self.axes.add_collection(shapes)
+        shapes.set_clip_path(Circle((0.0, 0.0), np.sqrt(2.0), transform=self.axes.transData))
+        return ""
+
+    def arm(self, x: float, y: float) -> str:
+        """Hard iron: a line from zero to the centre, and a dot there."""
+        self.axes.plot([0.0, x], [0.0, y], color=INK, lw=0.9, marker="o", ms=3, markevery=[1])
+        return ""
+
+    def bars(self, kind: str, edges: ArrayLike, counts: Iterable[float]) -> str:  # noqa: ARG002 - all alike
+        """A bar for each class."""
+        self.axes.stairs(list(counts), edges, fill=True, color=CORRECTED, alpha=0.7)
+        return ""
+
+    def level(self, value: float, kind: str) -> str:
+        """A line across."""
+        self.axes.axhline(value, **STYLES[kind])
+        return ""
+
+
+def _draw(axes: Axes, panel: Panel, title: str = "") -> None:
+    """Draw a panel of the report."""
+    panel.draw(AxesCanvas(axes))
+    axes.set(xlim=panel.x, ylim=panel.y, xlabel=panel.x_words, ylabel=panel.y_words)
+    axes.set_title(title, color=INK, weight="bold")
 
 
 def _is_known(drawn: FigureData, name: str) -> bool:
@@ -137,119 +215,57 @@ def _projections(part: SubFigure, drawn: FigureData, _: Fit) -> None:
     """xy, xz and yz, before with the outline of the ellipsoid, after with the circle."""
     grid = part.subplots(2, 3)
     for row, is_corrected in zip(grid, (False, True), strict=True):
-        points, low, high = drawing.extents(drawn, is_corrected=is_corrected)
-        for axes, (i, j) in zip(row, drawing.PLANES, strict=True):
-            used, out = points[drawn.is_used], points[~drawn.is_used]
-            axes.scatter(
-                used[:, i], used[:, j], s=3, lw=0, alpha=0.55, color=CORRECTED if is_corrected else RAW, rasterized=True
-            )
-            if len(out):
-                axes.scatter(out[:, i], out[:, j], s=16, marker="x", lw=1, color=REJECT)
-            outline = drawing.outline(drawn, (i, j), is_corrected=is_corrected)
-            axes.plot(*np.append(outline, outline[:1], axis=0).T, color=INK, lw=1.1, ls="-" if is_corrected else "--")
+        for axes, plane in zip(row, drawing.PLANES, strict=True):
+            title = f"{'after' if is_corrected else 'before'} correction" if plane == drawing.PLANES[1] else ""
+            _draw(axes, drawing.projection(drawn, plane, is_corrected=is_corrected), title)
+            axes.set_aspect("equal")
             axes.axhline(0.0, color=FAINT, lw=0.6)
             axes.axvline(0.0, color=FAINT, lw=0.6)
-            axes.set(xlim=(low[i], high[i]), ylim=(low[j], high[j]), aspect="equal")
-            axes.set_xlabel(f"{'xyz'[i]}, {drawn.unit}")
-            axes.set_ylabel(f"{'xyz'[j]}, {drawn.unit}")
-        row[1].set_title("after correction" if is_corrected else "before correction", color=INK, weight="bold")
 
 
 def _deviation(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """What the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
     assert drawn.view is not None
-    assert drawn.view.turn is not None
-    turn = drawn.view.turn
-    heading = np.append(turn.heading_deg, 360.0)
-    before, sigma = (np.append(row, row[0]) for row in (turn.before_deg, turn.sigma_deg))
-    before[1:][np.abs(np.diff(before)) > 180.0] = np.nan
     above, below = part.subplots(2, 1, sharex=True)
-    above.plot(heading, before, color=RAW, lw=1.8)
-    above.set_ylabel("before, °")
+    for axes, panel in zip((above, below), drawing.deviations(drawn.view, fit.target_deg), strict=True):
+        _draw(axes, panel)
     above.set_title("deviation of a level vehicle", color=INK, weight="bold")
-    for factor in (2.0, 1.0):
-        below.fill_between(heading, -factor * sigma, factor * sigma, color=CORRECTED, alpha=0.2, lw=0)
-    if fit.target_deg < 6.0 * 2.0 * float(sigma.max()):
-        for sign in (1.0, -1.0):
-            below.axhline(sign * fit.target_deg, color=INK, ls=":", lw=1.1)
-    below.set_ylabel("after, ± 1 σ, ± 2 σ, °")
-    below.set(xlim=(0.0, 360.0), xticks=np.arange(0.0, 361.0, 45.0), xlabel="heading, °")
+    above.set_xlabel("")
+    below.set(xticks=np.arange(0.0, 361.0, 45.0), xlabel="heading, °")
 
 
-def _residuals(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
-    """How much longer corrected readings are than the field."""
+def _residuals(part: SubFigure, drawn: FigureData, _: Fit) -> None:
+    """How much longer corrected readings are than the field, over time and counted."""
     assert drawn.view is not None
-    over, counted = part.subplots(1, 2, width_ratios=(3, 1), sharey=True)
-    off, used = drawn.residuals, drawn.is_used
-    end = drawing.SIGMAS * fit.noise if fit.noise > 0.0 else float(np.abs(off).max(initial=1e-9))
-    over.axhspan(-2.0 * fit.noise, 2.0 * fit.noise, color=CORRECTED, alpha=0.12, lw=0)
-    over.scatter(drawn.when[used], off[used].clip(-end, end), s=2, lw=0, color=CORRECTED, rasterized=True)
-    if not used.all():
-        over.scatter(drawn.when[~used], off[~used].clip(-end, end), s=16, marker="x", lw=1, color=REJECT)
-    over.set_title("residuals", color=INK, weight="bold")
-    over.set(xlabel="seconds" if drawn.clock == "s" else "number of the reading", ylabel=drawn.unit, ylim=(-end, end))
+    over, counted = part.subplots(1, 2, width_ratios=(2, 1))
+    _draw(over, drawing.residuals_over_time(drawn), "residuals")
     if drawn.view.residuals is not None:
-        edges, counts = drawn.view.residuals.edges, drawn.view.residuals.counts
-        counted.stairs(counts, edges, orientation="horizontal", fill=True, color=CORRECTED, alpha=0.7)
-    counted.set_xlabel("readings")
+        _draw(counted, drawing.residuals_counted(drawn.view, drawn.unit))
 
 
 def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """Readings and predicted error in all directions: two hemispheres each, in a projection that keeps areas."""
-    from matplotlib.collections import PolyCollection
-    from matplotlib.patches import Circle
-
-    view = drawn.view
-    assert view is not None
-    ends = seen_ends(sum(view.tiles_seen) / len(view.tiles_seen))
-    colours = {
-        "predicted error": [error_colour(error, fit.target_deg, "light") for error in view.tiles_deg],
-        "readings": [SEEN["light"][seen_level(count, ends)] for count in view.tiles_seen],
-    }
-    grid = part.subplots(2, 4, height_ratios=(12, 1))
-    rings = tiles().polygons()
-    for place, (title, tints) in enumerate(colours.items()):
-        for side, up in enumerate((1.0, -1.0)):
-            axes = grid[0][2 * place + side]
-            which = np.flatnonzero(up * tiles().centres[:, 2] > -0.12)
-            shapes = PolyCollection(
-                [_flat(rings[tile], up) for tile in which], facecolors=[tints[tile] for tile in which],
-                edgecolors="white", linewidths=0.4,
-            )  # fmt: skip
-            axes.add_collection(shapes)
-            shapes.set_clip_path(Circle((0.0, 0.0), np.sqrt(2.0), transform=axes.transData))
-            axes.set(xlim=(-1.6, 1.6), ylim=(-1.6, 1.6), aspect="equal")
-            axes.set_axis_off()
-            axes.set_title(f"{title}, {'+z' if up > 0.0 else '−z'}", color=INK, fontsize=9)
-            for sign in (1.0, -1.0):
-                axes.text(
-                    1.55 * sign, 0.0, f"{'+' if sign > 0 else '−'}x", color=FAINT, fontsize=7, ha="center", va="center"
-                )
-        _legend(grid[1][2 * place : 2 * place + 2], title, fit.target_deg, ends)
-
-
-def _legend(pair: Sequence[Axes], title: str, target_deg: float, ends: tuple[int, int, int]) -> None:
-    """Patches with words, over two places of the grid."""
     from matplotlib.patches import Patch
 
-    if title == "readings":
-        words = ["none", f"to {ends[0]:,}", f"to {ends[1]:,}", f"to {ends[2]:,}", "more"]
-        tints = list(SEEN["light"])
-    else:
-        words = [f"{ratio * target_deg:.3g}°" for ratio in LEGEND]
-        tints = [error_colour(ratio * target_deg, target_deg, "light") for ratio in LEGEND]
-    for axes in pair:
-        axes.set_axis_off()
-    patches = [Patch(color=tint, label=word) for tint, word in zip(tints, words, strict=True)]
-    pair[0].legend(handles=patches, loc="upper left", ncols=len(patches), frameon=False, fontsize=7.5, labelcolor=FAINT,
-                   columnspacing=1.0, handlelength=0.9)  # fmt: skip
-
-
-def _flat(ring: Floats, up: float) -> Floats:
-    """Lambert's azimuthal projection of unit vectors, of radius √2 for a hemisphere."""
-    x, y, z = ring.T
-    scale = np.sqrt(2.0 / (1.0 + up * z).clip(min=0.05))
-    return np.stack([scale * x, up * scale * y], axis=1)
+    view, target = drawn.view, fit.target_deg
+    assert view is not None
+    maps = {
+        "predicted error": (drawing.error_classes(view, target), drawing.error_legend(target)),
+        "readings": (drawing.seen_classes(view), drawing.seen_legend(view)),
+    }
+    grid = part.subplots(1, 4).reshape(2, 2)
+    for pair, place, (title, (classes, legend)) in zip(
+        grid, ("outside lower left", "outside lower right"), maps.items(), strict=True
+    ):
+        for axes, up in zip(pair, (1.0, -1.0), strict=True):
+            _draw(axes, drawing.hemisphere_panel(classes, up))
+            axes.set_title(f"{title}, {'+z' if up > 0.0 else '−z'}", color=INK, fontsize=9)
+            axes.set(xlim=(-1.6, 1.6), ylim=(-1.6, 1.6), aspect="equal")
+            axes.set_axis_off()
+            for x, name in ((1.55, "+x"), (-1.55, "−x")):
+                axes.text(x, 0.0, name, color=FAINT, fontsize=7, ha="center", va="center")
+        patches = [Patch(color=colour_of(kind, "light"), label=words) for kind, words in legend]
+        part.legend(handles=patches, ncols=len(patches), **LEGEND | {"loc": place})
 
 
 PARTS: Final[dict[str, Callable[[SubFigure, FigureData, Fit], None]]] = {

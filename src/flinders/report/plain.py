@@ -3,8 +3,6 @@
 It says what was found, how far off the compass was and will be, for which attitudes that holds, what is not known and
 why, what to do next, and the numbers to copy. Of a refusal it says why and how to move, and shows no numbers.
 
->>> REFUSALS["unmoved"].remedy
-'Turn it slowly through all directions while recording.'
 >>> print(_paragraph("It is short."), _items(["One.", "Two."]), sep="")
 It is short.
 - One.
@@ -16,15 +14,24 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from flinders.core.units import label
 from flinders.errors import counted, figures
-from flinders.findings import CATALOGUE, limit_of
+from flinders.findings import CATALOGUE, REFUSALS, limit_of
 from flinders.fitting.advice import UPSIDE_DOWN, remedy, unseen_side
 from flinders.fitting.result import TILTS, Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
-from flinders.report.formatting import FINEST, degrees, matrix_entries, on_the_point, with_uncertainty
+from flinders.report.formatting import (
+    aligned,
+    as_sentence,
+    capitalised,
+    date_of,
+    degrees,
+    matrix_entries,
+    offset_entries,
+    on_the_point,
+)
 from flinders.report.sections import mounting
 
 if TYPE_CHECKING:
@@ -46,60 +53,6 @@ AGAIN: Final = (
     "Calibrate again when anything of iron, or a current, has come near the sensor or gone from it. A new recording "
     "shows whether the calibration still holds: flinders check."
 )
-
-
-class Words(NamedTuple):
-    """What was found, and what to do about it, if there is anything."""
-
-    said: str
-    remedy: str = ""
-
-
-REFUSALS: Final = {
-    "too-few-samples": Words(
-        "The number of usable readings is {found:,}, and at least {needed:,} are needed.",
-        "Record for longer, while turning the sensor through all directions.",
-    ),
-    "stuck-axis": Words(
-        "Some of the sensor's axes never change.",
-        "Check the wiring and the columns that are read, and turn the sensor about all three of its axes.",
-    ),
-    "unmoved": Words(
-        "The sensor was hardly turned: all readings lie within {angle_deg:.2g}° of one direction.",
-        "Turn it slowly through all directions while recording.",
-    ),
-    "not-turned": Words(
-        "The sensor was held still while what disturbs it changed.",
-        "Give the calibration that this belongs to, or turn the sensor while recording.",
-    ),
-    "out-of-scale": Words(
-        "The readings are larger or smaller than those of any magnetometer.",
-        "Check which columns are read, and the unit.",
-    ),
-    "not-an-ellipsoid": Words(
-        "The readings cover too few directions to tell what they would be in the others.",
-        "Turn the sensor upside down and onto each of its sides.",
-    ),
-    "undetermined": Words(
-        "The sensor was turned in too few ways. For {unseen} of the 9 numbers of the correction the recording tells "
-        "nothing.",
-        "Turn the sensor about all three of its axes.",
-    ),
-    "constant-strength": Words(
-        "The field has nearly one and the same strength at all readings. The method that was asked for needs one that "
-        "varies.",
-        "Use another method.",
-    ),
-    "wrong-strength": Words(
-        "The strength of the field that the recording tells beside its readings cannot be right.",
-        "Check where that column comes from, or take it out.",
-    ),
-    "collapsed": Words(
-        "The method that was asked for finds no correction near these readings.",
-        "Use another method, or turn the sensor onto all of its sides.",
-    ),
-}
-"""Each refusal that has no fit in plain words, and what to do about it."""
 
 
 def page(outcome: Fit | FitError, provenance: Provenance) -> str:
@@ -124,9 +77,10 @@ def page(outcome: Fit | FitError, provenance: Provenance) -> str:
 
 def _head(fit: Fit | None, provenance: Provenance) -> str:
     sensor = f" of the sensor {fit.calibration.sensor}" if fit and fit.calibration.sensor else ""
-    date = f"{provenance.date.day} {provenance.date:%B %Y, %H:%M %Z}"
     method = f", method {fit.method}" if fit else ""
-    return f"Compass calibration{sensor}\n" + _paragraph(f"{date}, Flinders {provenance.flinders}{method}")
+    return f"Compass calibration{sensor}\n" + _paragraph(
+        f"{date_of(provenance.date)}, Flinders {provenance.flinders}{method}"
+    )
 
 
 def _given(fit: Fit) -> list[str]:
@@ -147,10 +101,10 @@ def _refused(fit: Fit) -> list[str]:
 
 
 def _without_a_fit(error: FitError) -> list[str]:
-    if error.code not in REFUSALS:
+    refusal = REFUSALS.get(error.code)
+    if refusal is None or not refusal.plain:
         return _refusal([str(error)], [])
-    words = REFUSALS[error.code]
-    return _refusal([words.said.format(**error.evidence)], [words.remedy])
+    return _refusal([refusal.plain.format(**error.evidence)], [refusal.remedy])
 
 
 def _refusal(why: Iterable[str], what: Iterable[str]) -> list[str]:
@@ -182,7 +136,7 @@ def _how_far_off(fit: Fit) -> str:
     raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
     before = "any angle: the compass does not work" if raw.worst > 100.0 else f"up to {degrees(raw.worst)}"
     adds = mounting(fit).replace(" (1 σ)", "")
-    mounted = f" {adds[:1].upper()}{adds[1:]}." if adds else ""
+    mounted = f" {capitalised(adds)}." if adds else ""
     return (
         f"Without the calibration headings are off by {before}. With it, expect them to be off by {degrees(error.rms)} "
         f"on average and by {degrees(error.worst)} at the worst heading; in 19 of 20 cases by no more than twice that. "
@@ -223,8 +177,7 @@ def _in_words(fit: Fit, finding: Finding) -> str:
 
 def _remedies(fit: Fit, findings: Iterable[Finding]) -> list[str]:
     """Say what to do about each finding, each thing once."""
-    advice = remedy(fit)
-    move = f"{advice[0].upper()}{advice[1:]}."
+    move = f"{capitalised(remedy(fit))}."
     remedies = (CATALOGUE[finding.code].remedy.format(remedy=move) for finding in findings)
     return [what for what in dict.fromkeys(remedies) if what]
 
@@ -233,10 +186,8 @@ def _numbers(fit: Fit) -> str:
     """Offset and matrix, one line each a person can copy, and what to do with them."""
     calibration = fit.calibration
     unit = label(calibration.unit)
-    pairs = zip(calibration.offset, fit.offset_sigma, strict=True)
-    finest = FINEST * calibration.field_strength
-    offsets = on_the_point([with_uncertainty(*pair, finest=finest) for pair in pairs])
-    rows = zip(*map(on_the_point, zip(*matrix_entries(calibration.matrix), strict=True)), strict=True)
+    offsets = on_the_point(offset_entries(calibration, fit.offset_sigma))
+    rows = aligned(*matrix_entries(calibration.matrix))
     lines = [
         "corrected = matrix * (raw - offset)",
         "",
@@ -269,8 +220,7 @@ def _read(outcome: Fit | FitError, fit: Fit | None, provenance: Provenance) -> s
         more = f"; and {counted(len(runs) - RUNS, 'more run')}" if len(runs) > RUNS else ""
         items.append(f"Left out, as they do not belong to the rest: {'; '.join(runs[:RUNS])}{more}.")
     findings = fit.findings if fit else ()
-    items += [f"{finding.advice[0].upper()}{finding.advice[1:].rstrip('.')}." for finding in findings
-              if finding.code == "skipped-rows"]  # fmt: skip
+    items += [as_sentence(finding.advice) for finding in findings if finding.code == "skipped-rows"]
     items += [f"Left out: {entry}." for entry in getattr(outcome, "skipped", ())]
     return _section("WHAT WAS READ", _items(items))
 
@@ -279,16 +229,12 @@ def _section(heading: str, text: str) -> str:
     return f"{heading}\n{text}"
 
 
-def _paragraph(text: str) -> str:
-    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
+def _paragraph(text: str, first: str = "", other: str = "") -> str:
+    """Write text in lines, the first and the others with an indent."""
+    wrapper = textwrap.TextWrapper(WIDTH, first, other, break_long_words=False, break_on_hyphens=False)
+    return f"{wrapper.fill(text)}\n"
 
 
 def _items(texts: Iterable[str]) -> str:
     """Write sentences below each other, each with a dash."""
-    return "".join(
-        textwrap.fill(
-            text, WIDTH, initial_indent="- ", subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
-        )
-        + "\n"
-        for text in texts
-    )
+    return "".join(_paragraph(text, "- ", "  ") for text in texts)

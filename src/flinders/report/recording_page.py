@@ -17,7 +17,7 @@ from rich.text import Text
 from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
 from flinders.errors import counted, figures
 from flinders.report.formatting import written_time
-from flinders.report.layout import facts, notes, page
+from flinders.report.terminal import facts, notes, page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,4 +1,18 @@
-"""A fit as a few lines for a terminal: the readings before and after, and what is known in which direction.
+"""What every terminal page is laid out with: tables, lines of numbers, facts, a verdict and what limits it.
+
+A page is a few blocks with an empty line before each; what is not known is None and leaves no line.
+
+>>> from rich.console import Console
+>>> block = verdict("GOOD", "good", "worst heading good to 0.12°", "3,000 readings")
+>>> Console(width=60).print(page(lines([("offset", "12.3", "µT")]), block, None), notes([("limits", "few readings")]))
+<BLANKLINE>
+offset   12.3   µT
+<BLANKLINE>
+GOOD  worst heading good to 0.12°
+      3,000 readings
+  ! few readings
+
+A fit as a few lines for a terminal: the readings before and after, and what is known in which direction.
 
 Eight dots of Braille in a character make square pictures. Where a terminal has no such letters, others that all have
 take their place.
@@ -15,21 +29,109 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from rich import box
+from rich.console import Group
+from rich.table import Column, Table
+from rich.text import Text
 
+from flinders.core.units import label
+from flinders.errors import figures
 from flinders.geometry.sphere import tile_of
+from flinders.report.formatting import aligned, matrix_entries, offset_entries, on_the_point
 from flinders.summary.coverage import around_z, cells_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
-    from rich.text import Text
+    from rich.console import RenderableType
 
     from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
     from flinders.fitting.result import Fit
     from flinders.heading.deviation import Deviation
     from flinders.report.figure_data import FigureData
     from flinders.report.view import View
+
+
+COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red"}
+MARKS: Final = {"refuses": ("✗", "red"), "limits": ("!", "yellow"), "note": ("·", "dim")}
+
+
+def page(*blocks: RenderableType | None) -> Group:
+    """Put blocks below each other, each after an empty line."""
+    return Group(*(part for block in blocks if block is not None for part in ("", block)))
+
+
+def table(
+    headings: Iterable[str | Column], rows: Iterable[Sequence[RenderableType]], *, is_dense: bool = False
+) -> Table:
+    """A table: its first column to the left, numbers to the right, but for a `Column` that says otherwise."""
+    columns = [
+        Column(heading, justify="right" if place else "left") if isinstance(heading, str) else heading
+        for place, heading in enumerate(headings)
+    ]
+    laid = Table(
+        *columns, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, collapse_padding=is_dense, header_style=""
+    )
+    for row in rows:
+        laid.add_row(*row)
+    return laid
+
+
+def styled(style: str, *cells: str) -> list[Text]:
+    """Cells of a row that stands out."""
+    return [Text(cell, style) for cell in cells]
+
+
+def facts(rows: Iterable[tuple[str, str]], width: int | None = None) -> Table:
+    """Names, dim, and what is known of each, in as many lines as it takes."""
+    grid = Table.grid(Column(style="dim", no_wrap=True, width=width), Column(), padding=(0, 2))
+    for name, text in rows:
+        grid.add_row(name, Text(text))
+    return grid
+
+
+def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
+    """Name, numbers and unit in a line each that is never cut, however narrow the page."""
+    width = max(len(name) for name, _, _ in rows) + 3
+    text = Text(no_wrap=True, overflow="ignore")
+    for name, shown, unit in rows:
+        text.append(f"{name:<{width}}", "dim").append(shown).append(f"   {unit}\n", "dim")
+    text.rstrip()
+    return text
+
+
+def numbers(calibration: Calibration, offset_sigma: Floats, noise: float | None) -> Text:
+    """Offset above matrix, in columns x, y and z, each on its decimal points."""
+    unit = label(calibration.unit)
+    offset = offset_entries(calibration, offset_sigma)
+    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix))]
+    below, _ = on_the_point(["?" if noise is None else figures(noise, 3), offset[0]])
+    shown.append(below.ljust(len(shown[0])))
+    names, units = ("offset", "matrix", "", "", "noise"), (unit, "", "", "", unit)
+    return lines(list(zip(names, shown, units, strict=True)))
+
+
+def verdict(title: str, colour: str, words: str, *more: str | Text) -> Table:
+    """The verdict, what it means in words and, below, what that rests on."""
+    grid = Table.grid(Column(no_wrap=True), Column(), padding=(0, 2))
+    grid.add_row(Text(title, f"bold {COLOURS[colour]}"), words)
+    for text in more:
+        grid.add_row("", Text(text, "dim") if isinstance(text, str) else text)
+    return grid
+
+
+def notes(said: Iterable[tuple[str, str]]) -> RenderableType:
+    """Words with the mark of their severity before each; no line where there are none."""
+    grid = Table.grid(padding=(0, 1))
+    for severity, words in said:
+        mark, style = MARKS[severity]
+        grid.add_row(Text(f"  {mark}", style), Text(words, "dim" if style == "dim" else ""))
+    return grid if grid.row_count else Group()
+
+
+# ------------------------------------------------------------------------------------------------- a fit in a few lines
 
 ROWS, COLUMNS, WIDE, GAP = 10, 20, 32, 3
 WIDTH: Final = 2 * (COLUMNS + GAP) + WIDE
@@ -38,13 +140,13 @@ WIDTH: Final = 2 * (COLUMNS + GAP) + WIDE
 WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 """What each dot adds to the first letter of Braille."""
 
-MARKS: Final = {False: "█░▒·", True: "#+:."}
+LETTERS: Final = {False: "█░▒·", True: "#+:."}
 """Within the target and recorded, and not; above it and recorded, and not; the second for any terminal."""
 
-DRAWN: Final = f"⣿{MARKS[False]}"
+DRAWN: Final = f"⣿{LETTERS[False]}"
 """Letters that a terminal must have for the first."""
 
-COLOURS: Final = ("green", "green", "yellow", "red")
+TINTS: Final = ("green", "green", "yellow", "red")
 
 STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 180.0)
 """Degrees at the ends of the axis of deviation."""
@@ -63,8 +165,6 @@ def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80
     width : int
         Characters of the terminal; on a narrow one the map is left out.
     """
-    from rich.text import Text
-
     pictures = [
         ("before, x and y", _picture(drawn.raw[drawn.is_used], is_plain=is_plain), "yellow"),
         ("after", _picture(drawn.corrected[drawn.is_used], is_plain=is_plain), "cyan"),
@@ -78,10 +178,10 @@ def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80
         for _, lines, colour in pictures:
             text.append(lines[place], colour).append(" " * GAP)
         for kind, run in groupby(rows[place] if rows else ()):
-            text.append(MARKS[is_plain][kind] * len(list(run)), COLOURS[kind])
+            text.append(LETTERS[is_plain][kind] * len(list(run)), TINTS[kind])
         text.append("\n")
     if rows:
-        within, open_within, above, open_above = tuple(MARKS[is_plain])
+        within, open_within, above, open_above = tuple(LETTERS[is_plain])
         words = f"{within} {open_within} within {fit.target_deg:g}°, {above} {open_above} above; "
         words += f"{open_within} {open_above} not recorded"
         text.append("+ is zero".ljust(WIDTH - len(words)) + words, "dim")

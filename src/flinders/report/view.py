@@ -53,6 +53,10 @@ BINS: Final = 40
 WIDEST: Final = 4.0
 """The histogram goes to so many standard deviations; what is beyond is counted in the outermost bins."""
 
+UNSTATED: Final = (
+    "The calibration states no uncertainty, so that nobody knows how good headings are: calibrate from a recording."
+)
+
 LOST_DEG: Final = 90.0
 """An error from which on a direction says nothing: the tile counts as not known."""
 
@@ -257,7 +261,9 @@ def view(
     rejected = Rejected.of(fit, samples)
     numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)
     corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.at().apply(samples.field[~rejected.rows])
-    errors = np.full(len(tiles().centres), np.nan) if fit.is_flat else tile_errors_deg(fit)
+    is_known = fit.states_uncertainty and not fit.is_flat
+    errors = tile_errors_deg(fit) if is_known else np.full(len(tiles().centres), np.nan)
+    claims = _claimed(fit, errors, goal, frame) if is_known else {}
     return View(
         verdict=fit.verdict,
         method=fit.method,
@@ -269,36 +275,44 @@ def view(
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=_numbered(rejected.runs, numbered),
         **({} if fit.verdict == "refused" else _copied(fit)),
-        **({"sentence": sentence(fit)} if fit.is_flat else _claimed(fit, corrected, errors, goal, frame)),
+        sentence=sentence(fit, claims.get("attitude_limit_deg")),
+        **({} if fit.is_flat else _drawn(fit, corrected)),
+        **claims,
     )
 
 
 def _copied(fit: Fit) -> dict[str, Any]:
     """What somebody could copy: not given of a refused fit."""
     calibration, raw = fit.calibration, fit.uncorrected_heading_error_deg
+    sigmas = {"offset_sigma": _triple(fit.offset_sigma), "matrix_sigma": _matrix(matrix_sigma(fit))}
     return {
         "field_strength": calibration.field_strength,
         "offset": _triple(calibration.offset),
-        "offset_sigma": _triple(fit.offset_sigma),
         "matrix": _matrix(calibration.matrix),
-        "matrix_sigma": _matrix(matrix_sigma(fit)),
         "uncorrected_heading_error_deg": ErrorView(raw.rms, raw.worst),
+        **(sigmas if fit.states_uncertainty else {}),
     }
 
 
-def _claimed(fit: Fit, corrected: Floats, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
+def _drawn(fit: Fit, corrected: Floats) -> dict[str, Any]:
     """What rests on a surface: not known where all readings lie in one plane."""
-    calibration, error, limit = fit.calibration, fit.heading_error_deg, fit.attitude_limit_deg
+    calibration = fit.calibration
     return {
-        "sentence": sentence(fit, limit),
         "noise": fit.noise,
-        "heading_error_deg": HeadingErrorView(error.rms, error.worst, error.dip_deg, fit.target_deg),
-        "attitude_limit_deg": limit,
-        "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
         "residuals": residuals(fit, corrected),
+        "shown": Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
+    }
+
+
+def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str, Any]:
+    """What rests on a covariance as well."""
+    error = fit.heading_error_deg
+    return {
+        "heading_error_deg": HeadingErrorView(error.rms, error.worst, error.dip_deg, fit.target_deg),
+        "attitude_limit_deg": fit.attitude_limit_deg,
+        "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
         "turn": turn(fit),
         "guidance": guidance(fit, goal, frame),
-        "shown": Shown(_triple(calibration.offset), _matrix(calibration.matrix), calibration.field_strength),
     }
 
 
@@ -368,6 +382,8 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
     """
     if fit.is_flat:
         return "All readings lie in one plane, so nothing is known about other attitudes."
+    if not fit.states_uncertainty:
+        return UNSTATED
     worst, target = fit.heading_error_deg.worst, f"The target is {fit.target_deg:g}°."
     if fit.verdict == "refused":
         if worst > fit.target_deg:

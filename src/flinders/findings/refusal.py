@@ -1,0 +1,97 @@
+"""Errors in place of a fit: how each is said to whoever uses the compass, and what to do about it.
+
+An error says what it found and what to do in its own message; that message names the rows, columns and options of one
+recording. The page of plain words and the report of a fleet, which shows one example of each, read this table.
+
+>>> REFUSALS["unmoved"].remedy
+'Turn it slowly through all directions while recording.'
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+
+class Refusal(NamedTuple):
+    """An error in place of a fit.
+
+    Attributes
+    ----------
+    action : str
+        What to do where many units have it.
+    plain, remedy : str
+        What is wrong, and what to do, in words without the mathematics; empty for errors of files and options.
+    """
+
+    action: str
+    plain: str = ""
+    remedy: str = ""
+
+
+REFUSALS: Final[dict[str, Refusal]] = {
+    "too-few-samples": Refusal(
+        "record for longer, turning all the time",
+        "The number of usable readings is {found:,}, and at least {needed:,} are needed.",
+        "Record for longer, while turning the sensor through all directions.",
+    ),
+    "stuck-axis": Refusal(
+        "check the sensor and its wiring: an axis never changes",
+        "Some of the sensor's axes never change.",
+        "Check the wiring and the columns that are read, and turn the sensor about all three of its axes.",
+    ),
+    "unmoved": Refusal(
+        "turn the sensor while recording",
+        "The sensor was hardly turned: all readings lie within {angle_deg:.2g}° of one direction.",
+        "Turn it slowly through all directions while recording.",
+    ),
+    "not-turned": Refusal(
+        "turn the sensor while recording, or give the calibration that the disturbances belong to",
+        "The sensor was held still while what disturbs it changed.",
+        "Give the calibration that this belongs to, or turn the sensor while recording.",
+    ),
+    "out-of-scale": Refusal(
+        "check the unit and the columns",
+        "The readings are larger or smaller than those of any magnetometer.",
+        "Check which columns are read, and the unit.",
+    ),
+    "not-an-ellipsoid": Refusal(
+        "turn the sensor upside down and onto each of its sides",
+        "The readings cover too few directions to tell what they would be in the others.",
+        "Turn the sensor upside down and onto each of its sides.",
+    ),
+    "undetermined": Refusal(
+        "turn the sensor about more of its axes",
+        "The sensor was turned in too few ways. For {unseen} of the 9 numbers of the correction the recording tells "
+        "nothing.",
+        "Turn the sensor about all three of its axes.",
+    ),
+    "constant-strength": Refusal(
+        "",
+        "The field has nearly one and the same strength at all readings. The method that was asked for needs one that "
+        "varies.",
+        "Use another method.",
+    ),
+    "wrong-strength": Refusal(
+        "check the column of the field's strength, or take it out",
+        "The strength of the field that the recording tells beside its readings cannot be right.",
+        "Check where that column comes from, or take it out.",
+    ),
+    "collapsed": Refusal(
+        "",
+        "The method that was asked for finds no correction near these readings.",
+        "Use another method, or turn the sensor onto all of its sides.",
+    ),
+    "refused": Refusal("record again, and turn the sensor as the example says"),
+    "unreadable": Refusal("check whether the file is whole, and of a kind that is read"),
+    "document": Refusal("check whether the file is whole"),
+    "no-magnetometer": Refusal("name the columns of the magnetometer"),
+    "no-unit": Refusal("say in the table whose readings they are"),
+    "unit": Refusal("give all files of a unit in one unit of field"),
+    "axes": Refusal("check --axes"),
+    "usage": Refusal("check the options that say how files are read"),
+    "foreign-axes": Refusal("check which sensor the columns belong to"),
+    "missing-extra": Refusal("install what the example names"),
+    "lost-worker": Refusal("fit it by itself with flinders calibrate, and look at the memory of the machine"),
+    "internal": Refusal("report it: this is a fault in Flinders"),
+}
+"""By the code of the error."""
