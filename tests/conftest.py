@@ -23,6 +23,11 @@ ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden" / "files"
 ON_CI = bool(os.environ.get("CI"))
 
+# The workers of pytest take all cores already. Threads of BLAS would wait for each other: with two of them, a joint fit
+# of three sensors takes eight times as long. NumPy reads this when it is first imported, which is after this file.
+for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
+
 # A shared machine is sometimes slow for a moment: no deadline. On CI the same examples every time.
 settings.register_profile("default", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)

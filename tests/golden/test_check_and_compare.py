@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.golden.sessions import rounded, session
+from tests.golden.sessions import session
 
 from flinders import simulate
 from flinders.cli import main
@@ -42,8 +41,3 @@ def test_a_calibration_that_holds_and_one_that_fails(golden: Golden) -> None:
 
 def test_two_calibrations(golden: Golden) -> None:
     golden("cli/compare.txt", session("flinders compare monday.json tuesday.json"))
-
-
-def test_two_calibrations_as_json(golden: Golden) -> None:
-    ended = CliRunner().invoke(main, ["compare", "monday.json", "tuesday.json", "--json"])
-    golden("cli/compare.json", json.dumps(rounded(json.loads(ended.stdout)), indent=1, ensure_ascii=False) + "\n")

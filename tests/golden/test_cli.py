@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from click.testing import CliRunner
-from tests.golden.sessions import ROOT, assert_sessions_are_real, rounded, session
+from tests.golden.sessions import ROOT, assert_sessions_are_real, session
 
 from flinders import simulate
-from flinders.cli import main
 from flinders.estimators import table
 from flinders.findings import CATALOGUE
 
@@ -44,12 +41,6 @@ def test_help(command: str, golden: Golden) -> None:
 
 def test_demo(golden: Golden) -> None:
     golden("cli/demo.txt", session("flinders demo"))
-
-
-def test_demo_as_json(golden: Golden) -> None:
-    ended = CliRunner().invoke(main, ["demo", "--json"])
-    found = rounded(json.loads(ended.stdout))
-    golden("cli/demo.json", json.dumps(found, indent=1, ensure_ascii=False) + "\n")
 
 
 def test_methods(golden: Golden) -> None:
