@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.geometry.sphere import tile_of
-from flinders.summary.coverage import around_z, cells_of
+from flinders.geometry.sphere import around_z, tile_of
+from flinders.summary.coverage import cells_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
