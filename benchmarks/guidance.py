@@ -27,13 +27,14 @@ import flinders
 from flinders import simulate
 from flinders.errors import FitError
 from flinders.fitting.result import Refused
+from flinders.geometry.rotation import best_rotation
+from flinders.geometry.rotation import rotations as turns
 from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
 from flinders.live.guidance import believe
 from flinders.simulate import Sensor
-from flinders.simulate.angle_error import best_rotation
-from flinders.simulate.rotations import north_and_down, seen_from, turns
+from flinders.simulate.motions import north_and_down, seen_from
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -46,14 +46,13 @@ from flinders.estimators.data import Readings
 from flinders.estimators.level import Level
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
-from flinders.geometry.rotation import across
+from flinders.geometry.rotation import across, rotation_vectors
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GRAVITY
 from flinders.likelihood.gyro import SCALE_SIGMA, grown
 from flinders.likelihood.parameters import Parameters
 from flinders.likelihood.site_field import Site
-from flinders.simulate.rotations import rotation_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.emulations.gyro_windows import sphere_about, steps_of
 from flinders.likelihood.equations import FINEST
-from flinders.simulate.rotations import turns
+from flinders.simulate import turns
 from flinders.summary.moments import Moments
 
 if TYPE_CHECKING:

@@ -74,6 +74,28 @@ def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Flo
     return array
 
 
+def triple(values: ArrayLike, name: str = "offset") -> Floats:
+    """Let through three finite numbers.
+
+    Raises
+    ------
+    ArrayError
+        For another shape, or what is not finite.
+    """
+    array = floats(values, name)
+    if array.shape != (3,):
+        raise ArrayError(f"{name} has shape {array.shape}: need (3,)")
+    refuse_gaps(array, name)
+    return array
+
+
+def frozen(array: Floats) -> Floats:
+    """Copy an array and make the copy read-only."""
+    copy = np.array(array, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy
+
+
 def column(values: ArrayLike, rows: int, name: str) -> Floats:
     """Let through an (N,) array with one value a row.
 

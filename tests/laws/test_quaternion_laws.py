@@ -20,7 +20,7 @@ from flinders.errors import ArrayError, AxesError
 from flinders.geometry import quaternions
 from flinders.heading.smoothing import Filter, filtered
 from flinders.readers._beside import LONGEST_TURN, Turning
-from flinders.simulate.rotations import posed
+from flinders.simulate.motions import posed
 from flinders.simulate.table import write_csv
 from flinders.targets._autopilot import euler
 

@@ -7,8 +7,7 @@ import numpy.testing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from flinders.geometry.sphere import COUNT, tile_of, tiles
-from flinders.summary.coverage import fibonacci
+from flinders.geometry.sphere import COUNT, fibonacci, tile_of, tiles
 
 
 def test_areas_are_alike_and_make_up_the_sphere() -> None:

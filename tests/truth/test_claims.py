@@ -16,8 +16,8 @@ from flinders import simulate
 from flinders.estimators.aiding import solve
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.rotation import rotation_vectors
 from flinders.likelihood.site_field import Site
-from flinders.simulate.rotations import rotation_vectors
 
 if TYPE_CHECKING:
     from tests.trials import Choose

@@ -14,7 +14,7 @@ from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading import path_planning
 from flinders.heading.guidance import guide
-from flinders.simulate.rotations import turns
+from flinders.simulate import turns
 
 if TYPE_CHECKING:
     from tests.trials import Choose

@@ -25,10 +25,10 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import AxesError, UnitError, UsageError
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.equator import equator, to_equator
-from flinders.geometry.quaternions import of_matrix
+from flinders.geometry.plane import equator, to_equator
+from flinders.geometry.rotation import rotation_vectors
+from flinders.geometry.sphere import fibonacci
 from flinders.heading.error_propagation import HeadingError
-from flinders.simulate import fibonacci
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class RotationDifference:
         both = [_rotation_covariance(fit) for fit in (a, b)]
         covariance = None if both[0] is None or both[1] is None else np.rad2deg(np.rad2deg(both[0] + both[1]))
         between = b.calibration.rotation_matrix @ a.calibration.rotation_matrix.T
-        return cls(np.rad2deg(_rotation_vector(between)), covariance)
+        return cls(np.rad2deg(rotation_vectors(between)), covariance)
 
     @property
     def angle_deg(self) -> float:
@@ -422,7 +422,7 @@ def _left_out_deg(a: Fit, b: Fit) -> float | None:
     knowing = [one for one in (a, b) if one.calibration.rotation != "symmetric"]
     if len(knowing) != 1:
         return None
-    return float(np.rad2deg(np.linalg.norm(_rotation_vector(knowing[0].calibration.rotation_matrix))))
+    return float(np.rad2deg(np.linalg.norm(rotation_vectors(knowing[0].calibration.rotation_matrix))))
 
 
 def _rotation_covariance(fit: Fit) -> Floats | None:
@@ -450,18 +450,6 @@ def _level(fit: Fit, dip_deg: float) -> Fit:
         frame=calibration.frame,
     )
     return replace(fit, calibration=levelled, covariance=rows @ fit.covariance @ rows.T)
-
-
-def _rotation_vector(rotation: Floats) -> Floats:
-    """(3,) axis times angle, in rad, of a proper rotation (3, 3).
-
-    >>> _rotation_vector(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
-    array([0.    , 0.    , 1.5708])
-    """
-    w, *vector = of_matrix(rotation).tolist()
-    sine = math.hypot(*vector)
-    angle = 2.0 * math.atan2(sine, w)
-    return np.array(vector) * (angle / sine if sine > 0.0 else 2.0)
 
 
 def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:

@@ -30,8 +30,7 @@ from flinders.core.samples import Joined
 from flinders.errors import FitError, UsageError
 from flinders.estimators import Readings, at_one_strength
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.geometry.equator import equator
-from flinders.geometry.plane import order_of
+from flinders.geometry.plane import equator, order_of
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import magnitude
 from flinders.likelihood.equations import NormalEquations

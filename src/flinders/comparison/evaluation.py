@@ -19,6 +19,7 @@ import numpy as np
 from flinders.comparison.comparison import CHANCE, DIRECTIONS
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
+from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
     HeadingError,
     direction_error_deg,
@@ -26,7 +27,6 @@ from flinders.heading.error_propagation import (
     level_gradients,
     level_turn,
 )
-from flinders.simulate.angle_error import best_rotation
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
@@ -221,7 +221,7 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         direction_error_deg=_angles_deg(seen),
         freed_direction_error_deg=_angles_deg(rotation @ seen),
         claimed_direction_deg=claims.direction_deg if claims else None,
-        rotation_deg=_angle_deg(rotation),
+        rotation_deg=math.degrees(math.hypot(*rotation_vectors(rotation))),
         offset_error=np.asarray(fit.calibration.offset - met.offset),
         offset_sigma=claims.offset_sigma if claims else None,
         matrix_error=met.matrix_error,
@@ -325,14 +325,6 @@ def _angles_deg(seen: Floats) -> tuple[float, float]:
 
 def _rms_and_worst(angles: Floats) -> tuple[float, float]:
     return float(np.sqrt(np.mean(angles**2))), float(np.abs(angles).max())
-
-
-def _angle_deg(rotation: Floats) -> float:
-    """Angle of a rotation (3, 3), to the last digit also where it is small."""
-    twice_sine = math.hypot(
-        rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]
-    )
-    return math.degrees(math.atan2(twice_sine, float(np.trace(rotation)) - 1.0))
 
 
 def _ratio(error: float, claimed: float) -> float | None:

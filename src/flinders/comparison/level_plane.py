@@ -39,8 +39,7 @@ from flinders.core.samples import singles
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.known_dip import Heights
 from flinders.fitting.result import Fit
-from flinders.geometry.equator import equator, to_equator
-from flinders.geometry.plane import root
+from flinders.geometry.plane import equator, root, to_equator
 from flinders.heading.error_propagation import upright
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 import numpy as np
 from msgspec import to_builtins
 
-from flinders.arrays import Floats, floats, matrix, vectors
+from flinders.arrays import Floats, floats, frozen, matrix, triple, vectors
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import (
     Correction,
@@ -104,8 +104,8 @@ class Calibration:
         """Check the numbers and keep read-only copies of them."""
         if self.rotation not in get_args(Rotation):
             raise UsageError(f"rotation is {self.rotation!r}: need one of {', '.join(get_args(Rotation))}")
-        object.__setattr__(self, "matrix", _frozen(_invertible(self.matrix, self.rotation)))
-        object.__setattr__(self, "offset", _frozen(_triple(self.offset, "offset")))
+        object.__setattr__(self, "matrix", frozen(_invertible(self.matrix, self.rotation)))
+        object.__setattr__(self, "offset", frozen(triple(self.offset, "offset")))
         object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
         object.__setattr__(self, "disturbances", checked(self.disturbances))
 
@@ -587,27 +587,12 @@ def _symmetric(array: Floats, name: str, advice: str = "") -> Floats:
     return array
 
 
-def _triple(values: ArrayLike, name: str) -> Floats:
-    """Let through three finite numbers."""
-    array = vectors(values, name)
-    if array.shape != (3,):
-        raise ArrayError(f"{name} has shape {array.shape}: need (3,)")
-    return array
-
-
 def _positive(value: ArrayLike | None, name: str) -> float:
     """Let through one positive finite number."""
     number = floats(0.0 if value is None else value, name)
     if number.shape != () or not (np.isfinite(number) and number > 0):
         raise UsageError(f"{name} is {number}: need one positive number")
     return float(number)
-
-
-def _frozen(array: Floats) -> Floats:
-    """Copy an array and make the copy read-only."""
-    copy = array.copy()
-    copy.flags.writeable = False
-    return copy
 
 
 def _recorded_unit(raw: Recorded, inside: str) -> Unit:

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.arrays import Floats, floats, vectors
+from flinders.arrays import Floats, floats, frozen, vectors
 from flinders.errors import ArrayError, UsageError
 
 if TYPE_CHECKING:
@@ -120,11 +120,10 @@ class Disturbance:
     def __post_init__(self) -> None:
         """Check the numbers and keep a read-only copy of the offset."""
         known(self.name)
-        per_unit = vectors(self.per_unit, f"offset per unit of {self.name}").copy()
+        per_unit = vectors(self.per_unit, f"offset per unit of {self.name}")
         if per_unit.shape != (3,):
             raise ArrayError(f"offset per unit of {self.name} has shape {per_unit.shape}: need three numbers")
-        per_unit.flags.writeable = False
-        object.__setattr__(self, "per_unit", per_unit)
+        object.__setattr__(self, "per_unit", frozen(per_unit))
         numbers = (self.reference, self.lowest, self.highest, self.lag_s, self.gain_per_unit)
         if not np.all(np.isfinite(numbers)):
             raise ArrayError(f"{self.name} has {numbers}: reference, range, lag and gain must be finite")

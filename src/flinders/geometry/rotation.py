@@ -1,4 +1,4 @@
-"""Rotation matrices of many readings at once, and steps on the sphere of directions.
+"""Rotation matrices: of rotation vectors and back, of many readings at once; and steps on the sphere of directions.
 
 >>> quarter = rotations(np.array([[0.0, 0.0, np.pi / 2]]))
 >>> bool(np.allclose(quarter[0], np.eye(3) + cross_matrices(np.array([0.0, 0.0, 1.0])) - np.diag([1.0, 1.0, 0.0])))
@@ -11,7 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from flinders.geometry.quaternions import of_matrix
+
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from flinders.arrays import Floats
 
 
@@ -37,12 +41,13 @@ def applied(matrices: Floats, vectors: Floats) -> Floats:
     return product(matrices, vectors[..., np.newaxis])[..., 0]
 
 
-def rotations(vectors: Floats) -> Floats:
+def rotations(vectors: ArrayLike) -> Floats:
     """(..., 3, 3) rotations by (..., 3) rotation vectors in rad (Rodrigues), exact to rounding at any angle.
 
     >>> rotations(np.array([[0.0, 0.0, np.pi / 2]])).round(3)[0].tolist()
     [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     """
+    vectors = np.asarray(vectors, float)
     square = np.einsum("...i,...i->...", vectors, vectors)
     angle = np.sqrt(square)
     small = angle < 1e-4
@@ -56,6 +61,28 @@ def rotations(vectors: Floats) -> Floats:
     for i, along in enumerate((x, y, z)):
         turned[i, i] = 1.0 - bend * (square - along * along)
     return np.moveaxis(turned, (0, 1), (-2, -1))
+
+
+def rotation_vectors(matrices: Floats) -> Floats:
+    """(..., 3) axis times angle, in rad up to half a turn, of (..., 3, 3) rotations: the inverse of `rotations`.
+
+    >>> rotation_vectors(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
+    array([0.    , 0.    , 1.5708])
+    """
+    quaternion = of_matrix(matrices)
+    sine = lengths(quaternion[..., 1:])
+    angle = 2.0 * np.arctan2(sine, quaternion[..., 0])
+    factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
+    vectors: Floats = quaternion[..., 1:] * factor[..., np.newaxis]
+    return vectors
+
+
+def best_rotation(turned: Floats, true: Floats) -> Floats:
+    """(3, 3) the rotation that brings (N, 3) vectors closest to the true ones (Kabsch 1976)."""
+    left, _, right = np.linalg.svd(true.T @ turned)
+    left[:, 2] *= np.sign(np.linalg.det(left @ right))
+    rotation: Floats = left @ right
+    return rotation
 
 
 def cross_matrices(vectors: Floats) -> Floats:

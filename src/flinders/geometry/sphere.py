@@ -1,4 +1,4 @@
-"""The sphere in 642 near-hexagonal tiles, on which a predicted error is drawn.
+"""Directions: the sphere in 642 near-hexagonal tiles, points spread evenly over it, and directions drawn at random.
 
 The vertices of an icosahedron whose edges are cut in 8, moved until each is the centroid of its own
 tile (Lloyd 1982), and the tiles around them: 630 hexagons and 12 pentagons, about 8° wide. Tile `i`
@@ -20,6 +20,7 @@ Source: S. P. Lloyd, "Least squares quantization in PCM", IEEE Trans. Inf. Theor
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -30,6 +31,7 @@ import numpy as np
 from flinders.arrays import table
 
 if TYPE_CHECKING:
+    from numpy.random import Generator
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
@@ -99,6 +101,75 @@ def tile_of(directions: ArrayLike) -> NDArray[np.intp]:
         lengths = np.linalg.norm(block, axis=1, keepdims=True).clip(min=np.finfo(float).tiny)
         tile[start : start + BLOCK] = np.argmax((block / lengths).astype(np.float32) @ centres, axis=1)
     return tile
+
+
+def around_z(z: Floats, longitude: Floats) -> Floats:
+    """(N, 3) unit vectors at heights (N,) and longitudes (N,) in rad."""
+    across = np.sqrt(1 - z * z)
+    return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+
+
+def fibonacci(n: int) -> Floats:
+    """(n, 3) unit vectors spread evenly over the sphere, from the north pole to the south pole.
+
+    >>> fibonacci(4).round(3)
+    array([[ 0.24 , -0.616,  0.75 ],
+           [-0.868,  0.428,  0.25 ],
+           [ 0.93 ,  0.271, -0.25 ],
+           [-0.343, -0.565, -0.75 ]])
+    """
+    steps: Floats = np.arange(n, dtype=np.float64) + 0.5
+    z = 1 - 2 * steps / n
+    longitude: Floats = np.pi * (1 + 5**0.5) * steps  # the golden angle, but for full turns
+    return around_z(z, longitude)
+
+
+def uniform(rng: Generator, n: int) -> Floats:
+    """(n, 3) directions, all alike.
+
+    >>> bool(np.abs(uniform(np.random.default_rng(0), 10_000).mean(axis=0)).max() < 0.02)
+    True
+    """
+    vector = rng.standard_normal((n, 3))
+    unit: Floats = vector / np.linalg.norm(vector, axis=1, keepdims=True)
+    return unit
+
+
+def hemisphere(rng: Generator, n: int) -> Floats:
+    """(n, 3) directions with z ≥ 0: of a sensor that is never turned over, where the field points down.
+
+    >>> bool(hemisphere(np.random.default_rng(0), 1000)[:, 2].min() >= 0)
+    True
+    """
+    directions = uniform(rng, n)
+    directions[:, 2] = np.abs(directions[:, 2])
+    return directions
+
+
+def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
+    """(n, 3) directions within a small angle of one that is drawn first.
+
+    >>> close = clump(np.random.default_rng(0), 100)
+    >>> bool(np.degrees(np.arccos((close @ close.T).min())) < 6)
+    True
+    """
+    pole = uniform(rng, 1)[0]
+    near = around_z(rng.uniform(math.cos(math.radians(half_angle_deg)), 1, n), rng.uniform(0, 2 * np.pi, n))
+    aside = np.array([1.0, 0.0, 0.0]) if abs(pole[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    east = np.cross(pole, aside)
+    east /= np.linalg.norm(east)
+    turned: Floats = near @ np.stack([east, np.cross(pole, east), pole])
+    return turned
+
+
+def clumped(rng: Generator, n: int, *, share: float = 0.6) -> Floats:
+    """(n, 3) directions: all alike first, then a `share` of them in one `clump`.
+
+    >>> bool(clumped(np.random.default_rng(0), 10)[-6:].std(axis=0).max() < 0.05)
+    True
+    """
+    together = round(n * share)
+    return np.concatenate([uniform(rng, n - together), clump(rng, together)])
 
 
 def _icosahedron() -> tuple[Floats, NDArray[np.intp]]:

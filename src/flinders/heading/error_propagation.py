@@ -25,7 +25,7 @@ import numpy as np
 
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
-from flinders.summary.coverage import fibonacci
+from flinders.geometry.sphere import fibonacci
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -42,13 +42,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 
-from flinders.arrays import floats, table
+from flinders.arrays import table, triple
 from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.geometry.sphere import fibonacci
 from flinders.heading.error_propagation import direction_gradients, level_gradients
 from flinders.heading.guidance import SHARPNESS, reading_variance
 from flinders.likelihood import magnitude
-from flinders.summary.coverage import CELLS, fibonacci
+from flinders.summary.coverage import CELLS
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -131,7 +132,7 @@ class Belief:
         ArrayError
             For another shape, or what is not finite.
         """
-        departure = np.linalg.solve(self.ellipsoid.shape, _triple(reading, "reading") - self.ellipsoid.centre)
+        departure = np.linalg.solve(self.ellipsoid.shape, triple(reading, "reading") - self.ellipsoid.centre)
         direction: Floats = departure / max(float(np.linalg.norm(departure)), np.finfo(float).tiny)
         return direction
 
@@ -409,20 +410,12 @@ _TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
 
 def _unit(values: ArrayLike) -> Floats:
     """(3,) of length one."""
-    vector = _triple(values, "direction")
+    vector = triple(values, "direction")
     length = float(np.linalg.norm(vector))
     if length == 0.0:
         raise ArrayError("direction has no length: need three numbers, not all zero")
     unit: Floats = vector / length
     return unit
-
-
-def _triple(values: ArrayLike, name: str) -> Floats:
-    """(3,) finite numbers."""
-    array = floats(values, name)
-    if array.shape != (3,):
-        raise ArrayError(f"{name} has shape {array.shape}: need (3,)")
-    return array
 
 
 def _in_degrees(variance: float) -> float:

@@ -36,9 +36,9 @@ from rich.text import Text
 
 from flinders.core.units import label
 from flinders.errors import figures
-from flinders.geometry.sphere import tile_of
+from flinders.geometry.sphere import around_z, tile_of
 from flinders.report.formatting import aligned, matrix_entries, offset_entries, on_the_point
-from flinders.summary.coverage import around_z, cells_of
+from flinders.summary.coverage import cells_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -54,13 +54,15 @@ from __future__ import annotations
 
 import numpy as np  # noqa: F401  for the examples above
 
+from flinders.geometry.rotation import rotation_vectors as rotation_vectors
+from flinders.geometry.rotation import rotations
+from flinders.geometry.sphere import clump as clump
+from flinders.geometry.sphere import clumped as clumped
+from flinders.geometry.sphere import fibonacci as fibonacci
+from flinders.geometry.sphere import hemisphere as hemisphere
+from flinders.geometry.sphere import uniform as uniform
 from flinders.simulate import fleet as fleet
 from flinders.simulate import truth as truth
-from flinders.simulate.angle_error import angle_error_deg as angle_error_deg
-from flinders.simulate.directions import clump as clump
-from flinders.simulate.directions import clumped as clumped
-from flinders.simulate.directions import hemisphere as hemisphere
-from flinders.simulate.directions import uniform as uniform
 from flinders.simulate.disturbances import Effect as Effect
 from flinders.simulate.disturbances import FieldStep as FieldStep
 from flinders.simulate.disturbances import MotorCurrent as MotorCurrent
@@ -83,24 +85,24 @@ from flinders.simulate.motions import figure_eight as figure_eight
 from flinders.simulate.motions import flight as flight
 from flinders.simulate.motions import hand_tumble as hand_tumble
 from flinders.simulate.motions import level_turn as level_turn
+from flinders.simulate.motions import north_and_down as north_and_down
 from flinders.simulate.motions import planar_sweeps as planar_sweeps
+from flinders.simulate.motions import posed as posed
 from flinders.simulate.motions import rocked as rocked
+from flinders.simulate.motions import seen_from as seen_from
 from flinders.simulate.motions import swayed as swayed
 from flinders.simulate.motions import tilted as tilted
 from flinders.simulate.recording import ACCELERATION_NOISE as ACCELERATION_NOISE
 from flinders.simulate.recording import RATE_NOISE as RATE_NOISE
 from flinders.simulate.recording import Imu as Imu
 from flinders.simulate.recording import Simulated as Simulated
+from flinders.simulate.recording import angle_error_deg as angle_error_deg
 from flinders.simulate.recording import specific_force as specific_force
 from flinders.simulate.recording import tumble as tumble
-from flinders.simulate.rotations import north_and_down as north_and_down
-from flinders.simulate.rotations import posed as posed
-from flinders.simulate.rotations import rotation_vectors as rotation_vectors
-from flinders.simulate.rotations import seen_from as seen_from
-from flinders.simulate.rotations import turns as turns
 from flinders.simulate.sensor import Sensor as Sensor
 from flinders.simulate.sensor import soft_iron as soft_iron
 from flinders.simulate.table import write_csv as write_csv
 from flinders.simulate.two_axis import TwoAxis as TwoAxis
 from flinders.simulate.two_axis import swing as swing
-from flinders.summary.coverage import fibonacci as fibonacci
+
+turns = rotations

@@ -3,18 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-import numpy as np
-
-from flinders.arrays import vectors
-from flinders.errors import ArrayError, UsageError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from flinders.arrays import Floats
-
+from flinders.errors import UsageError
 
 MOST: Final = 5_000_000
 """Readings of a simulated recording, which is held in memory: some 2 GB."""
@@ -48,18 +39,3 @@ def count(n: int, least: int = 1) -> int:
     if n > MOST:
         raise UsageError(f"n is {n:.3g}: need at most {MOST:,} readings, as they are held in memory; simulate several")
     return n
-
-
-def triple(values: ArrayLike, name: str = "offset") -> Floats:
-    """Let through three finite numbers."""
-    array = vectors(values, name)
-    if array.shape != (3,):
-        raise ArrayError(f"{name} has shape {array.shape}: need (3,)")
-    return array
-
-
-def frozen(array: Floats) -> Floats:
-    """Copy an array and make the copy read-only."""
-    copy = np.array(array, dtype=np.float64)
-    copy.flags.writeable = False
-    return copy

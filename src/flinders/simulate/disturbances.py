@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 
-from flinders.arrays import table
+from flinders.arrays import table, triple
 from flinders.errors import UsageError
-from flinders.simulate._checks import not_negative, positive, share, triple
-from flinders.simulate.directions import uniform
+from flinders.geometry.sphere import uniform
+from flinders.simulate._checks import not_negative, positive, share
 
 if TYPE_CHECKING:
     from numpy.random import Generator

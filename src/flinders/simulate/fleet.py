@@ -27,9 +27,10 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
+from flinders.geometry.rotation import rotations
+from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import count, share
-from flinders.simulate.directions import uniform
-from flinders.simulate.rotations import north_and_down, random_attitude, turns
+from flinders.simulate.motions import north_and_down, random_attitude
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -298,7 +299,7 @@ def in_room(body: Floats, angles: Floats) -> Floats:
 
 def _turned(rng: Generator, n: int) -> TurnedSensor:
     """Draw a sensor and how it is turned."""
-    axes = turns(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
+    axes = rotations(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
     matrix = axes @ np.diag(1.0 + rng.uniform(-SOFT, SOFT, 3)) @ axes.T
     offset = uniform(rng, 1)[0] * rng.uniform(0.0, HARD_UT)
     noise = math.exp(rng.uniform(*np.log(NOISE_UT)))

@@ -1,4 +1,4 @@
-"""How a body moves while it is recorded.
+"""How a body moves while it is recorded; attitudes turn body axes into world axes: north, east, down.
 
 A `Motion` draws a `Path`: the directions of the field that the body meets and, where it is followed in time, its
 attitudes, rates and accelerations.
@@ -21,22 +21,15 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UsageError
+from flinders.geometry.rotation import rotation_vectors, rotations
+from flinders.geometry.sphere import clumped, hemisphere, uniform
 from flinders.simulate._checks import count
-from flinders.simulate.directions import clumped, hemisphere, uniform
-from flinders.simulate.rotations import (
-    followed,
-    posed,
-    random_attitude,
-    rates,
-    rotation_vectors,
-    seen_from,
-    turns,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.random import Generator
+    from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
 
@@ -151,8 +144,8 @@ def tilted(rng: Generator, n: int, *, tilt_deg: float = 35.0) -> Floats:
     """
     heading, axis = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 2 * np.pi, n)
     tilt = np.radians(rng.uniform(0, tilt_deg, n))
-    tilts = turns(np.stack([np.cos(axis) * tilt, np.sin(axis) * tilt, np.zeros(n)], axis=1))
-    return turns(np.outer(heading, [0.0, 0.0, 1.0])) @ tilts
+    tilts = rotations(np.stack([np.cos(axis) * tilt, np.sin(axis) * tilt, np.zeros(n)], axis=1))
+    return rotations(np.outer(heading, [0.0, 0.0, 1.0])) @ tilts
 
 
 def level_turn(rng: Generator, n: int) -> Floats:
@@ -161,7 +154,7 @@ def level_turn(rng: Generator, n: int) -> Floats:
     >>> level_turn(np.random.default_rng(0), 3)[:, 2].tolist()
     [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
     """
-    return turns(np.outer(rng.uniform(0, 2 * np.pi, n), [0.0, 0.0, 1.0]))
+    return rotations(np.outer(rng.uniform(0, 2 * np.pi, n), [0.0, 0.0, 1.0]))
 
 
 def hand_tumble(
@@ -190,7 +183,7 @@ def hand_tumble(
     n = count(round(seconds * rate_hz))
     rate = _wandering(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
     rate *= speed / np.sqrt(np.mean(rate**2))
-    attitudes = followed(random_attitude(rng), turns(rate * (1 / rate_hz)))
+    attitudes = integrated(random_attitude(rng), rotations(rate * (1 / rate_hz)))
     return Trajectory(_clock(n, rate_hz), attitudes, rate)
 
 
@@ -327,7 +320,7 @@ def swayed(
     far = np.hypot(smooth[:, 0], smooth[:, 1])
     lean = smooth * (math.radians(tilt_deg) * np.tanh(far / 2) / np.maximum(far, 1e-12))[:, np.newaxis]
     heading = rng.uniform(0, 2 * np.pi) + 2 * np.pi * turns_each * _clock(n, rate_hz) / seconds + 0.3 * smooth[:, 2]
-    attitudes = turns(np.outer(heading, [0.0, 0.0, 1.0])) @ turns(lean * [1.0, 1.0, 0.0])
+    attitudes = rotations(np.outer(heading, [0.0, 0.0, 1.0])) @ rotations(lean * [1.0, 1.0, 0.0])
     return _trajectory(attitudes, rate_hz)
 
 
@@ -470,6 +463,68 @@ MOTIONS: Final[Mapping[str, Motion]] = {
 """What `tumble` knows, by name."""
 
 
+def north_and_down(dip_deg: float) -> Floats:
+    """(3,) unit direction of a field that dips by `dip_deg`: north, east, down.
+
+    >>> north_and_down(30.0).round(3)
+    array([0.866, 0.   , 0.5  ])
+    """
+    dip = math.radians(dip_deg)
+    return np.array([math.cos(dip), 0.0, math.sin(dip)])
+
+
+def posed(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
+    """(N, 3, 3) attitudes of a body that turns to a heading, raises its nose and then drops its right side; in rad.
+
+    >>> posed([np.pi / 2], [0.0], [0.0]).round(3)[0].tolist()
+    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    headings, pitches, rolls = np.broadcast_arrays(*(np.atleast_1d(angle) for angle in (heading, pitch, roll)))
+    x, y, z = np.eye(3)
+    turned: Floats = rotations(np.outer(headings, z)) @ rotations(np.outer(pitches, y))
+    return turned @ rotations(np.outer(rolls, x))
+
+
+def seen_from(attitudes: Floats, world: Floats) -> Floats:
+    """(N, 3) a fixed world vector (3,) in the body axes of each of (N, 3, 3) attitudes.
+
+    >>> seen_from(posed([0.3], [0.0], [0.0]), np.array([0.0, 0.0, 1.0]))
+    array([[0., 0., 1.]])
+    """
+    seen: Floats = np.einsum("nji,j->ni", attitudes, world)
+    return seen
+
+
+def random_attitude(rng: Generator) -> Floats:
+    """(3, 3) a rotation, all alike (QR of a Gaussian matrix with the signs of R taken out)."""
+    orthogonal, triangular = np.linalg.qr(rng.standard_normal((3, 3)))
+    attitude: Floats = orthogonal * np.sign(np.diag(triangular))
+    if np.linalg.det(attitude) < 0:
+        attitude[:, 0] *= -1
+    return attitude
+
+
+def rates(attitudes: Floats, rate_hz: float) -> Floats:
+    """(N, 3) body rates in rad/s, constant from each of (N, 3, 3) attitudes to the next; the last goes on."""
+    if len(attitudes) < 2:
+        return np.zeros((len(attitudes), 3))
+    steps = np.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:]
+    rate = rotation_vectors(steps) * rate_hz
+    return np.concatenate([rate, rate[-1:]])
+
+
+def integrated(start: Floats, steps: Floats) -> Floats:
+    """(N, 3, 3) attitudes from the first one on, each turned by its step (N, 3, 3) in body axes."""
+    attitudes = np.empty_like(steps)
+    attitudes[0] = start
+    for index in range(1, len(steps)):
+        attitudes[index] = attitudes[index - 1] @ steps[index - 1]
+        if index % 100 == 0:  # rounding adds up: back to the nearest rotation
+            left, _, right = np.linalg.svd(attitudes[index])
+            attitudes[index] = left @ right
+    return attitudes
+
+
 def _clock(n: int, rate_hz: float) -> Floats:
     """(n,) instants in s, the first at zero."""
     time: Floats = np.arange(n, dtype=np.float64) * (1 / rate_hz)
@@ -497,7 +552,7 @@ def _between(first: Floats, last: Floats, n: int) -> Floats:
     """(n, 3, 3) attitudes on the shortest way from one (3, 3) to another, both left out."""
     way = rotation_vectors((first.T @ last)[np.newaxis])
     steps = np.arange(1, n + 1)[:, np.newaxis] / (n + 1)
-    between: Floats = first @ turns(steps * way)
+    between: Floats = first @ rotations(steps * way)
     return between
 
 

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from flinders.arrays import frozen, triple
+from flinders.arrays import matrix as square
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.simulate._checks import count, frozen, not_negative, positive, share, triple
+from flinders.geometry.rotation import best_rotation
+from flinders.geometry.sphere import fibonacci
+from flinders.simulate._checks import count, not_negative, positive, share
 from flinders.simulate.disturbances import Effect, stray_fields
-from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path
-from flinders.simulate.rotations import north_and_down, seen_from
-from flinders.simulate.sensor import Sensor
+from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path, north_and_down, seen_from
+from flinders.simulate.sensor import Sensor, symmetric_power
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.random import Generator
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
     from flinders.simulate.disturbances import Perturbation
@@ -232,6 +236,54 @@ def specific_force(
     if acceleration is not None:
         felt = felt + np.einsum("nji,nj->ni", attitudes, acceleration)
     return felt + rng.normal(0.0, noise, felt.shape)
+
+
+def angle_error_deg(
+    matrix: ArrayLike,
+    offset: ArrayLike,
+    truth: Simulated,
+    *,
+    rotation: Literal["symmetric", "best"] = "symmetric",
+) -> float:
+    """Root mean square angle between true and corrected field, over 400 directions spread evenly, in degrees.
+
+    The matrix is judged by its symmetric root (MᵀM)^½, which is all that an ellipsoid fixes of it; its scale
+    does not count.
+
+    Parameters
+    ----------
+    matrix : (3, 3) array-like
+        Of the calibration that is judged.
+    offset : (3,) array-like, µT
+    truth : Simulated
+        Its sensor and field strength.
+    rotation : str
+        ``symmetric`` counts the sensor's own `Sensor.rotation` as error, as a heading would; ``best`` takes the
+        best rotation away first, for sensors whose matrix is not symmetric.
+
+    Raises
+    ------
+    ArrayError
+        For a wrong shape or values that are not finite.
+
+    Examples
+    --------
+    >>> from flinders.simulate import Sensor, tumble
+    >>> recording = tumble(sensor=Sensor(matrix=[[1.0, 0.0, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    >>> angle_error_deg(*recording.sensor.correction, recording)
+    2.3
+    >>> angle_error_deg(*recording.sensor.correction, recording, rotation="best")
+    0.0
+    """
+    root = symmetric_power(square(matrix).T @ square(matrix), 0.5)
+    true = fibonacci(400)
+    raw = truth.field_strength * true @ truth.sensor.matrix.T + truth.sensor.offset
+    corrected = (raw - triple(offset)) @ root
+    if rotation == "best":
+        corrected = corrected @ best_rotation(corrected, true).T
+    across = np.linalg.norm(np.cross(corrected, true), axis=1)
+    angles = np.arctan2(across, np.sum(corrected * true, axis=1))
+    return math.degrees(math.sqrt(np.mean(angles**2)))
 
 
 def _course(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg: float | None) -> Course:

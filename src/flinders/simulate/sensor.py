@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, table
+from flinders.arrays import Floats, frozen, table, triple
 from flinders.arrays import matrix as square
 from flinders.errors import ArrayError, UsageError
-from flinders.simulate._checks import frozen, not_negative, triple
+from flinders.simulate._checks import not_negative
 
 if TYPE_CHECKING:
     from numpy.random import Generator

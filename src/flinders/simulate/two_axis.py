@@ -25,8 +25,8 @@ from flinders.arrays import matrix as square
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UsageError
 from flinders.simulate._checks import count, not_negative, positive
+from flinders.simulate.motions import north_and_down, posed, seen_from
 from flinders.simulate.recording import Simulated
-from flinders.simulate.rotations import north_and_down, posed, seen_from
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:

@@ -28,6 +28,7 @@ import numpy as np
 from flinders.estimators.data import PER_CELL
 from flinders.estimators.robust import SEED
 from flinders.findings import limit_of
+from flinders.geometry.sphere import fibonacci
 from flinders.stacked import hung
 from flinders.stacked.algebra import (
     SHORTEST,
@@ -41,7 +42,7 @@ from flinders.stacked.algebra import (
     turned,
 )
 from flinders.summary.cloud import LOOKED_AT, SMALLEST_SIDE
-from flinders.summary.coverage import CELLS, cells_of, fibonacci
+from flinders.summary.coverage import CELLS, cells_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

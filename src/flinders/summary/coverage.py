@@ -18,6 +18,7 @@ import numpy as np
 
 from flinders.errors import NeedsRecording
 from flinders.geometry.ellipsoid import centred
+from flinders.geometry.sphere import around_z
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,27 +33,6 @@ UPRIGHT: Final = 0.55
 BANDS: Final = np.array([1, 15, 34, 34, 15, 1])
 STARTS: Final = np.concatenate([[0], np.cumsum(BANDS)[:-1]])
 EDGES: Final = 1.0 - 0.02 * np.cumsum(BANDS)[:-1]
-
-
-def around_z(z: Floats, longitude: Floats) -> Floats:
-    """(N, 3) unit vectors at heights (N,) and longitudes (N,) in rad."""
-    across = np.sqrt(1 - z * z)
-    return np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-
-
-def fibonacci(n: int) -> Floats:
-    """(n, 3) unit vectors spread evenly over the sphere, from the north pole to the south pole.
-
-    >>> fibonacci(4).round(3)
-    array([[ 0.24 , -0.616,  0.75 ],
-           [-0.868,  0.428,  0.25 ],
-           [ 0.93 ,  0.271, -0.25 ],
-           [-0.343, -0.565, -0.75 ]])
-    """
-    steps: Floats = np.arange(n, dtype=np.float64) + 0.5
-    z = 1 - 2 * steps / n
-    longitude: Floats = np.pi * (1 + 5**0.5) * steps  # the golden angle, but for full turns
-    return around_z(z, longitude)
 
 
 LEANING_LEAST, LEANING = 0.1, math.sqrt(3.0)
@@ -164,6 +144,7 @@ class Coverage:
         Held level, or nearly so, the field is at the height sin I on average. The first seconds of a tumble may lean
         to either side by less, and say nothing of which way up the sensor will be used.
 
+        >>> from flinders.geometry.sphere import fibonacci
         >>> all_around = fibonacci(400)
         >>> [Coverage.of(all_around[all_around[:, 2] < top]).facings(60.0) for top in (1.0, 0.2, -0.5)]
         [(60.0,), (60.0, -60.0), (-60.0,)]

@@ -10,7 +10,7 @@ import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import NotExportable, figures
-from flinders.summary.coverage import fibonacci
+from flinders.geometry.sphere import fibonacci
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
