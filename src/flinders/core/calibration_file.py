@@ -173,7 +173,7 @@ class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Something to know about a fit: its number, the limit it is held against, what to do."""
+    """Something to know about a fit: its number, the limit it is compared with, what to do."""
 
     code: str
     severity: str

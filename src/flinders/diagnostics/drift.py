@@ -4,8 +4,8 @@ An offset that creeps and a field that grows leave residuals that depend on time
 
     s = J δθ + t (n · ḃ + n · S u ġ),      −½ ≤ t ≤ ½ over the recording
 
-beside what noise leaves. ḃ and ġ are found by least squares along with the nine parameters, and held against the
-scatter that the remaining residuals, as they hang together, would give them by chance. A sensor that is turned from
+beside what noise leaves. ḃ and ġ are found by least squares along with the nine parameters, and compared with the
+scatter that the remaining residuals, as they are correlated, would give them by chance. A sensor that is turned from
 pole to pole along a spiral has time and direction in one: what only noise tells apart there is left out
 (`flinders.likelihood.identifiability`).
 

@@ -8,7 +8,7 @@ with s and n the Sampson distance and the normal of each reading. Readings of a 
 their normal equations, Σ n nᵀ and Σ n s; a Kalman filter goes over the spans, and a smoother back. q is that which
 makes the recording most likely; without a walk (q = 0) it is the fit that it began with, and the gain in twice the
 logarithm of the likelihood says which of both is true: as q cannot be negative, chance alone makes more than 2.7 in
-one recording of twenty. Residuals that hang together count for as many as are independent, else a body near iron
+one recording of twenty. Correlated residuals count for as many as are independent, else a body near iron
 would pass for a walk.
 
 When to use it: for a recording over minutes or hours, whose sensor warms up, whose cargo moves. Not to correct with:

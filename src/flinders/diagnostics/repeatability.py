@@ -1,4 +1,4 @@
-"""Several recordings of one sensor, held against each other.
+"""Several recordings of one sensor, compared with each other.
 
 Each is fitted on its own. As far as they scatter beyond what each claims, something changed from one to the
 next: a battery that moved, another place, the cover put on. A joint fit smooths that over, and its

@@ -2,7 +2,7 @@
 
 With a disturbance c that moves the offset by p for each unit of it, residuals of a fit without it are n·p (c − c̄) for
 surface normals n, but for what the nine parameters of the ellipsoid take up. They are regressed on both, and p
-counts where it explains far more than residuals that hang together could by chance.
+counts where it explains far more than correlated residuals could by chance.
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate

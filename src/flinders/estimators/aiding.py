@@ -78,7 +78,7 @@ CORRECTED: Final = 8
 """Steps with the mean gradient of the noise taken off."""
 
 SPANNED, SAME_SPAN = 3, 0.2
-"""Times that is looked at how verticals hang together, and change of a logarithm that is none."""
+"""Times that is looked at how verticals are correlated, and change of a logarithm that is none."""
 
 WALKED: Final = 4
 """Times that the walk of a gyro is looked at again, as a fit that it bends shows it too small."""

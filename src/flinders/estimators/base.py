@@ -2,8 +2,9 @@
 
 A closed form claims what independent residuals would allow, and residuals of real recordings are not independent. A
 sphere through the readings of an ellipsoid, or plain least squares on half a sphere, is wrong by far more than its
-scatter says. The likelihood of the same readings is there to be asked: how residuals hang together it has found, and
-both fits can be held against each other: what chance explains of the difference is taken off, the rest joins the claim.
+scatter says. The likelihood of the same readings is there to be asked: how residuals are correlated it has found, and
+both fits can be compared with each other: what chance explains of the difference is taken off, the rest joins the
+claim.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ class Estimate:
         Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
         it all, 1 where they say nothing.
     correlation : Correlation, optional
-        How residuals hang together; the covariance is wider for it.
+        How residuals are correlated; the covariance is wider for it.
     textbook : (9, 9) float, optional
         Covariance that would hold for independent residuals.
     used : int

@@ -151,7 +151,7 @@ BY_CHANCE: Final = 1e-3
 """Runs that outliers thrown in at random may make in a whole recording, on average."""
 
 LOOKS: Final = 3
-"""At the readings, before what is in runs and what is not is told apart."""
+"""At the readings, before what is in runs and what is not is distinguished."""
 
 NO_RUN: Final = WINDOW + 1
 """More than a window holds: no run is looked for."""
@@ -284,7 +284,7 @@ FARTHEST: Final = 1000.0
 """Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
 
 STRETCHES, STRETCH = 12, 1024
-"""Stretches of consecutive readings, and readings in each, that tell how residuals hang together."""
+"""Stretches of consecutive readings, and readings in each, that tell how residuals are correlated."""
 
 PER_CELL: Final = 4
 """Readings of one place that count, where what counts is how many places agree."""

@@ -204,7 +204,7 @@ def driving_of(
     InputError
         Where a recording lacks the column.
     TooFewSamples
-        For fewer readings than anything can be told from.
+        For fewer readings than anything can be distinguished from.
     """
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()

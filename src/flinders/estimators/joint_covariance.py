@@ -5,7 +5,7 @@ to it:
 
 - in a window, the gyro's noise makes a random walk of the direction: each step φ at reading j moves all later ones by
   S ΔR_kᵀ (v × φ), see `flinders.likelihood.gyro_noise`;
-- residuals of single readings hang together in time, as in `flinders.estimators.covariance`;
+- residuals of single readings are correlated in time, as in `flinders.estimators.covariance`;
 - stretches of the recording differ by more than that explains: the factor `excess_variance`.
 
 Noise-induced information is taken off, as `flinders.likelihood.identifiability` does for the magnitude alone. A
@@ -72,7 +72,7 @@ def spurious_information_of(problem: JointProblem, iterate: Iterate) -> Floats:
 
 
 def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
-    """(P, P) the normal matrix with the prior, less what noise pretends of it.
+    """(P, P) the normal matrix with the prior, less its noise-induced information.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def _moved(
 
 BLOCKS: Final = 8
 BY_CHANCE: Final = 0.02
-"""Stretches of a recording that are held against each other; what chance makes more often than this is chance."""
+"""Stretches of a recording that are compared with each other; what chance makes more often than this is chance."""
 
 MOST_WALKED: Final = 0.1
 """rad within a window: a walk that is longer is a gyro that does not fit, of which second order says nothing."""
@@ -129,7 +129,7 @@ COARSE: Final = 25
 """Steps of a walk within a window that are looked at for its size."""
 
 LOOKED_AT: Final = 20_000
-"""Readings that tell how residuals hang together."""
+"""Readings that tell how residuals are correlated."""
 
 
 @dataclass(slots=True, eq=False)
@@ -177,7 +177,7 @@ class Scatter(NamedTuple):
 
 
 class CorrelationLength(NamedTuple):
-    """How residuals of verticals hang together.
+    """How residuals of verticals are correlated.
 
     Attributes
     ----------
@@ -324,7 +324,7 @@ def _lifted(rows: ObservationRows, pushes: Floats) -> float:
 
 
 def _looked_at(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
-    """Which groups without windows tell how residuals hang together, and for how many times as many they stand."""
+    """Which groups without windows tell how residuals are correlated, and for how many times as many they stand."""
     single = [index for index, group in enumerate(groups) if group.turned is None]
     total = sum(groups[index].rows.size for index in single)
     every = max(1, -(-total // LOOKED_AT))
@@ -360,7 +360,7 @@ def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, 
 
 
 def _autocorrelated(rows: ObservationRows, basis: Floats) -> Floats:
-    """(P, P) scatter of Σ J r of single readings with residuals that hang together in time, each kind on its own."""
+    """(P, P) scatter of Σ J r of single readings with residuals that are correlated in time, each kind on its own."""
     jacobian = np.einsum("wkf,wkp->wfp", basis, rows.jacobian[:, :, 0])
     residual = np.einsum("wkf,wk->wf", basis, rows.residual[:, :, 0])
     total = np.zeros((jacobian.shape[-1], jacobian.shape[-1]))

@@ -319,7 +319,7 @@ def _belonging(estimate: Estimate, readings: Readings, middle: Floats, dip: floa
 
 
 def _widening(estimate: Estimate) -> float:
-    """Factor by which residuals that hang together widen the variances in the plane."""
+    """Factor by which correlated residuals widen the variances in the plane."""
     if estimate.textbook is None:
         return 1.0
     seen = [0, 1, 3, 4, 6]

@@ -47,7 +47,7 @@ SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 """Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
 
 GLANCE: Final = 2_000
-"""Readings that tell what noise pretends, an average over their directions."""
+"""Readings from which noise-induced information is computed, an average over their directions."""
 
 NO_WORSE: Final = 0.01
 """In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
@@ -257,7 +257,7 @@ class _Posterior:
     some : _Some
         Readings that stand for all where an average is asked for.
     plain : bool
-        Claim what the textbook claims, without regard to what noise pretends.
+        Claim what the textbook claims, without regard to noise-induced information.
     sound : bool
         A step before has shown that all directions are seen well.
     """

@@ -168,7 +168,7 @@ def _sphere(field: Floats) -> Ellipsoid:
 def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """Along which axes the field keeps its angle to an accelerometer's vertical; parameters as those of `by_rate`.
 
-    A vertical that points up keeps an angle as well: an accelerometer with all signs reversed is not told apart.
+    A vertical that points up keeps an angle as well: an accelerometer with all signs reversed is not distinguished.
     """
     if samples.acceleration is None:
         return Mounted()
@@ -188,7 +188,7 @@ def by_vertical(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
 def second_axis(rate: Floats) -> float:
     """How much a body turns about its second axis, of how much about its first: 0 where all is about one.
 
-    Each rate is held against the next, so that the gyro's noise counts for nothing.
+    Each rate is compared with the next, so that the gyro's noise counts for nothing.
 
     Parameters
     ----------

@@ -78,7 +78,7 @@ TRIED: Final = 1_000
 """Moments on which starts are tried."""
 
 GLANCE: Final = 2_000
-"""Moments that tell what noise pretends."""
+"""Moments from which noise-induced information is computed."""
 
 STEPS: Final = 60
 """Of Levenberg and Marquardt; ten are usual."""
@@ -697,7 +697,7 @@ def _off_own(jacobian: Floats, own: Floats, inverse: Floats) -> Floats:
 
 
 def _scatter(state: _State, textbook: Floats, alone: Sequence[Estimate | None]) -> tuple[Floats, float]:
-    """(P, P) scatter of the gradient, with residuals that hang together, and the creep.
+    """(P, P) scatter of the gradient, with correlated residuals, and the creep.
 
     Each component of each sensor is a series of its own, as in `flinders.estimators.covariance`; a sensor's part
     grows by no less than what it finds by itself, where distortions that belong to the direction are looked for.

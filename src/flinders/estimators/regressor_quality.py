@@ -14,7 +14,7 @@ is too small, readings follow real changes more than the fit does; with both, an
     var e = ρ var h / (1 − 1/w − (1 − ρ) var h / var c)
 
 With several disturbances it is the normal matrix N that grows, by V = Σ v ∂N/∂v: what was found is N⁻¹(N − V) of what
-there is, and is off most where disturbances went along with each other, as little but noise tells them apart there.
+there is, and is off most where disturbances went along with each other, as little but noise distinguishes them there.
 Around what was found, P̂ with its covariance C, the truth scatters by
 
     M C Mᵀ + (M − 1) P̂ P̂ᵀ (M − 1)ᵀ,        M = (N − V)⁻¹ N
@@ -44,7 +44,7 @@ what the fit leaves, and Q the columns by which κ w moves r, less what the fit'
 
     κ = (QᵀQ)⁻¹ Qᵀr,        χ² = rᵀQ B⁻¹ Qᵀr,        B = cov Qᵀr
 
-with three degrees of freedom, B allowing for residuals that hang together once κ w is taken off. `curvature` is the
+with three degrees of freedom, B allowing for residuals that are correlated once κ w is taken off. `curvature` is the
 size of κ w over that of P c, over the range of the disturbance and at its reference: a sixth for a field that goes with
 c² from 0 on.
 

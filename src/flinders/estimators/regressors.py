@@ -180,7 +180,7 @@ class Logged:
         InputError
             Where a recording lacks the column.
         TooFewSamples
-            For fewer readings than anything can be told from.
+            For fewer readings than anything can be distinguished from.
         """
         names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's disturbances
         wholes = [RecordedColumns.of(recording, names) for recording in recordings]

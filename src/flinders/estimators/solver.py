@@ -70,7 +70,7 @@ STILLER: Final = 2.0
 """Times less that the field outliers in the world: so much makes another way to sit than was thought a start."""
 
 SEATED: Final = 10
-"""Rounds of finding where the field points, and how the magnetometer sits for it."""
+"""Rounds of finding where the field points, and how the magnetometer is mounted for it."""
 
 MANY_ATTITUDES: Final = 1000
 """Attitudes that a start is found from."""
@@ -194,7 +194,7 @@ class JointProblem:
         return self.facing(replace(at, rotation=self._aligned(at)))
 
     def _aligned(self, at: Parameters) -> Floats:
-        """(3, 3) how the magnetometer sits, so that attitudes make the field stand still: as it is unless far better.
+        """(3, 3) mounting of the magnetometer that makes the field stand still in attitudes: as it is unless far better.
 
         From an attitude turned far the way down leads elsewhere, so that each of 24 ways to sit is tried.
         """
@@ -445,7 +445,7 @@ class Equations:
         expected = sum((part.expected for part in self.parts), np.zeros(2)) - [problem.layout.size, 0.0]
         curvature = sum((part.curvature for part in self.parts), np.zeros((2, 2)))
         floor = FINEST * float(np.cbrt(np.linalg.det(iterate.at.shape)))
-        if curvature[1, 1] <= 0.0 or iterate.weights.span > 1.0:  # verticals that hang together are weighed as a whole
+        if curvature[1, 1] <= 0.0 or iterate.weights.span > 1.0:  # verticals that are correlated are weighed as a whole
             factor = float(squares[0]) / max(float(expected[0]), 1.0)
             return iterate.weights._replace(noise=max(iterate.weights.noise * math.sqrt(factor), floor))
         change = np.linalg.lstsq(curvature, squares - expected, rcond=1e-6)[0]

@@ -202,7 +202,7 @@ def _precision(readings: Floats, departures: Floats) -> Floats:
 
 
 def _covariance(left: Floats, design: Floats, believed: Floats | None = None) -> Floats:
-    """(3 K, 3 K) of the slopes, each disturbance's three together; residuals that hang together count for fewer.
+    """(3 K, 3 K) of the slopes, each disturbance's three together; correlated residuals count for fewer.
 
     `believed` (K + 1, K + 1) is what was thought likely before, in the variance of the noise: it alone speaks of what
     disturbances that rise and fall together do one by one.

@@ -54,7 +54,7 @@ PROVEN: Final = 9.0
 """χ² that a lag has to save: three standard deviations."""
 
 SMALL_S: Final = 1e-3
-"""Difference of two lags by which the slope in it is told."""
+"""Difference of two lags by which the slope in it is reported."""
 
 UNLAGGED: Final = ("temperature",)
 """What follows in minutes."""

@@ -128,7 +128,7 @@ ROWS: Final = (
         ),
         plain=(
             "What the compass follows changed together with the way it was turned ({number:.0%} of it), so that "
-            "one cannot be told from the other."
+            "one cannot be distinguished from the other."
         ),
         remedy="Record again, and change it in each position, not in step with the turning.",
     ),
@@ -180,7 +180,7 @@ ROWS: Final = (
         grades="limits; told of a turned sensor where it costs more than half the target",
         number=(
             "how far what a disturbance makes is off a straight line, over its range and at its reference, as a share "
-            "of what it makes; told where chance makes it once in a million"
+            "of what it makes; reported where chance makes it once in a million"
         ),
         limit="0.03",
         action="record the current instead of the throttle, or use the calibration near where most was recorded",

@@ -192,7 +192,7 @@ ROWS: Final = (
         code="few-samples",
         subject="fit",
         grades="limits",
-        number="independent readings: all, or as many independent ones as say the same where residuals hang together",
+        number="independent readings: all, or as many independent ones as say the same where residuals are correlated",
         limit="20",
         action="record for longer, turning all the time",
         rule=Rule("independent", (Grade("limits", 20.0),), comparison="<"),
@@ -214,7 +214,7 @@ ROWS: Final = (
             "independent_share", (Grade("note", 0.5),), comparison="<", needs=(Needs("independent", ">=", 20.0),)
         ),
         said=(
-            "residuals hang together{correlation}: {samples:,.0f} readings say as much as {independent:,.0f} "
+            "residuals are correlated{correlation}: {samples:,.0f} readings say as much as {independent:,.0f} "
             "independent ones would, and the heading error allows for it. Usual for a tumble by hand; less of it "
             "away from iron"
         ),
@@ -241,7 +241,7 @@ ROWS: Final = (
         subject="fit",
         grades="note; limits above the target; refuses above twice the target",
         number=(
-            "how far one recording is off the others at the worst heading, degrees; told where chance makes such "
+            "how far one recording is off the others at the worst heading, degrees; reported where chance makes such "
             "a difference less often than once in a hundred"
         ),
         limit="the target",

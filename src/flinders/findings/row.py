@@ -56,7 +56,7 @@ class Finding:
     number : float
         What was found; its meaning and unit belong to the code.
     limit : float
-        What it was held against.
+        What it was compared with.
     advice : str
         What was found, and what to do, in a sentence.
     """

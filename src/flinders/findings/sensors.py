@@ -1,4 +1,4 @@
-"""Several magnetometers of one body, held against each other."""
+"""Several magnetometers of one body, compared with each other."""
 
 from __future__ import annotations
 

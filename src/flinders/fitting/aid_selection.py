@@ -117,7 +117,7 @@ def aided_by(
     is_auto = aiding == AUTO
     wanted = available(samples) if is_auto else ((aiding,) if isinstance(aiding, str) else tuple(aiding))
     refuse_without(samples, wanted)
-    wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are held against it
+    wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
     whole = partial(
         solve, samples, site=site, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias

@@ -54,7 +54,7 @@ class Extremes(Outcome):
     low, high : (3,) float
         In mapped axes and the calibration's unit.
     findings : tuple of Finding
-        Gravest first.
+        Most severe first.
     """
 
     calibration: Calibration
@@ -118,7 +118,7 @@ def from_extremes(
     variant : str
         See `MinMax`.
     field_strength, target_deg, dip_deg, sensor
-        As for `flinders.fit`; the target is only what the finding is held against.
+        As for `flinders.fit`; the target is only what the finding is compared with.
     unit, axes : Unit, Axes, optional
 
     Raises

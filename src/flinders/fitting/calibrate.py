@@ -164,7 +164,7 @@ def fit(
     dip_deg : float, optional
         Inclination of the field at the site: by default that of `site`, else 60°.
     alignment_sigma_deg : float, optional
-        How well the mounting is known, 1 σ about each axis; its heading error is told on its own, since no
+        How well the mounting is known, 1 σ about each axis; its heading error is stated separately, since no
         magnetometer sees it. Of a level turn at a known site it also says how steep a tilt can be, see docs/level.md.
     unit, axes : Unit, Axes, optional
         Of an array or a Summary; a recording brings its own.
@@ -402,7 +402,7 @@ def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: st
 def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | None:
     """Whether something changed while one recording was made: if so, its residuals are not white.
 
-    What a model is too simple for looks like a change, too, and is told as a bias.
+    What a model is too simple for looks like a change, too, and is stated as a bias.
     """
     if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias.any():
         return None

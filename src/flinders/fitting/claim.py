@@ -11,7 +11,7 @@ noise itself uncertain, and several recordings of one sensor differ by more than
 >>> claim.repetition, claim.repeats is None
 (1.0, True)
 >>> round(widening_by_few(12), 3), round(widening_by_few(3000), 3)
-(3.0, 1.001)
+(1.2, 1.001)
 """
 
 from __future__ import annotations

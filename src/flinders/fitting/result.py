@@ -78,7 +78,7 @@ class Outcome:
     Attributes
     ----------
     findings : tuple of Finding
-        Gravest first.
+        Most severe first.
     """
 
     __slots__ = ()
@@ -86,7 +86,7 @@ class Outcome:
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the gravest finding says."""
+        """``good``, ``limited`` or ``refused``: what the most severe finding says."""
         severities = {finding.severity for finding in self.findings}
         return next((verdict for severity, verdict in VERDICTS.items() if severity in severities), "good")
 
@@ -156,7 +156,7 @@ class Fit(Outcome):
     textbook_heading_error_deg : HeadingError
         What the covariance for independent residuals would claim.
     independent_samples : float
-        Independent readings that say as much as those used, whose residuals hang together.
+        Independent readings that say as much as those used, whose residuals are correlated.
     autocorrelation : float, optional
         Correlation of a residual with the next; None where the residuals were not looked at.
     outliers : tuple of Outlier
@@ -177,7 +177,7 @@ class Fit(Outcome):
     unmodelled : Unmodelled, optional
         A disturbance that was recorded, moves the readings, and is not followed.
     repeats : Repeats, optional
-        Several recordings, held against each other; their scatter is in the covariance.
+        Several recordings, compared with each other; their scatter is in the covariance.
     plane : str, optional
         ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of
         a turn about the third axis.
@@ -193,7 +193,7 @@ class Fit(Outcome):
         False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
         that dip was used and neither an accelerometer nor anybody says which way z points.
     findings : tuple of Finding
-        Gravest first.
+        Most severe first.
     name : str
         What messages call it: the path of a file that was loaded.
     provenance : Provenance, optional
@@ -285,7 +285,7 @@ class Fit(Outcome):
 
     @property
     def verdict(self) -> Verdict:
-        """``good``, ``limited`` or ``refused``: what the gravest finding says, or the file; limited if none does."""
+        """``good``, ``limited`` or ``refused``: what the most severe finding or the file says; limited if none does."""
         undescribed: Verdict | None = None if self.is_described else "limited"
         verdicts = {self.stated_verdict, undescribed, Outcome.verdict.__get__(self)}
         return next(verdict for verdict in VERDICTS.values() if verdict in verdicts)

@@ -168,7 +168,7 @@ def _evidence_words(fit: Fit) -> dict[str, Callable[[], str]]:
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
     independent = min(fit.independent_samples, float(fit.samples))
-    alike = "" if independent == fit.samples else f" (of {fit.samples:,} whose residuals hang together)"
+    alike = "" if independent == fit.samples else f" (of {fit.samples:,} whose residuals are correlated)"
     return f"{counted(independent, 'independent reading')}{alike}"
 
 
@@ -496,7 +496,7 @@ def _out_of_range(disturbance: Disturbance) -> str:
 
 
 def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
-    """Whether disturbances went along with each other, so that what one does cannot be told from what another does."""
+    """Whether disturbances are collinear, so that what one does cannot be distinguished from what another does."""
     row = CATALOGUE["disturbances-collinear"]
     limit = row.rule.grades[0].factor if row.rule else math.inf
     names = [one.name for one in estimates if one.collinearity > limit]

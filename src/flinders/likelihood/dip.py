@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 QUIET: Final = 0.01
-"""Of gravity: scatter of an accelerometer's length that is never held against a reading."""
+"""Of gravity: scatter of an accelerometer's length that is never compared with a reading."""
 
 LEAST_REST: Final = 0.2
 """Of gravity: what an accelerometer shows at rest at least; no bias is as large, but a step towards one may be."""

@@ -18,7 +18,8 @@ Source: the model is that of ArduPilot's CompassMot, estimated in flight with th
 array([[0., 0., 2.]])
 
 `Disturbances` are the columns themselves, taken about their mean, so that the offset of a fit is that at the
-disturbances' mean, which stands in `reference`. One that stays the same cannot be told from the offset, see `constant`.
+disturbances' mean, which stands in `reference`. One that stays the same cannot be distinguished from the offset, see
+`constant`.
 
 Source: linear compensation by current or throttle as in ArduPilot's compassmot and PX4's CAL_MAG_COMP_TYP.
 
@@ -116,7 +117,7 @@ def shared(jacobian: Floats, regressors: Floats) -> float:
     """Share of the information about a disturbance that offset and shape could explain, 0 to 1, at worst.
 
     The largest squared canonical correlation of the disturbance's columns, made about their means, with those of the
-    ellipsoid: with 1 both cannot be told apart.
+    ellipsoid: with 1 both cannot be distinguished.
 
     Parameters
     ----------

@@ -6,7 +6,7 @@ the point at which the Jacobian is taken along the surface; squares of those shi
 information that is not there, N·(σ/R)² where the true one is zero, and the fit then follows the noise
 with great confidence.
 
-That pretended information is known: it is the sum of the squared derivatives of J along the surface,
+That noise-induced information is known: it is the sum of the squared derivatives of J along the surface,
 times σ². A direction in which it is a good part of all there is counts as unseen.
 
 >>> ring = np.stack([np.cos(np.arange(60.0)), np.sin(np.arange(60.0)), np.zeros(60)], axis=1)

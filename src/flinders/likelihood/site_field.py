@@ -5,7 +5,7 @@ to within `gain_sigma` of itself. The inclination is that of the model to within
 below make more difference than the model's own error.
 
 When to use it: the recording is in a true unit, and the sensor could not be turned over, so that size and offset
-across its plane cannot be told apart.
+across its plane cannot be distinguished.
 
 A strength that is known to one per cent says nothing while the gain of the sensor is known to a quarter: where that
 has been measured, give a smaller `gain_sigma`.

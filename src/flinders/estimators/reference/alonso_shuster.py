@@ -79,7 +79,7 @@ class AlonsoShuster:
     -----
     Covariance: P = J⁻¹F⁻¹J⁻ᵀ of (b, D) with J = ∂(c, E)/∂(b, D), carried over to centre and shape;
     with ``"prior"`` weights F⁻¹BF⁻¹ in place of F⁻¹, as they are not what v varies. With one strength the difference
-    from `Consistent` joins it: that is how far noise has pulled. How residuals hang together, and
+    from `Consistent` joins it: that is how far noise has pulled. How residuals are correlated, and
     what separates it from the likelihood, of readings brought to one strength, joins it
     (`flinders.estimators.base`).
 
@@ -190,7 +190,7 @@ def converged(sums: ProductSums, theta: Floats, start: Floats, method: str) -> F
     theta : (9,) float
         Where to begin.
     start : (9,) float
-        What the gain is held against.
+        What the gain is compared with.
     method : str
         For messages.
 
