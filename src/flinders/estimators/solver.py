@@ -194,7 +194,7 @@ class JointProblem:
         return self.facing(replace(at, rotation=self._aligned(at)))
 
     def _aligned(self, at: Parameters) -> Floats:
-        """(3, 3) mounting of the magnetometer that makes the field stand still in attitudes: as it is unless far better.
+        """(3, 3) mounting of the magnetometer that makes the field stand still in attitudes: as it is, or far better.
 
         From an attitude turned far the way down leads elsewhere, so that each of 24 ways to sit is tried.
         """
