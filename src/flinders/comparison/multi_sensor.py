@@ -21,13 +21,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import permutations, product
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
-from flinders.core.axes import Axes
+from flinders.core.axes import EXCHANGES
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, paired
 from flinders.deprecation import renamed_keywords
@@ -72,13 +71,6 @@ DECADE: Final = 0.25
 
 ROUNDS: Final = 3
 """Of fits, each without the stretches in which a sensor departed from the one before."""
-
-ALL_TURNS: Final = tuple(
-    Axes((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
-    for order in permutations(range(3))
-    for signs in product((1, -1), repeat=3)
-)
-"""The 48 ways to exchange axes, mirror images among them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -659,10 +651,10 @@ def nearest_axes(rotation: Floats) -> tuple[str, float]:
     >>> nearest_axes(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     ('-y,x,z', 0.0)
     """
-    matrices = [axes.apply(np.eye(3)).T for axes in ALL_TURNS]
+    matrices = [axes.apply(np.eye(3)).T for axes in EXCHANGES]
     best = int(np.argmax([float(np.sum(matrix * rotation)) for matrix in matrices]))
     cosine = 0.5 * (float(np.sum(matrices[best] * rotation)) - 1.0)
-    return str(ALL_TURNS[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    return str(EXCHANGES[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def _told(found: Together, place: int, target_deg: float) -> Member:
