@@ -246,14 +246,10 @@ class Comparison:
         return {
             "verdict": self.verdict,
             "telling": self.is_telling,
-            "heading_difference_deg": {
-                "rms": heading.rms,
-                "worst": heading.worst,
-                "mean": self.heading_mean_deg,
-                "dip_deg": heading.dip_deg,
-                "target_deg": self.target_deg,
-            },
-            "claimed_deg": None if claimed is None else {"rms": claimed.rms, "worst": claimed.worst},
+            "heading_difference_deg": heading.as_dict(
+                mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
+            ),
+            "claimed_deg": None if claimed is None else claimed.as_dict(),
             "ratio": self.ratio,
             "chi_square": self.chi_square,
             "freedom": self.freedom,

@@ -244,7 +244,7 @@ class Composed(Outcome):
         return {
             **self.calibration.as_dict(),
             "turns": list(self.turns),
-            "heading_error_deg": {"rms": error.rms, "worst": error.worst, "dip_deg": error.dip_deg},
+            "heading_error_deg": error.as_dict(dip_deg=error.dip_deg),
             "rotation_deg": self.rotation_deg,
             "findings": [finding.as_dict() for finding in self.findings],
         }

@@ -126,7 +126,7 @@ class Merged(Outcome):
     @property
     def direction_error_deg(self) -> DirectionError:
         """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
-        return DirectionError(*direction_error_deg(self.ellipsoid, self.covariance))
+        return direction_error_deg(self.ellipsoid, self.covariance)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints. Of a refused one the calibration is None, so that nobody copies it."""
@@ -135,12 +135,7 @@ class Merged(Outcome):
             "verdict": self.verdict,
             "method": METHOD,
             "calibration": None if self.verdict == "refused" else self.calibration.as_dict(),
-            "heading_error_deg": {
-                "rms": error.rms,
-                "worst": error.worst,
-                "dip_deg": error.dip_deg,
-                "target_deg": self.target_deg,
-            },
+            "heading_error_deg": error.as_dict(dip_deg=error.dip_deg, target_deg=self.target_deg),
             "direction_error_deg": self.direction_error_deg._asdict(),
             "noise": self.noise,
             "samples": self.samples,

@@ -133,12 +133,12 @@ class Entry:
             "offset": None if fitted is None else fitted.calibration.offset.tolist(),
             "matrix": None if fitted is None else fitted.calibration.matrix.tolist(),
             "field_strength": None if fitted is None else fitted.calibration.field_strength,
-            "heading_error_deg": None if fitted is None else _rms_and_worst(fitted.heading_error_deg),
-            "validated_heading_error_deg": None if checked is None else _rms_and_worst(checked.heading_error_deg),
+            "heading_error_deg": None if fitted is None else fitted.heading_error_deg.as_dict(),
+            "validated_heading_error_deg": None if checked is None else checked.heading_error_deg.as_dict(),
             "validated_bias_deg": None if checked is None else checked.bias_deg,
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
             "misfit": None if checked is None else checked.misfit,
-            "apart_deg": None if self.apart_deg is None else _rms_and_worst(self.apart_deg),
+            "apart_deg": None if self.apart_deg is None else self.apart_deg.as_dict(),
             "seconds": self.seconds,
             "codes": list(self.codes),
             "reasons": list(self.reasons),
@@ -314,8 +314,3 @@ def _inliers_and_dip(readings: Readings, samples: Samples, dip_deg: float) -> tu
     inliers = np.abs(magnitude.distances(samples.field, estimate.ellipsoid)) <= estimate.rejected_beyond
     coverage = Coverage.through(readings.summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
     return inliers, coverage.facing(dip_deg)
-
-
-def _rms_and_worst(error: HeadingError) -> dict[str, float]:
-    """JSON-ready."""
-    return {"rms": error.rms, "worst": error.worst}
