@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 import flinders
 from flinders import simulate
-from flinders.comparison.merging import Merged, NotMerged, merge, rescaled, trace_with, without_scale
+from flinders.comparison.merging import Merged, NotMerged, merge
+from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
 from flinders.fitting.result import Fit

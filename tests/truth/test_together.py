@@ -426,9 +426,9 @@ def test_wrong_use_says_what_is_needed() -> None:
 
 
 def test_nearest_axes_of_each_of_the_24_and_their_mirror_images() -> None:
-    from flinders.comparison.multi_sensor import ALL_TURNS
+    from flinders.core.axes import EXCHANGES
 
-    for axes in ALL_TURNS:
+    for axes in EXCHANGES:
         assert nearest_axes(axes.apply(np.eye(3)).T) == (str(axes), 0.0)
 
 

@@ -27,13 +27,13 @@ dip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -91,6 +91,10 @@ class Departure:
         """JSON-ready."""
         return {name: getattr(self, name) for name in self.__slots__}
 
+    def of_sensor(self, places: Mapping[int, int]) -> Self:
+        """The same with the sensors counted anew."""
+        return replace(self, sensor=None if self.sensor is None else places[self.sensor])
+
     def __str__(self) -> str:
         return f"{self.start_s:.1f}–{self.end_s:.1f} s"
 
@@ -124,9 +128,9 @@ def departures(seen: Floats, time: Floats, *, limit_deg: float = 1.0, dip_deg: f
     usual = np.nanmedian(np.where(np.isfinite(apart), apart, np.nan), axis=2) if apart.shape[2] else apart[..., 0]
     differ = apart > np.maximum(UNUSUAL * usual, limit)[..., np.newaxis]
     lengths = _lengths(seen, edges)
-    told = _told_by_length(differ, lengths, limit)
+    has_changed = _changed_length(differ, lengths, limit)
     blamed = [
-        _blamed(differ[..., block], apart[..., block], lengths, block, limit, told[:, block])
+        _blamed(differ[..., block], apart[..., block], lengths, block, limit, has_changed[:, block])
         for block in range(len(edges) - 1)
     ]
     return tuple(_runs(blamed, time, edges, apart, lengths, dip_deg))
@@ -214,18 +218,18 @@ def _changed(lengths: Floats, limit: float) -> NDArray[np.bool_]:
     return changed
 
 
-def _told_by_length(differ: NDArray[np.bool_], lengths: Floats, limit: float) -> NDArray[np.bool_]:
+def _changed_length(differ: NDArray[np.bool_], lengths: Floats, limit: float) -> NDArray[np.bool_]:
     """(m, K) sensors whose length changes anywhere in the stretch of disagreement that a block is in."""
     changed = _changed(lengths, limit)
-    told = np.zeros_like(changed)
+    has_changed = np.zeros_like(changed)
     blocks = np.flatnonzero(differ.any(axis=(0, 1)))
     for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
-        told[:, run] = changed[:, run].any(axis=1, keepdims=True)
-    return told
+        has_changed[:, run] = changed[:, run].any(axis=1, keepdims=True)
+    return has_changed
 
 
 def _blamed(
-    differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float, told: NDArray[np.bool_]
+    differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float, has_changed: NDArray[np.bool_]
 ) -> tuple[tuple[int | None, bool], ...]:
     """Which sensors depart in a block: the few far from most others, else one whose length tells, else None.
 
@@ -240,14 +244,14 @@ def _blamed(
     alone = np.flatnonzero(against > (there - 1) / 2.0)
     if there > 2 and 0 < len(alone) < there / 2.0:
         rest = [sensor for sensor in range(sensors) if sensor not in alone and np.isfinite(apart[sensor]).sum() > 1]
-        if not told[alone].any() and told[rest].all():
+        if not has_changed[alone].any() and has_changed[rest].all():
             return tuple((sensor, True) for sensor in rest)
         return tuple((int(sensor), False) for sensor in alone)
     if there > 2 and not len(alone) and sensors > 2:
         alone = np.flatnonzero(against)
-    steady = [sensor for sensor in range(sensors) if not told[sensor] and np.isfinite(apart[sensor]).sum() > 1]
+    steady = [sensor for sensor in range(sensors) if not has_changed[sensor] and np.isfinite(apart[sensor]).sum() > 1]
     if 2 <= len(steady) < there and not differ[np.ix_(steady, steady)].any():
-        return tuple((int(sensor), True) for sensor in np.flatnonzero(told))
+        return tuple((int(sensor), True) for sensor in np.flatnonzero(has_changed))
     changed = _changed(lengths, limit)[:, block]
     longer = [int(sensor) for sensor in alone if changed[sensor]]
     return ((longer[0], True),) if len(longer) == 1 else ((None, False),)
@@ -267,7 +271,7 @@ def _runs(
     )
     for each in who:
         sensor, by_length = each
-        blocks = np.array([block for block, found in enumerate(blamed) if each in found])
+        blocks = np.array([block for block, those in enumerate(blamed) if each in those])
         for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
             first, last = int(edges[run[0]]), int(edges[run[-1] + 1]) - 1
             farthest = float(np.nanmax(_off(apart[..., run], sensor)))

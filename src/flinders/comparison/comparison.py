@@ -24,8 +24,8 @@ from flinders.comparison.pairs import EllipsoidPairs, Pairs
 from flinders.core.calibration import Calibration
 from flinders.core.units import label
 from flinders.errors import AxesError, UnitError, UsageError
-from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.plane import equator, to_equator
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.geometry.plane import to_equator
 from flinders.geometry.rotation import rotation_vectors
 from flinders.geometry.sphere import fibonacci
 from flinders.heading.error_propagation import HeadingError
@@ -242,18 +242,14 @@ class Comparison:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints; no key of a rotation where nobody knows one."""
-        found, claimed = self.heading_difference_deg, self.claimed_deg
+        heading, claimed = self.heading_difference_deg, self.claimed_deg
         return {
             "verdict": self.verdict,
             "telling": self.is_telling,
-            "heading_difference_deg": {
-                "rms": found.rms,
-                "worst": found.worst,
-                "mean": self.heading_mean_deg,
-                "dip_deg": found.dip_deg,
-                "target_deg": self.target_deg,
-            },
-            "claimed_deg": None if claimed is None else {"rms": claimed.rms, "worst": claimed.worst},
+            "heading_difference_deg": heading.as_dict(
+                mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
+            ),
+            "claimed_deg": None if claimed is None else claimed.as_dict(),
             "ratio": self.ratio,
             "chi_square": self.chi_square,
             "freedom": self.freedom,
@@ -270,10 +266,10 @@ class Comparison:
         }
 
     def __repr__(self) -> str:
-        found = self.heading_difference_deg
+        heading = self.heading_difference_deg
         chance = "no uncertainty stated" if self.p_value is None else f"p = {self.p_value:.2g}"
         return (
-            f"Comparison({self.verdict}, heading {found.rms:.2g}° rms, {found.worst:.2g}° worst, {chance}, "
+            f"Comparison({self.verdict}, heading {heading.rms:.2g}° rms, {heading.worst:.2g}° worst, {chance}, "
             f"offset {math.hypot(*self.offset_difference):.3g} {label(self.unit)})"
         )
 
@@ -438,18 +434,21 @@ def _level(fit: Fit, dip_deg: float) -> Fit:
     """
     if fit.plane is not None and math.isfinite(fit.heading_error_deg.dip_deg):
         dip_deg = fit.heading_error_deg.dip_deg
-    calibration = fit.calibration
-    flat, rows = equator(fit.ellipsoid, "xy", dip_deg=dip_deg), to_equator("xy", dip_deg=dip_deg)
-    level_strength = calibration.field_strength * math.cos(math.radians(dip_deg))
-    levelled = Calibration.from_ellipsoid(
-        flat.centre,
-        flat.shape,
-        field_strength=level_strength if calibration.field_strength_known else None,
-        raw=calibration.raw,
-        axes=calibration.axes,
-        frame=calibration.frame,
+    strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))
+    known = strength if fit.calibration.field_strength_known else None
+    rows = to_equator("xy", dip_deg=dip_deg)
+    return as_equator(fit, rows, fit.ellipsoid.parameters, fit.covariance, field_strength=known)
+
+
+def as_equator(
+    fit: Fit, rows: Floats, parameters: Floats, covariance: Floats, *, field_strength: float | None = None
+) -> Fit:
+    """A fit whose (9,) parameters and their covariance are `rows` (9, K) of those (K,) that are given."""
+    flat, old = rows @ parameters, fit.calibration
+    calibration = Calibration.from_ellipsoid(
+        flat[:3], symmetric(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
     )
-    return replace(fit, calibration=levelled, covariance=rows @ fit.covariance @ rows.T)
+    return replace(fit, calibration=calibration, covariance=rows @ covariance @ rows.T)
 
 
 def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:

@@ -114,9 +114,9 @@ def _made(matrix: Floats, turns: Sequence[str]) -> Iterator[Floats]:
     """(3, 3) what a composed matrix makes of the sensors that it may be for: the rotation, and what is open yet."""
     squares, axes = np.linalg.eigh(matrix.T @ matrix)
     sensor = (axes / np.sqrt(squares)) @ axes.T
-    found = [sensor[order_of(plane)[:2]] for plane in PLANES if plane in turns]
+    known = [sensor[order_of(plane)[:2]] for plane in PLANES if plane in turns]
     missing = [] if "" in turns else [order_of(plane)[:2] for plane in PLANES if plane not in turns]
-    across = float(np.sqrt(np.mean(np.square(found)))) if found and missing else 0.0
+    across = float(np.sqrt(np.mean(np.square(known)))) if known and missing else 0.0
     for signs in product((-across, across), repeat=len(missing)):
         iron = np.zeros((3, 3))
         for cell, sign in zip(missing, signs, strict=True):
@@ -229,9 +229,9 @@ class Composed(Outcome):
         calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
         left = rotation_error(calibration.matrix, turns, dip_deg=dip)
         error = _claimed(first, fit, turns, left)
-        found = cls(calibration, fit, turns, error, left.worst, (), first)
-        findings = [_finding(turns, left.worst, fit.target_deg), *of_calibration(found)]
-        return replace(found, findings=by_severity(findings))
+        composed = cls(calibration, fit, turns, error, left.worst, (), first)
+        findings = [_finding(turns, left.worst, fit.target_deg), *of_calibration(composed)]
+        return replace(composed, findings=by_severity(findings))
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -244,7 +244,7 @@ class Composed(Outcome):
         return {
             **self.calibration.as_dict(),
             "turns": list(self.turns),
-            "heading_error_deg": {"rms": error.rms, "worst": error.worst, "dip_deg": error.dip_deg},
+            "heading_error_deg": error.as_dict(dip_deg=error.dip_deg),
             "rotation_deg": self.rotation_deg,
             "findings": [finding.as_dict() for finding in self.findings],
         }

@@ -134,43 +134,43 @@ def cross_validated(
         )
     if getattr(estimator, "needs_even_turn", False):
         raise NotValidated("not cross-validated: it takes points equally spaced around, and a block less is not")
-    asked = np.ones(len(samples), dtype=bool) if counted is None else counted
+    inliers = np.ones(len(samples), dtype=bool) if counted is None else counted
     ellipsoids: list[Ellipsoid] = []
     planes: set[Plane | None] = set()
-    told = NormalEquations.empty()
-    bent = np.zeros(9)
-    for number, (rest, held) in enumerate(_folds(samples, blocks), 1):
+    equations = NormalEquations.empty()
+    curvature = np.zeros(9)
+    for number, (rest, rows) in enumerate(_folds(samples, blocks), 1):
         try:
-            found = estimator.estimate(Readings.of(rest))
+            estimate = estimator.estimate(Readings.of(rest))
         except FitError as error:
             raise NotValidated.without(number, blocks, error) from error
-        ellipsoid, seen = found.ellipsoid, _seen(samples[held][asked[held]], found)
-        if found.plane is not None:
-            ellipsoid = equator(ellipsoid, found.plane, dip_deg=getattr(estimator, "dip_deg", dip_deg))
-            seen = _laid_flat(seen, found.plane)
-        planes.add(found.plane)
+        ellipsoid, seen = estimate.ellipsoid, _seen(samples[rows][inliers[rows]], estimate)
+        if estimate.plane is not None:
+            ellipsoid = equator(ellipsoid, estimate.plane, dip_deg=getattr(estimator, "dip_deg", dip_deg))
+            seen = _laid_flat(seen, estimate.plane)
+        planes.add(estimate.plane)
         if len(planes) > 1:
             raise NotValidated.without(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")
         ellipsoids.append(ellipsoid)
-        told += magnitude.equations([seen], ellipsoid)
-        bent += magnitude.curvature(seen, ellipsoid)
+        equations += magnitude.equations([seen], ellipsoid)
+        curvature += magnitude.curvature(seen, ellipsoid)
     middle, scatter = _jackknife(ellipsoids)
-    bias = _asked_for(told, bent, middle)
+    bias = _asked_for(equations, curvature, middle)
     both = np.outer(bias, bias)
     turn = _turn(planes.pop(), dip_deg)
     return Validation(
         heading_error_deg=replace(level_error(middle, both + scatter, **turn), dip_deg=dip_deg),
         bias_deg=level_error(middle, both, **turn).rms,
         scatter_deg=level_error(middle, scatter, **turn).rms,
-        misfit=float(np.sqrt(told.cost / max(told.count, 1))),
+        misfit=float(np.sqrt(equations.cost / max(equations.count, 1))),
         blocks=blocks,
     )
 
 
-def _seen(held: Samples, found: Estimate) -> Floats:
+def _seen(samples: Samples, estimate: Estimate) -> Floats:
     """(m, 3) readings held back, brought to one field strength where the method knows that of each."""
-    alike = at_one_strength(Readings.of(held), found)
-    return np.concatenate([np.empty((0, 3)), *alike.blocks(found.method)])
+    alike = at_one_strength(Readings.of(samples), estimate)
+    return np.concatenate([np.empty((0, 3)), *alike.blocks(estimate.method)])
 
 
 def _laid_flat(field: Floats, plane: Plane) -> Floats:
@@ -194,23 +194,23 @@ def _folds(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
         yield (rest[0] if len(rest) == 1 else Joined(rest)), slice(begin, end)
 
 
-def _asked_for(told: NormalEquations, bent: Floats, ellipsoid: Ellipsoid) -> Floats:
+def _asked_for(equations: NormalEquations, curvature: Floats, ellipsoid: Ellipsoid) -> Floats:
     """(9,) change of offset and shape that readings ask for which were held back."""
-    variance = max(told.cost / max(told.count, 1), np.finfo(float).tiny)
+    variance = max(equations.cost / max(equations.count, 1), np.finfo(float).tiny)
     ridge = np.eye(9) * (variance / (SPREAD * ellipsoid.radius) ** 2)
-    first = replace(told, matrix=told.matrix + ridge).step()
+    first = replace(equations, matrix=equations.matrix + ridge).step()
     # what no change of offset and shape explains
-    left = told.cost - 2.0 * float(first @ told.gradient) + float(first @ told.matrix @ first)
-    noise = max(left, 0.0) / max(told.count - 9, 1)
-    corrected = replace(told, matrix=told.matrix + ridge, gradient=told.gradient - noise * bent)
+    left = equations.cost - 2.0 * float(first @ equations.gradient) + float(first @ equations.matrix @ first)
+    noise = max(left, 0.0) / max(equations.count - 9, 1)
+    corrected = replace(equations, matrix=equations.matrix + ridge, gradient=equations.gradient - noise * curvature)
     return corrected.step()
 
 
 def _jackknife(ellipsoids: list[Ellipsoid]) -> tuple[Ellipsoid, Floats]:
     """Their mean, and the (9, 9) variance of the jackknife; all brought to one radius, as scale turns no heading."""
     radius = float(np.exp(np.mean([np.log(one.radius) for one in ellipsoids])))
-    found = np.array([Ellipsoid(one.centre, one.shape * (radius / one.radius)).parameters for one in ellipsoids])
-    middle = found.mean(axis=0)
-    apart = found - middle
-    scatter = (len(found) - 1) / len(found) * apart.T @ apart
+    each = np.array([Ellipsoid(one.centre, one.shape * (radius / one.radius)).parameters for one in ellipsoids])
+    middle = each.mean(axis=0)
+    apart = each - middle
+    scatter = (len(each) - 1) / len(each) * apart.T @ apart
     return Ellipsoid(middle[:3], symmetric(middle[3:])), scatter

@@ -21,6 +21,7 @@ from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
 from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
+    DirectionError,
     HeadingError,
     direction_error_deg,
     level_error,
@@ -84,9 +85,9 @@ class Evaluation:
     heading_error_deg: HeadingError
     heading_mean_deg: float
     claimed_heading_deg: HeadingError | None
-    direction_error_deg: tuple[float, float]
-    freed_direction_error_deg: tuple[float, float]
-    claimed_direction_deg: tuple[float, float] | None
+    direction_error_deg: DirectionError
+    freed_direction_error_deg: DirectionError
+    claimed_direction_deg: DirectionError | None
     rotation_deg: float
     offset_error: Floats
     offset_sigma: Floats | None
@@ -102,27 +103,20 @@ class Evaluation:
     @property
     def heading_ratio(self) -> float | None:
         """True heading error over the claimed one, rms: about 1 on average where the claims are true."""
-        return (
-            None
-            if self.claimed_heading_deg is None
-            else _ratio(self.heading_error_deg.rms, self.claimed_heading_deg.rms)
-        )
+        claimed = self.claimed_heading_deg
+        return None if claimed is None else _ratio(self.heading_error_deg.rms, claimed.rms)
 
     @property
     def direction_ratio(self) -> float | None:
         """True direction error without the rotation over the claimed one, rms."""
-        if self.claimed_direction_deg is None:
-            return None
-        return _ratio(self.freed_direction_error_deg[0], self.claimed_direction_deg[0])
+        claimed = self.claimed_direction_deg
+        return None if claimed is None else _ratio(self.freed_direction_error_deg.rms, claimed.rms)
 
     @property
     def offset_ratio(self) -> float | None:
         """Length of the offset error over that of its claimed 1 σ."""
-        return (
-            None
-            if self.offset_sigma is None
-            else _ratio(math.hypot(*self.offset_error), math.hypot(*self.offset_sigma))
-        )
+        sigma = self.offset_sigma
+        return None if sigma is None else _ratio(math.hypot(*self.offset_error), math.hypot(*sigma))
 
     @property
     def offset_share(self) -> float:
@@ -143,22 +137,18 @@ class Evaluation:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
-        heading, claimed = self.heading_error_deg, self.claimed_heading_deg
+        heading, claimed, direction = self.heading_error_deg, self.claimed_heading_deg, self.claimed_direction_deg
         return {
             "verdict": self.verdict,
             "on_target": self.is_on_target,
-            "heading_error_deg": {
-                "rms": heading.rms,
-                "worst": heading.worst,
-                "mean": self.heading_mean_deg,
-                "dip_deg": heading.dip_deg,
-                "target_deg": self.target_deg,
-            },
-            "claimed_heading_deg": None if claimed is None else {"rms": claimed.rms, "worst": claimed.worst},
+            "heading_error_deg": heading.as_dict(
+                mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
+            ),
+            "claimed_heading_deg": None if claimed is None else claimed.as_dict(),
             "heading_ratio": self.heading_ratio,
-            "direction_error_deg": _pair(self.direction_error_deg),
-            "freed_direction_error_deg": _pair(self.freed_direction_error_deg),
-            "claimed_direction_deg": _pair(self.claimed_direction_deg),
+            "direction_error_deg": self.direction_error_deg._asdict(),
+            "freed_direction_error_deg": self.freed_direction_error_deg._asdict(),
+            "claimed_direction_deg": None if direction is None else direction._asdict(),
             "direction_ratio": self.direction_ratio,
             "rotation_deg": self.rotation_deg,
             "offset_error": self.offset_error.tolist(),
@@ -292,7 +282,7 @@ class _Claims:
     """What a covariance says, and how the level heading errors bear it out."""
 
     heading: HeadingError
-    direction_deg: tuple[float, float]
+    direction_deg: DirectionError
     offset_sigma: Floats
     chi_square: float
     freedom: int
@@ -317,19 +307,17 @@ class _Claims:
         )
 
 
-def _angles_deg(seen: Floats) -> tuple[float, float]:
+def _angles_deg(seen: Floats) -> DirectionError:
     """Angles between (3, 400) vectors and `DIRECTIONS` in degrees: rms and largest."""
     across = np.linalg.norm(np.cross(seen, DIRECTIONS, axis=0), axis=0)
     return _rms_and_worst(np.rad2deg(np.arctan2(across, np.sum(seen * DIRECTIONS, axis=0))))
 
 
-def _rms_and_worst(angles: Floats) -> tuple[float, float]:
-    return float(np.sqrt(np.mean(angles**2))), float(np.abs(angles).max())
+def _rms_and_worst(angles: Floats) -> DirectionError:
+    """Of (K,) angles."""
+    return DirectionError(float(np.sqrt(np.mean(angles**2))), float(np.abs(angles).max()))
 
 
 def _ratio(error: float, claimed: float) -> float | None:
+    """An error over the claimed one; None where nothing is claimed."""
     return error / claimed if claimed > 0.0 else None
-
-
-def _pair(angles: tuple[float, float] | None) -> dict[str, float] | None:
-    return None if angles is None else {"rms": angles[0], "worst": angles[1]}

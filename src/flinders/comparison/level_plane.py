@@ -20,8 +20,8 @@ since the plane of the readings shows where d is: the antisymmetric part of X, a
 >>> sensor = simulate.Sensor.random(np.random.default_rng(4))
 >>> tumbled, turned = (simulate.tumble(seed=1, motion=how, sensor=sensor) for how in ("hand", "level"))
 >>> known, fresh = (calibrate.fit(each.samples) for each in (tumbled, turned))
->>> held = Levelled.of(known, fresh, turned.samples)
->>> compare_level(held.known, held.fresh, dip_deg=held.dip_deg).verdict
+>>> level = Levelled.of(known, fresh, turned.samples)
+>>> compare_level(level.known, level.fresh, dip_deg=level.dip_deg).verdict
 'agree'
 """
 
@@ -33,12 +33,11 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.comparison.comparison import IN_PLANE, compare_level
-from flinders.core.calibration import Calibration
+from flinders.comparison.comparison import IN_PLANE, as_equator, compare_level
 from flinders.core.samples import singles
 from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.known_dip import Heights
-from flinders.fitting.result import Fit
+from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.plane import equator, root, to_equator
 from flinders.heading.error_propagation import upright
 
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.comparison.comparison import Comparison
     from flinders.core.samples import Recording
+    from flinders.fitting.result import Fit
 
 STEP: Final = 1e-6
 """Of the radius: by how much a number is changed to see what becomes of the ellipse."""
@@ -81,13 +81,13 @@ class Levelled:
             The turn, in the unit and axes of both.
         """
         turn = _Turn.of(known, fresh, recording)
-        middle, shape, height = turn.seen(turn.numbers)
+        _, shape, height = turn.seen(turn.numbers)
         dip = math.atan2(height, math.sqrt(float(np.linalg.det(shape))))
-        strength = known.calibration.field_strength
-        expected = strength * math.cos(dip) * np.eye(2)
+        level = known.calibration.field_strength * math.cos(dip)
+        expected = np.array([0.0, 0.0, level, level, 0.0])
         return cls(
-            _flat(known, np.zeros(2), expected, turn.expected_covariance(dip)),
-            _flat(fresh, middle, shape, turn.seen_covariance()),
+            _flat(known, expected, turn.expected_covariance(dip)),
+            _flat(fresh, turn.ellipse(turn.numbers), turn.seen_covariance()),
             math.degrees(dip),
         )
 
@@ -102,8 +102,8 @@ def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: 
     target_deg : float
         Worst heading difference that is good enough, in degrees.
     """
-    held = Levelled.of(known, fresh, recording)
-    return compare_level(held.known, held.fresh, dip_deg=held.dip_deg, target_deg=target_deg)
+    level = Levelled.of(known, fresh, recording)
+    return compare_level(level.known, level.fresh, dip_deg=level.dip_deg, target_deg=target_deg)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,12 +159,13 @@ class _Turn:
         """(5, 5) of that middle and shape, as the turn claims them."""
         scale = np.full(8, STEP * self.known.ellipsoid.radius)
         scale[6:] = STEP
-        changes = [self._numbers(self.numbers + step) - self._numbers(self.numbers - step) for step in np.diag(scale)]
+        changes = [self.ellipse(self.numbers + step) - self.ellipse(self.numbers - step) for step in np.diag(scale)]
         jacobian = np.stack(changes, axis=1) / (2.0 * scale)
         covariance: Floats = jacobian @ self.covariance @ jacobian.T
         return covariance
 
-    def _numbers(self, numbers: Floats) -> Floats:
+    def ellipse(self, numbers: Floats) -> Floats:
+        """(5,) middle and shape (S₁₁, S₂₂, S₁₂) of the ellipse about the vertical."""
         middle, shape, _ = self.seen(numbers)
         return np.array([*middle, shape[0, 0], shape[1, 1], shape[0, 1]])
 
@@ -183,38 +184,23 @@ class _Turn:
         return covariance
 
 
-def _entries() -> list[Floats]:
-    """The six symmetric matrices that S₁₁, S₂₂, S₃₃, S₁₂, S₁₃ and S₂₃ stand for."""
-    there = np.zeros((6, 3, 3))
-    for place, (row, column) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-        there[place, row, column] = there[place, column, row] = 1.0
-    return list(there)
-
-
-_ENTRIES: Final = _entries()
+_ENTRIES: Final = tuple(symmetric(entry) for entry in np.eye(6))
+"""The six symmetric matrices that S₁₁, S₂₂, S₃₃, S₁₂, S₁₃ and S₂₃ stand for."""
 
 
 def _heights(recording: Recording, middle: Floats, noise: float) -> Heights:
     """The plane of the readings; what sways counts for as many readings as are independent."""
     parts = [np.concatenate([block.field for block in single.blocks()]) for single in singles(recording)]
     field = np.concatenate(parts)
-    found = Heights.of(field, middle, noise)
+    heights = Heights.of(field, middle, noise)
     columns = np.column_stack([np.ones(len(field)), field[:, :2] - middle])
-    left = field[:, 2] - columns @ np.append(found.height, found.slopes)
+    left = field[:, 2] - columns @ np.append(heights.height, heights.slopes)
     edges = np.cumsum([len(part) for part in parts])
-    stretches = [np.arange(edge - len(part), edge) for edge, part in zip(edges, parts, strict=True)]
-    alike = max(1.0, time_of(Residuals(left, columns, stretches).autocovariance()))
-    return replace(found, covariance=alike * found.covariance)
+    segments = [np.arange(edge - len(part), edge) for edge, part in zip(edges, parts, strict=True)]
+    alike = max(1.0, time_of(Residuals(left, columns, segments).autocovariance()))
+    return replace(heights, covariance=alike * heights.covariance)
 
 
-def _flat(one: Fit, middle: Floats, shape: Floats, covariance: Floats) -> Fit:
-    """The ellipse as the equator of an ellipsoid, whose third semi-axis is the mean of the two."""
-    whole = np.zeros((3, 3))
-    whole[:2, :2], whole[2, 2] = shape, np.trace(shape) / 2.0
-    spread = np.zeros((9, 5))
-    spread[IN_PLANE, range(5)] = 1.0
-    spread[5, 2:4] = 0.5
-    calibration = Calibration.from_ellipsoid(
-        np.append(middle, 0.0), whole, raw=one.calibration.raw, axes=one.calibration.axes, frame=one.calibration.frame
-    )
-    return Fit(calibration, covariance=spread @ covariance @ spread.T, name=one.name)
+def _flat(fit: Fit, numbers: Floats, covariance: Floats) -> Fit:
+    """The ellipse of (5,) numbers as the equator of an ellipsoid, whose third semi-axis is the mean of the two."""
+    return as_equator(fit, to_equator("xy", dip_deg=0.0)[:, IN_PLANE], numbers, covariance)

@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 
 from flinders.comparison.comparison import refuse_unlike
+from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
@@ -115,7 +116,7 @@ class Merged(Outcome):
     @property
     def ellipsoid(self) -> Ellipsoid:
         """The ellipsoid that the calibration makes a sphere."""
-        return Ellipsoid(self.calibration.offset, self.calibration.shape)
+        return self.calibration.ellipsoid
 
     @property
     def offset_sigma(self) -> Floats:
@@ -125,7 +126,7 @@ class Merged(Outcome):
     @property
     def direction_error_deg(self) -> DirectionError:
         """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
-        return DirectionError(*direction_error_deg(self.ellipsoid, self.covariance))
+        return direction_error_deg(self.ellipsoid, self.covariance)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints. Of a refused one the calibration is None, so that nobody copies it."""
@@ -134,12 +135,7 @@ class Merged(Outcome):
             "verdict": self.verdict,
             "method": METHOD,
             "calibration": None if self.verdict == "refused" else self.calibration.as_dict(),
-            "heading_error_deg": {
-                "rms": error.rms,
-                "worst": error.worst,
-                "dip_deg": error.dip_deg,
-                "target_deg": self.target_deg,
-            },
+            "heading_error_deg": error.as_dict(dip_deg=error.dip_deg, target_deg=self.target_deg),
             "direction_error_deg": self.direction_error_deg._asdict(),
             "noise": self.noise,
             "samples": self.samples,
@@ -226,7 +222,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     dip = _dip(parts) if dip_deg is None else dip_deg
     field = _Field.of(parts)
     brought = [field.bring(part) for part in parts]
-    _refuse_held(brought)
+    _refuse_constrained(brought)
     together = pool([part.parameters for part in brought], [part.covariance for part in brought])
     ellipsoid = Ellipsoid(together.mean[:3], symmetric(together.mean[3:]))
     if not ellipsoid.semi_axes[0] > 0.0:
@@ -274,10 +270,7 @@ class _Field:
         sizes = np.array([part.calibration.field_strength if known else _radius(part) for part in parts])
         strength = float(np.exp(np.log(sizes).mean()))
         shapes = [strength / size * part.calibration.shape for size, part in zip(sizes, parts, strict=True)]
-        variances = []
-        for part in parts:
-            trace = trace_with(part.calibration.shape)
-            variances.append(trace @ _claim(part)[3:, 3:] @ trace / 9.0)
+        variances = [_log_size_variance(part) for part in parts]
         for part, variance in zip(parts, variances, strict=True):
             if not known and variance > LOOSE**2:
                 raise UsageError(
@@ -324,6 +317,12 @@ def _radius(part: Fit) -> float:
     _, log_gain = np.linalg.slogdet(part.calibration.matrix)
     with np.errstate(over="ignore", under="ignore"):
         return float(np.exp(np.log(part.calibration.field_strength) - log_gain / 3.0))
+
+
+def _log_size_variance(part: Fit) -> float:
+    """Variance of the logarithm of an ellipsoid's radius, as the calibration claims."""
+    trace = trace_with(part.calibration.shape)
+    return float(trace @ _claim(part)[3:, 3:] @ trace / 9.0)
 
 
 def _claim(part: Fit) -> Floats:
@@ -404,7 +403,7 @@ def _refuse_pair(a: Fit, b: Fit) -> None:
         )
 
 
-def _refuse_held(parts: Sequence[RecordingFit]) -> None:
+def _refuse_constrained(parts: Sequence[RecordingFit]) -> None:
     """Refuse a calibration whose method holds what the others find: exact as it says to be, it would outweigh all."""
     zero = np.zeros(9)
     total = np.sum([part.covariance for part in parts], axis=0)
@@ -438,7 +437,7 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
     first = parts[0].calibration
     units = [part.calibration.raw for part in parts]
     named = sorted({part.calibration.sensor for part in parts if part.calibration.sensor is not None})
-    found = Calibration.from_ellipsoid(
+    merged = Calibration.from_ellipsoid(
         ellipsoid.centre,
         ellipsoid.shape,
         field_strength=field.strength if field.is_known else None,
@@ -446,32 +445,7 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
         axes=first.axes,
         sensor=named[0] if named else None,
     )
-    return replace(found, frame=first.frame)
-
-
-def rescaled(covariance: Floats, factor: float) -> Floats:
-    """(9, 9) covariance of (b, S) once the shape S was multiplied by `factor`."""
-    factors = np.repeat([1.0, factor], [3, 6])
-    return covariance * np.outer(factors, factors)
-
-
-def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
-    """(9, 9) covariance of (b, S) once S was brought to the size of a reference R (3, 3), tr(R⁻¹S) = 3.
-
-    For S about R, that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, given
-    as `shape` after it was brought there. Whatever its scale was, the row of R⁻¹ is free of it, so that several
-    covariances are singular in the same direction.
-    """
-    jacobian = np.eye(9)
-    jacobian[3:, 3:] -= np.outer(upper(shape), trace_with(reference)) / 3.0
-    projected: Floats = jacobian @ covariance @ jacobian.T
-    return projected
-
-
-def trace_with(reference: Floats) -> Floats:
-    """(6,) coefficients of tr(R⁻¹S) in the entries of S that `upper` takes."""
-    relative: Floats = upper(np.linalg.inv(reference)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
-    return relative
+    return replace(merged, frame=first.frame)
 
 
 def _by_name(file: SourceFile) -> tuple[str, str]:
@@ -482,13 +456,8 @@ def _judged(merged: Merged, parts: Sequence[Fit]) -> tuple[Finding, ...]:
     """Say what there is to know, gravest first."""
     apart = list(contradiction(merged.repeats, merged.target_deg, label(merged.calibration.unit)))
     is_said = any(finding.severity == "refuses" for finding in apart)
-    found = [
-        *apart,
-        *(() if is_said else _accuracy(merged)),
-        *_carried(merged, parts),
-        *of_calibration(merged),
-    ]
-    return by_severity(found)
+    accuracy = () if is_said else _accuracy(merged)
+    return by_severity([*apart, *accuracy, *_carried(merged, parts), *of_calibration(merged)])
 
 
 def _accuracy(merged: Merged) -> Iterator[Finding]:
@@ -509,14 +478,14 @@ def _accuracy(merged: Merged) -> Iterator[Finding]:
 def _carried(merged: Merged, parts: Sequence[Fit]) -> Iterator[Finding]:
     """What limits the calibrations limits what is merged of them, unless another makes up for it."""
     limits = [[one for one in _limits(part) if one.code not in RENEWED] for part in parts]
-    lacks = [[one for one in found if one.code in LACKING] for found in limits]
+    lacks = [[one for one in those if one.code in LACKING] for those in limits]
     if all(lacks):
         claims = [part.claimed_deg for part in merged.repeats.parts]
         best = int(np.argmin(claims))
         for lack in lacks[best]:
             yield replace(lack, advice=f"not even the best of them, {parts[best].name}, is whole: {lack.advice}")
-    for part, found in zip(parts, limits, strict=True):
-        for limit in found:
+    for part, those in zip(parts, limits, strict=True):
+        for limit in those:
             if limit.code not in LACKING:
                 yield replace(limit, advice=f"{part.name}: {limit.advice}")
 

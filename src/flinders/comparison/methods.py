@@ -1,10 +1,10 @@
 """Every method on one recording, side by side: what each finds, claims and is worth on readings that it has not seen.
 
 >>> from flinders import simulate
->>> held = compare_methods(simulate.tumble(seed=1).samples, methods=["auto", "minmax"])
->>> [(entry.method, entry.fit.verdict, entry.apart_deg is None) for entry in held.entries]
+>>> contest = compare_methods(simulate.tumble(seed=1).samples, methods=["auto", "minmax"])
+>>> [(entry.method, entry.fit.verdict, entry.apart_deg is None) for entry in contest.entries]
 [('auto', 'good', True), ('minmax', 'refused', False)]
->>> held.entries[1].validation.heading_error_deg.rms > 20 * held.entries[0].validation.heading_error_deg.rms
+>>> contest.entries[1].validation.heading_error_deg.rms > 20 * contest.entries[0].validation.heading_error_deg.rms
 True
 """
 
@@ -100,43 +100,45 @@ class Entry:
         return shown.rms > OVERCLAIMS * self.coarser * claimed.rms and shown.worst > self.fit.target_deg
 
     @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why it is not to be trusted on this recording, or not without limits."""
+    def objections(self) -> tuple[tuple[str, str], ...]:
+        """Stable name and words of each reason not to trust it on this recording, or not without limits."""
         if self.fit is None:
-            return (str(self.refusal),)
-        told = [finding.advice for finding in self.fit.findings if finding.severity != "note"]
+            return () if self.refusal is None else ((self.refusal.code, str(self.refusal)),)
+        each = [(finding.code, finding.advice) for finding in self.fit.findings if finding.severity != "note"]
         if self.overclaims and self.validation is not None:
             shown, claimed = self.validation.heading_error_deg, self.fit.heading_error_deg
-            told.append(f"claims {claimed.rms:.2g}° of heading, rms; readings held back show {shown.rms:.2g}°")
+            words = f"claims {claimed.rms:.2g}° of heading, rms; readings held back show {shown.rms:.2g}°"
+            each.append(("overclaims", words))
         if self.unvalidated is not None:
-            told.append(str(self.unvalidated))
-        return tuple(told)
+            each.append((self.unvalidated.code, str(self.unvalidated)))
+        return tuple(each)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not to be trusted on this recording, or not without limits."""
+        return tuple(words for _, words in self.objections)
 
     @property
     def codes(self) -> tuple[str, ...]:
         """Stable names of the reasons, in their order."""
-        if self.fit is None:
-            return () if self.refusal is None else (self.refusal.code,)
-        told = [finding.code for finding in self.fit.findings if finding.severity != "note"]
-        told += ["overclaims"] * self.overclaims
-        return (*told, *(() if self.unvalidated is None else (self.unvalidated.code,)))
+        return tuple(code for code, _ in self.objections)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready. Numbers of a refused calibration are given here, since they are compared and not used."""
-        found, checked = self.fit, self.validation
+        fitted, checked = self.fit, self.validation
         return {
             "method": self.method,
-            "run": None if found is None else found.method,
+            "run": None if fitted is None else fitted.method,
             "verdict": self.verdict,
-            "offset": None if found is None else found.calibration.offset.tolist(),
-            "matrix": None if found is None else found.calibration.matrix.tolist(),
-            "field_strength": None if found is None else found.calibration.field_strength,
-            "heading_error_deg": None if found is None else _rms_and_worst(found.heading_error_deg),
-            "validated_heading_error_deg": None if checked is None else _rms_and_worst(checked.heading_error_deg),
+            "offset": None if fitted is None else fitted.calibration.offset.tolist(),
+            "matrix": None if fitted is None else fitted.calibration.matrix.tolist(),
+            "field_strength": None if fitted is None else fitted.calibration.field_strength,
+            "heading_error_deg": None if fitted is None else fitted.heading_error_deg.as_dict(),
+            "validated_heading_error_deg": None if checked is None else checked.heading_error_deg.as_dict(),
             "validated_bias_deg": None if checked is None else checked.bias_deg,
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
             "misfit": None if checked is None else checked.misfit,
-            "apart_deg": None if self.apart_deg is None else _rms_and_worst(self.apart_deg),
+            "apart_deg": None if self.apart_deg is None else self.apart_deg.as_dict(),
             "seconds": self.seconds,
             "codes": list(self.codes),
             "reasons": list(self.reasons),
@@ -226,17 +228,17 @@ def compare_methods(
     readings = within_range(Readings.of(source))
     stride = max(1, -(-len(readings) // VALIDATED))
     samples = _thinned(readings, stride)
-    site = {"dip_deg": dip_deg, "field_strength": field_strength}
-    asked, facing = _settled(readings, samples, dip_deg)
+    site: dict[str, Any] = {"dip_deg": dip_deg, "field_strength": field_strength}
+    inliers, facing = _inliers_and_dip(readings, samples, dip_deg)
     held_back = min(blocks, len(samples) // LEAST)
     entries: list[Entry] = []
     for name in names:
         if tell is not None:
             tell(name)
         estimator = estimator_of(name, {}, site)
-        entry = _fitted(estimator, readings, source, field_strength, target_deg, dip_deg)
+        entry = _fitted(estimator, readings, source, target_deg=target_deg, **site)
         if entry.fit is not None and held_back > 1:
-            entry = _validated(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=asked)
+            entry = _validated(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=inliers)
             entry = replace(entry, coarser=math.sqrt(stride))
         reference = next((other.fit for other in entries if other.fit is not None), None)
         if entry.fit is not None and reference is not None:
@@ -264,27 +266,18 @@ def known(methods: Sequence[str] | None) -> Sequence[str]:
     return names
 
 
-def _fitted(
-    estimator: Estimator,
-    readings: Readings,
-    source: Recording | ArrayLike,
-    field_strength: float | None,
-    target_deg: float,
-    dip_deg: float,
-) -> Entry:
+def _fitted(estimator: Estimator, readings: Readings, source: Recording | ArrayLike, **options: Any) -> Entry:
     """Fit by one method, and take the time that the method itself needs."""
     begun = time.perf_counter()
     try:
         estimator.estimate(readings)
         seconds = time.perf_counter() - begun
-        found = fit(
-            source, method=estimator.name, field_strength=field_strength, target_deg=target_deg, dip_deg=dip_deg
-        )
+        fitted = fit(source, method=estimator.name, **options)
     except Refused as refusal:
         return Entry(estimator.name, seconds, refusal.fit)
     except FitError as error:
         return Entry(estimator.name, time.perf_counter() - begun, refusal=error)
-    return Entry(estimator.name, seconds, found)
+    return Entry(estimator.name, seconds, fitted)
 
 
 def _validated(entry: Entry, estimator: Estimator, samples: Samples, **options: Any) -> Entry:
@@ -307,7 +300,7 @@ def _thinned(readings: Readings, stride: int) -> Samples:
     return concatenated(taken, recording)
 
 
-def _settled(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDArray[np.bool_] | None, float]:
+def _inliers_and_dip(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDArray[np.bool_] | None, float]:
     """Readings that `Auto` keeps, which all methods are held against, and the dip with the sign that they show.
 
     Where the strength of the field is told and varies, `Auto` has no say in what belongs to it.
@@ -315,14 +308,9 @@ def _settled(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDAr
     if samples.strength is not None and np.ptp(samples.strength) > 0.0:
         return None, dip_deg
     try:
-        found = Auto(dip_deg=dip_deg).estimate(readings)
+        estimate = Auto(dip_deg=dip_deg).estimate(readings)
     except FitError:
         return None, dip_deg
-    near = np.abs(magnitude.distances(samples.field, found.ellipsoid)) <= found.rejected_beyond
-    coverage = Coverage.through(readings.summary.cloud, found.ellipsoid, within=found.rejected_beyond)
-    return near, coverage.facing(dip_deg)
-
-
-def _rms_and_worst(error: HeadingError) -> dict[str, float]:
-    """JSON-ready."""
-    return {"rms": error.rms, "worst": error.worst}
+    inliers = np.abs(magnitude.distances(samples.field, estimate.ellipsoid)) <= estimate.rejected_beyond
+    coverage = Coverage.through(readings.summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
+    return inliers, coverage.facing(dip_deg)

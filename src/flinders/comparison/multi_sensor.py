@@ -9,11 +9,11 @@ rests on all of them; and it is told which of them departs from the others, when
 >>> quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 >>> second = simulate.Sensor.random(rng, noise=2.0).read(tumble.field_strength * tumble.directions @ quarter, rng)
 >>> inside = replace(tumble.samples, field=second)
->>> found = fit_multi({"outside": tumble.samples, "inside": inside})
->>> inside = found["inside"]
+>>> together = fit_multi({"outside": tumble.samples, "inside": inside})
+>>> inside = together["inside"]
 >>> inside.fit.verdict, inside.axes, inside.fit.heading_error_deg.worst < inside.alone.heading_error_deg.worst
 ('good', '-y,x,z', True)
->>> found.agreement.departures
+>>> together.agreement.departures
 ()
 """
 
@@ -21,13 +21,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import permutations, product
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 import numpy as np
 
 from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
-from flinders.core.axes import Axes
+from flinders.core.axes import EXCHANGES
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, paired
 from flinders.deprecation import renamed_keywords
@@ -64,7 +63,7 @@ WORSE: Final = 1.5
 """Times the heading error of a sensor by itself: where it is more with the others, they do not belong together."""
 
 
-MOST_STRAYS: Final = 0.5
+MOST_OUTLIERS: Final = 0.5
 """Of a sensor's readings that it may leave out by itself, and of those that may yet belong to the others."""
 
 DECADE: Final = 0.25
@@ -72,13 +71,6 @@ DECADE: Final = 0.25
 
 ROUNDS: Final = 3
 """Of fits, each without the stretches in which a sensor departed from the one before."""
-
-ALL_TURNS: Final = tuple(
-    Axes((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
-    for order in permutations(range(3))
-    for signs in product((1, -1), repeat=3)
-)
-"""The 48 ways to exchange axes, mirror images among them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -276,61 +268,209 @@ def fit_multi(
             silent[name] = error
     if chosen in silent or len(samples) < 2:
         raise silent[chosen] if chosen in silent else next(iter(silent.values()))
-    body = _in_body(sources[chosen], aiding, site, prior, options) if aiding else None
-    found = _fitted({name: sources[name] for name in samples}, samples, chosen, prior, options, body)
-    order = {member.name: member for member in found.members}
+    mounting = _in_body(sources[chosen], aiding, site, prior, options) if aiding else None
+    body = _Body.of({name: sources[name] for name in samples}, samples, chosen, mounting, prior, options)
+    together = body.calibrated()
+    order = {member.name: member for member in together.members}
     members = [order.get(name) or Member(name, silent[name], silent[name]) for name in sources]
-    placed = {place: list(sources).index(member.name) for place, member in enumerate(found.members)}
-    runs = tuple(
-        replace(run, sensor=None if run.sensor is None else placed[run.sensor]) for run in found.agreement.departures
-    )
-    return replace(found, members=tuple(members), agreement=replace(found.agreement, departures=runs))
+    places = {place: list(sources).index(member.name) for place, member in enumerate(together.members)}
+    runs = tuple(run.of_sensor(places) for run in together.agreement.departures)
+    return replace(together, members=tuple(members), agreement=replace(together.agreement, departures=runs))
 
 
-def _fitted(
-    sources: Mapping[str, Recording],
-    samples: Mapping[str, Samples],
-    reference: str,
-    prior: float,
-    options: dict[str, Any],
-    body: Aiding | None,
-) -> Together:
-    """Fit those that have readings, together where that can be."""
-    names, held = list(sources), list(samples.values())
-    chosen = names.index(reference)
-    starts = [_estimated(each.field) for each in held]
-    alone = [_alone(source, name, prior, options) for name, source in sources.items()]
-    common = _paired(held, chosen)
-    copies = _copies(common.fields, starts, chosen)
-    own = [place for place in range(len(names)) if place not in copies]
-    several, runs = _agreed(common, own, chosen, starts, prior, options)
-    apart_deg = 0.0 if several is None else _torn(several, common, own, starts, options)
-    if apart_deg:
-        several, runs = None, ()
-    members = []
-    for place, name in enumerate(names):
+@dataclass(frozen=True, slots=True, eq=False)
+class _Body:
+    """The magnetometers of one body that have readings.
+
+    Attributes
+    ----------
+    sources : mapping of str to Recording
+    reference : int
+    mounting : Aiding, optional
+        How the reference sits in the body.
+    starts : of Estimate or None
+        What each finds by itself, of its readings alone.
+    common : Paired
+        Readings of all at common moments.
+    copies : dict of int
+        Of which other sensor one repeats the readings.
+    prior : float
+    options : dict
+        Target, dip and field strength, as for `fit_multi`.
+    """
+
+    sources: Mapping[str, Recording]
+    reference: int
+    mounting: Aiding | None
+    starts: Sequence[Estimate | None]
+    common: Paired
+    copies: Mapping[int, int]
+    prior: float
+    options: dict[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        sources: Mapping[str, Recording],
+        samples: Mapping[str, Samples],
+        reference: str,
+        mounting: Aiding | None,
+        prior: float,
+        options: dict[str, Any],
+    ) -> Self:
+        """Pair the readings, and see what each sensor finds by itself."""
+        place = list(sources).index(reference)
+        starts = [_estimated(each.field) for each in samples.values()]
+        common = _paired(list(samples.values()), place)
+        return cls(sources, place, mounting, starts, common, _copies(common.fields, starts, place), prior, options)
+
+    @property
+    def names(self) -> list[str]:
+        """Of all."""
+        return list(self.sources)
+
+    @property
+    def own(self) -> list[int]:
+        """Those that have readings of their own."""
+        return [place for place in range(len(self.sources)) if place not in self.copies]
+
+    def calibrated(self) -> Together:
+        """Fit them, together where that can be."""
+        several, runs = self.joint_fit()
+        apart_deg = 0.0 if several is None else self.apart_deg(several)
+        if apart_deg:
+            several, runs = None, ()
+        members = [self.member(place, several) for place in range(len(self.sources))]
+        if several is not None:
+            off = scatter(_corrected(several, self.common.fields[self.own]), several.directions, self.common.time)
+            for place, share in zip(self.own, off.tolist(), strict=True):
+                scatter_deg = heading_deg(share, self.options["dip_deg"])
+                members[place] = _better(replace(members[place], scatter_deg=scatter_deg))
+        is_joint = several is not None and not all(members[place].is_kept for place in self.own)
+        agreement = Agreement(len(self.common.time), float(np.ptp(self.common.time)), runs, apart_deg)
+        in_body = is_joint and self.mounting is not None
+        together = Together(tuple(members), self.names[self.reference], agreement, is_joint, in_body)
+        target_deg = self.options["target_deg"]
+        return replace(together, members=tuple(_judged(together, place, target_deg) for place in range(len(members))))
+
+    def joint_fit(self) -> tuple[Several | None, tuple[Departure, ...]]:
+        """Fit jointly, and again without the segments in which a sensor departs; and those, by their place.
+
+        What most sensors by themselves show to be outliers does not count from the start, so that two of three which
+        are disturbed alike have no majority. No fit where there is but one sensor, or where the readings leave it open:
+        what no sensor sees by itself, they do not see together.
+        """
+        if len(self.own) < 2 or not any(start is not None and is_sound(start) for start in self.starts):
+            return None, ()
+        fields: Floats = self.common.fields[self.own]
+        runs: tuple[Departure, ...] = ()
+        several: Several | None = None
+        begins = [self.starts[place] for place in self.own]
+        outliers = _own_outliers(fields, begins)
+        alike = outliers & (2 * outliers.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
+        for _ in range(ROUNDS):
+            left = np.where(alike[..., np.newaxis], np.nan, fields)
+            for run in runs:
+                if run.sensor is not None:
+                    left[run.sensor, run.first : run.last + 1] = np.nan
+            for sensor in {run.sensor for run in runs if run.sensor is not None}:
+                begins[sensor] = _estimated(left[sensor])
+            try:
+                several = solve(left, reference=self.own.index(self.reference), starts=begins, spread=self.prior)
+            except FitError:
+                return None, ()
+            if several.unobserved:
+                return None, ()
+            limits = {"limit_deg": self.options["target_deg"], "dip_deg": self.options["dip_deg"]}
+            before, runs = runs, departures(_corrected(several, fields), self.common.time, **limits)
+            if _segments(runs) == _segments(before):
+                break
+        placed = [run.of_sensor(dict(enumerate(self.own))) for run in runs]
+        return several, tuple(sorted(placed, key=lambda run: run.start_s))
+
+    def apart_deg(self, several: Several) -> float:
+        """How far two are apart all the time, in degrees of heading, where nothing tells which is off; else 0.
+
+        Noise, or a field that moves with one sensor, changes lengths as it changes directions. Where directions are
+        apart by far more than lengths, or where the joint fit lays it to the sensor whose length is the steadier, the
+        fit would lay to one of two what may be the other's.
+        """
+        alone = [self.starts[place] for place in self.own]
+        sound = [start for start in alone if start is not None and is_sound(start)]
+        if len(self.own) != 2 or len(sound) != 2:
+            return 0.0
+        fields, dip_deg, time = self.common.fields[self.own], self.options["dip_deg"], self.common.time
+        corrected = _corrected(several, fields)
+        between_deg = heading_deg(float(scatter(corrected[:1], corrected[1], time)[0]), dip_deg)
+        lengths = length_scatter(np.stack([_by_itself(*each) for each in zip(fields, sound, strict=True)]), time)
+        by_length_deg = heading_deg(float(np.hypot(*lengths)), dip_deg)
+        off = scatter(corrected, several.directions, time)
+        is_lopsided = bool(off.max() > NOISIER * off.min() and np.argmax(off) != np.argmax(lengths))
+        is_apart = between_deg > self.options["target_deg"] and (between_deg > NOISIER * by_length_deg or is_lopsided)
+        return between_deg if is_apart else 0.0
+
+    def member(self, place: int, several: Several | None) -> Member:
+        """One of them, with what the joint fit finds of it."""
+        name = self.names[place]
+        alone = self.fitted_alone(name)
         member = Member(
-            name, alone[place], alone[place],
-            delay_s=float(common.delays_s[place]),
-            delay_sigma_s=float(common.delay_sigmas_s[place]),
+            name, alone, alone,
+            delay_s=float(self.common.delays_s[place]),
+            delay_sigma_s=float(self.common.delay_sigmas_s[place]),
         )  # fmt: skip
-        if place in copies:
-            member = replace(_copied(member, common.fields, starts, place, chosen), copy_of=names[copies[place]])
-        elif several is not None:
-            index = own.index(place)
-            outliers = _left_out(member, common.fields[place], starts[place], several.belongs[index])
-            member = _joined(member, several, index, sources[name], options, body, outliers)
-        members.append(member)
-    if several is not None:
-        off = scatter(_seen(several, common.fields[own]), several.directions, common.time)
-        for index, place in enumerate(own):
-            off_deg = heading_deg(float(off[index]), options["dip_deg"])
-            members[place] = replace(members[place], scatter_deg=off_deg)
-        members = [_better(member) for member in members]
-    is_joint = several is not None and not all(members[place].is_kept for place in own)
-    agreement = Agreement(len(common.time), float(np.ptp(common.time)), runs, apart_deg)
-    found = Together(tuple(members), names[chosen], agreement, is_joint, is_joint and body is not None)
-    return replace(found, members=tuple(_told(found, place, options["target_deg"]) for place in range(len(names))))
+        if place in self.copies:
+            return self.copied(member, place)
+        return member if several is None else self.joined(member, place, several)
+
+    def fitted_alone(self, name: str) -> Fit | FitError:
+        """The judged fit of one sensor by itself."""
+        try:
+            return fit(self.sources[name], sensor=name, prior=self.prior, **self.options)
+        except FitError as refusal:
+            return refusal
+
+    def copied(self, member: Member, place: int) -> Member:
+        """A copy, with the rotation that leads from it to the reference where both are known by themselves."""
+        member = replace(member, copy_of=self.names[self.copies[place]])
+        start, reference = self.starts[place], self.starts[self.reference]
+        if start is None or reference is None:
+            return member
+        own = _by_itself(self.common.fields[place], start)
+        into = _by_itself(self.common.fields[self.reference], reference)
+        both = np.isfinite(own).all(axis=1) & np.isfinite(into).all(axis=1)
+        rotation = mirror_or_rotation(_unit(own[both]), _unit(into[both]))
+        axes, off = nearest_axes(rotation)
+        return replace(member, rotation=rotation, axes=axes, off_axes_deg=off)
+
+    def joined(self, member: Member, place: int, several: Several) -> Member:
+        """A member with what the joint fit finds of it."""
+        index = self.own.index(place)
+        rotation, covariance = several.rotation(index)
+        is_reference = index == several.reference and self.mounting is None
+        estimate = replace(several.estimate(index), outliers=self.outliers(member, place, several.belongs[index]))
+        judged: Fit | FitError
+        try:
+            judged = judged_as(
+                estimate, self.sources[member.name], sensor=member.name,
+                aiding_result=None if is_reference else _turned(rotation, covariance, self.mounting), **self.options,
+            )  # fmt: skip
+        except FitError as refusal:
+            judged = refusal
+        radii = [float(np.cbrt(np.linalg.det(at.shape))) for at in several.parameters]
+        axes, off = nearest_axes(rotation)
+        sigma = np.rad2deg(np.sqrt(np.diag(covariance)))
+        return replace(
+            member, fit=judged, rotation=rotation, rotation_sigma_deg=sigma, axes=axes, off_axes_deg=off,
+            size=radii[index] / radii[several.reference],
+        )  # fmt: skip
+
+    def outliers(self, member: Member, place: int, belongs: NDArray[np.bool_]) -> tuple[Outlier, ...]:
+        """What a sensor left out by itself, where the joint fit left out most of that, too."""
+        alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
+        outliers = _own_outliers(self.common.fields[place][np.newaxis], [self.starts[place]])[0]
+        if not isinstance(alone, Fit) or not outliers.any() or np.mean(belongs[outliers]) > MOST_OUTLIERS:
+            return ()
+        return alone.outliers
 
 
 def _in_body(
@@ -344,12 +484,12 @@ def _in_body(
         For an aid that is not known, or was not recorded.
     """
     try:
-        found = fit(source, aiding=aiding, site=site, prior=prior, **options)
+        reference = fit(source, aiding=aiding, site=site, prior=prior, **options)
     except Refused as refusal:
-        found = refusal.fit
+        reference = refusal.fit
     except FitError:
         return None
-    aiding_result = found.aiding
+    aiding_result = reference.aiding
     return (
         None
         if aiding_result is None or aiding_result.rotation is None or aiding_result.rotation_covariance is None
@@ -365,38 +505,6 @@ def _turned(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding
     return Aiding((), body.rotation @ rotation, turned)
 
 
-def _joined(
-    member: Member,
-    several: Several,
-    index: int,
-    source: Recording,
-    options: dict[str, Any],
-    body: Aiding | None,
-    outliers: tuple[Outlier, ...],
-) -> Member:
-    """A member with what the joint fit finds of it; outliers are what it left out by itself and with the others."""
-    rotation, covariance = several.rotation(index)
-    aiding_result = None if index == several.reference and body is None else _turned(rotation, covariance, body)
-    made: Fit | FitError
-    try:
-        made = judged_as(
-            replace(several.estimate(index), outliers=outliers),
-            source,
-            aiding_result=aiding_result,
-            sensor=member.name,
-            **options,
-        )
-    except FitError as refusal:
-        made = refusal
-    radii = [float(np.cbrt(np.linalg.det(at.shape))) for at in several.parameters]
-    axes, off = nearest_axes(rotation)
-    sigma = np.rad2deg(np.sqrt(np.diag(covariance)))
-    return replace(
-        member, fit=made, rotation=rotation, rotation_sigma_deg=sigma, axes=axes, off_axes_deg=off,
-        size=radii[index] / radii[several.reference],
-    )  # fmt: skip
-
-
 def _better(member: Member) -> Member:
     """A member, as it is by itself where that is clearly better known than it is with the others."""
     joint, alone = (each.fit if isinstance(each, Refused) else each for each in (member.fit, member.alone))
@@ -409,45 +517,6 @@ def _better(member: Member) -> Member:
         member, fit=member.alone, rotation=None, rotation_sigma_deg=None, axes="x,y,z", off_axes_deg=0.0,
         is_kept=True, joint_deg=worst,
     )  # fmt: skip
-
-
-def _torn(
-    several: Several, common: Paired, own: Sequence[int], starts: Sequence[Estimate | None], options: dict[str, Any]
-) -> float:
-    """How far two are apart all the time, in degrees of heading, where nothing tells which is off; else 0.
-
-    Noise, or a field that moves with one sensor, changes lengths as it changes directions. Where directions are apart
-    by far more than lengths, or where the joint fit lays it to the sensor whose length is the steadier, the fit would
-    lay to one of two what may be the other's.
-    """
-    alone = [starts[place] for place in own]
-    sound = [start for start in alone if start is not None and is_sound(start)]
-    if len(own) != 2 or len(sound) != 2:
-        return 0.0
-    fields, dip_deg = common.fields[own], options["dip_deg"]
-    seen = _seen(several, fields)
-    between_deg = heading_deg(float(scatter(seen[:1], seen[1], common.time)[0]), dip_deg)
-    by_itself = [
-        (field - start.ellipsoid.centre) @ np.linalg.inv(start.ellipsoid.shape)
-        for field, start in zip(fields, sound, strict=True)
-    ]
-    lengths = length_scatter(np.stack(by_itself), common.time)
-    told_deg = heading_deg(float(np.hypot(*lengths)), dip_deg)
-    off = scatter(seen, several.directions, common.time)
-    is_lopsided = bool(off.max() > NOISIER * off.min() and np.argmax(off) != np.argmax(lengths))
-    is_torn = between_deg > options["target_deg"] and (between_deg > NOISIER * told_deg or is_lopsided)
-    return between_deg if is_torn else 0.0
-
-
-def _copied(member: Member, fields: Floats, starts: Sequence[Estimate | None], place: int, reference: int) -> Member:
-    """A copy, with the rotation that leads from it to the reference where both are known by themselves."""
-    seen, into = (_directions(fields[which], starts[which]) for which in (place, reference))
-    if seen is None or into is None:
-        return member
-    both = np.isfinite(seen).all(axis=1) & np.isfinite(into).all(axis=1)
-    rotation = mirror_or_rotation(seen[both], into[both])
-    axes, off = nearest_axes(rotation)
-    return replace(member, rotation=rotation, axes=axes, off_axes_deg=off)
 
 
 def _checked(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
@@ -496,14 +565,6 @@ def _estimated(field: Floats) -> Estimate | None:
         return None
 
 
-def _alone(source: Recording, name: str, prior: float, options: dict[str, Any]) -> Fit | FitError:
-    """The judged fit of one sensor by itself."""
-    try:
-        return fit(source, sensor=name, prior=prior, **options)
-    except FitError as refusal:
-        return refusal
-
-
 def _paired(samples: Sequence[Samples], reference: int) -> Paired:
     """Readings of all at common moments.
 
@@ -517,19 +578,19 @@ def _paired(samples: Sequence[Samples], reference: int) -> Paired:
     times = [each.time for each in samples if each.time is not None]
     fields = [each.field for each in samples]
     if len(times) == len(samples):
-        found = paired(times, fields, reference=reference)
-        if len(found.time) < FEWEST:
+        common = paired(times, fields, reference=reference)
+        if len(common.time) < FEWEST:
             spans = "; ".join(f"{each.source}: {time[0]:.1f} to {time[-1]:.1f} s" for each, time in
                               zip(samples, times, strict=True) if len(time))  # fmt: skip
             raise InputError(
-                f"{len(found.time)} moments are common to two magnetometers, {FEWEST} are needed ({spans}): "
+                f"{len(common.time)} moments are common to two magnetometers, {FEWEST} are needed ({spans}): "
                 "record them at the same time, by one clock"
             )
-        return found
+        return common
     lengths = {len(field) for field in fields}
     if times or len(lengths) > 1:
-        told = "some have time and some have none" if times else f"without time they are {sorted(lengths)} long"
-        raise UsageError(f"readings of several magnetometers belong together by their time: {told}; record time")
+        lack = "some have time and some have none" if times else f"without time they are {sorted(lengths)} long"
+        raise UsageError(f"readings of several magnetometers belong together by their time: {lack}; record time")
     zero = np.zeros(len(fields))
     return Paired(np.arange(lengths.pop(), dtype=float), np.stack(fields), zero, zero)
 
@@ -537,12 +598,12 @@ def _paired(samples: Sequence[Samples], reference: int) -> Paired:
 def _copies(fields: Floats, starts: Sequence[Estimate | None], reference: int) -> dict[int, int]:
     """Which sensors repeat the readings of another, turned and scaled, and of which; never the reference of another."""
     order = [reference, *(place for place in range(len(fields)) if place != reference)]
-    found: dict[int, int] = {}
+    copies: dict[int, int] = {}
     for rank, place in enumerate(order):
         for other in order[:rank]:
-            if other not in found and place not in found and _is_copy(fields[other], fields[place], starts[place]):
-                found[place] = other
-    return found
+            if other not in copies and place not in copies and _is_copy(fields[other], fields[place], starts[place]):
+                copies[place] = other
+    return copies
 
 
 def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
@@ -555,50 +616,6 @@ def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
     width = float(np.sqrt(np.mean(np.var(second[both], axis=0))))
     noise = 1e-6 * width if start is None else max(start.noise, 1e-6 * width)
     return float(np.sqrt(np.mean(left**2))) < COPY * noise
-
-
-def _agreed(
-    common: Paired,
-    own: Sequence[int],
-    reference: int,
-    starts: Sequence[Estimate | None],
-    prior: float,
-    options: dict[str, Any],
-) -> tuple[Several | None, tuple[Departure, ...]]:
-    """Fit jointly, and again without the stretches in which a sensor departs; and those stretches, by their place.
-
-    What most sensors by themselves show to be outliers does not count from the start, so that two of three which are
-    disturbed alike have no majority. No fit where there is but one sensor, or where the readings leave it open: what no
-    sensor sees by itself, they do not see together.
-    """
-    if len(own) < 2 or not any(start is not None and is_sound(start) for start in starts):
-        return None, ()
-    fields: Floats = common.fields[own]
-    runs: tuple[Departure, ...] = ()
-    several: Several | None = None
-    begins = [starts[place] for place in own]
-    outliers = _own_outliers(fields, begins)
-    alike = outliers & (2 * outliers.sum(axis=0) > np.isfinite(fields[..., 0]).sum(axis=0))
-    for _ in range(ROUNDS):
-        left = np.where(alike[..., np.newaxis], np.nan, fields)
-        for run in runs:
-            if run.sensor is not None:
-                left[run.sensor, run.first : run.last + 1] = np.nan
-        for sensor in {run.sensor for run in runs if run.sensor is not None}:
-            begins[sensor] = _estimated(left[sensor])
-        try:
-            found = solve(left, reference=own.index(reference), starts=begins, spread=prior)
-        except FitError:
-            return None, ()
-        if found.unobserved:
-            return None, ()
-        several, before = found, runs
-        limits = {"limit_deg": options["target_deg"], "dip_deg": options["dip_deg"]}
-        runs = departures(_seen(several, fields), common.time, **limits)
-        if _stretches(runs) == _stretches(before):
-            break
-    placed = [replace(run, sensor=None if run.sensor is None else own[run.sensor]) for run in runs]
-    return several, tuple(sorted(placed, key=lambda run: run.start_s))
 
 
 def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[np.bool_]:
@@ -621,36 +638,30 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
         far = np.abs(distances(some, start.ellipsoid)) > limit
         parts = left_out([Samples(some)], start.ellipsoid, limit, dense_in(far, len(some)))
         out = np.concatenate([part for _, _, part in parts])
-        if np.count_nonzero(out) <= MOST_STRAYS * len(there):
+        if np.count_nonzero(out) <= MOST_OUTLIERS * len(there):
             outliers[sensor, there[out]] = True
     return outliers
 
 
-def _left_out(member: Member, field: Floats, start: Estimate | None, belongs: NDArray[np.bool_]) -> tuple[Outlier, ...]:
-    """What a sensor left out by itself, where the joint fit left out most of that, too."""
-    alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
-    outliers = _own_outliers(field[np.newaxis], [start])[0]
-    if not isinstance(alone, Fit) or not outliers.any() or np.mean(belongs[outliers]) > MOST_STRAYS:
-        return ()
-    return alone.outliers
-
-
-def _stretches(runs: Sequence[Departure]) -> set[tuple[int | None, int, int]]:
+def _segments(runs: Sequence[Departure]) -> set[tuple[int | None, int, int]]:
     return {(run.sensor, run.first, run.last) for run in runs if run.sensor is not None}
 
 
-def _seen(several: Several, fields: Floats) -> Floats:
+def _by_itself(field: Floats, start: Estimate) -> Floats:
+    """(N, 3) readings over the field's strength, corrected by what a sensor finds by itself."""
+    corrected: Floats = (field - start.ellipsoid.centre) @ np.linalg.inv(start.ellipsoid.shape)
+    return corrected
+
+
+def _unit(vectors: Floats) -> Floats:
+    """(N, 3) of length one."""
+    unit: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit
+
+
+def _corrected(several: Several, fields: Floats) -> Floats:
     """(m, N, 3) corrected readings of all, in the axes of the reference."""
     return np.stack([several.corrected(index, field) for index, field in enumerate(fields)])
-
-
-def _directions(field: Floats, start: Estimate | None) -> Floats | None:
-    """(N, 3) unit directions by what a sensor finds by itself."""
-    if start is None:
-        return None
-    seen = (field - start.ellipsoid.centre) @ np.linalg.inv(start.ellipsoid.shape)
-    unit: Floats = seen / np.linalg.norm(seen, axis=1, keepdims=True)
-    return unit
 
 
 def nearest_axes(rotation: Floats) -> tuple[str, float]:
@@ -659,48 +670,48 @@ def nearest_axes(rotation: Floats) -> tuple[str, float]:
     >>> nearest_axes(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     ('-y,x,z', 0.0)
     """
-    matrices = [axes.apply(np.eye(3)).T for axes in ALL_TURNS]
+    matrices = [axes.apply(np.eye(3)).T for axes in EXCHANGES]
     best = int(np.argmax([float(np.sum(matrix * rotation)) for matrix in matrices]))
     cosine = 0.5 * (float(np.sum(matrices[best] * rotation)) - 1.0)
-    return str(ALL_TURNS[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+    return str(EXCHANGES[best]), float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
-def _told(found: Together, place: int, target_deg: float) -> Member:
+def _judged(together: Together, place: int, target_deg: float) -> Member:
     """Add to a member, and to its fit, what the others tell of it."""
-    member = found.members[place]
-    findings = by_severity(_findings(found, place, target_deg))
-    made = member.fit.fit if isinstance(member.fit, Refused) else member.fit
-    if isinstance(made, Fit):
-        made = replace(made, findings=by_severity((*made.findings, *findings)))
-        made = Refused(made) if made.verdict == "refused" else made
-    return replace(member, fit=made, findings=findings)
+    member = together.members[place]
+    findings = by_severity(_findings(together, place, target_deg))
+    judged = member.fit.fit if isinstance(member.fit, Refused) else member.fit
+    if isinstance(judged, Fit):
+        judged = replace(judged, findings=by_severity((*judged.findings, *findings)))
+        judged = Refused(judged) if judged.verdict == "refused" else judged
+    return replace(member, fit=judged, findings=findings)
 
 
-def _findings(found: Together, place: int, target_deg: float) -> Iterator[Finding]:
+def _findings(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
     """What there is to know of a member beside its own fit."""
-    member, reference = found.members[place], found.reference
+    member, reference = together.members[place], together.reference
     if member.copy_of:
         yield _certain("copied-sensor", {"is_copy": 1.0}, other=member.copy_of)
         return
-    if found.agreement.apart_deg:
-        yield _apart_throughout(found.agreement.apart_deg, target_deg)
+    if together.agreement.apart_deg:
+        yield _apart_throughout(together.agreement.apart_deg, target_deg)
         return
     if member.is_kept:
         yield _better_alone(member)
-    elif not found.is_joint:
+    elif not together.is_joint:
         why = (
             "the readings leave open how the magnetometers are turned against each other, and each has what it finds "
             "by itself: turn the body about all its axes"
         )
         yield _certain("not-together", {"is_alone": 1.0, "together_deg": 0.0, "alone_deg": 0.0}, why=why)
         return
-    yield from _of_axes(found, member)
+    yield from _of_axes(together, member)
     yield from _of_clock(member, reference)
-    others = [other.scatter_deg for other in found.members if other is not member and not other.copy_of]
+    others = [other.scatter_deg for other in together.members if other is not member and not other.copy_of]
     numbers = {"scatter_deg": member.scatter_deg, "best_other_deg": min(others, default=math.inf)}
     departs = CATALOGUE["sensor-deviates-throughout"].finding(Record({**numbers, "target_deg": target_deg}))
     yield from () if departs is None else (departs,)
-    yield from _of_departures(found, place, target_deg)
+    yield from _of_departures(together, place, target_deg)
 
 
 def _certain(code: str, numbers: dict[str, float], **words: str) -> Finding:
@@ -728,9 +739,9 @@ def _better_alone(member: Member) -> Finding:
     return _certain("not-together", {"is_alone": 1.0, "together_deg": member.joint_deg, "alone_deg": worst}, why=why)
 
 
-def _handed(found: Together) -> str:
+def _handed(together: Together) -> str:
     """Which sensors are most likely not right-handed: those that are fewer."""
-    turned = [member for member in found.members if member.rotation is not None and not member.copy_of]
+    turned = [member for member in together.members if member.rotation is not None and not member.copy_of]
     mirrored = sum(member.is_mirrored for member in turned)
     rest = len(turned) - mirrored
     if mirrored == rest:
@@ -739,16 +750,16 @@ def _handed(found: Together) -> str:
     return f"Most likely {' and '.join(fewer)} is not right-handed, as the others agree: map its axes with --axes"
 
 
-def _of_axes(found: Together, member: Member) -> Iterator[Finding]:
+def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
     """How it is turned, and in what it is written."""
-    reference = found.reference
+    reference = together.reference
     if member.rotation is None or member.rotation_sigma_deg is None or member.name == reference:
         return
     words = {"reference": reference, "axes": str(member.axes)}
     if member.is_mirrored:
-        yield _certain("mirrored-sensor", {"handedness": -1.0}, **words, who=_handed(found))
+        yield _certain("mirrored-sensor", {"handedness": -1.0}, **words, who=_handed(together))
     worst = float(member.rotation_sigma_deg.max())
-    where = "" if found.in_body else "; how those sit in the vehicle is unseen"
+    where = "" if together.in_body else "; how those sit in the vehicle is unseen"
     turned = {"is_turned": 1.0, "rotation_sigma_deg": worst, "off_axes_deg": member.off_axes_deg}
     yield _certain("turned-to", turned, **words, where=where)
     decades = round(math.log10(member.size))
@@ -771,12 +782,12 @@ def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
         )
 
 
-def _of_departures(found: Together, place: int, target_deg: float) -> Iterator[Finding]:
+def _of_departures(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
     """When it departs from the others, or one of two does of which it may be the one."""
-    runs = [run for run in found.agreement.departures if run.sensor == place]
+    runs = [run for run in together.agreement.departures if run.sensor == place]
     if runs:
         numbers = {
-            "departs_share": _share(runs, found),
+            "departs_share": _share(runs, together),
             "departs_deg": max(run.heading_deg for run in runs),
             "target_deg": target_deg,
         }
@@ -785,11 +796,11 @@ def _of_departures(found: Together, place: int, target_deg: float) -> Iterator[F
             numbers,
             when=_when(runs),
             why="the length of its readings changes" if all(run.by_length for run in runs) else "the others agree",
-            rests="" if found.members[place].is_kept else ". The calibration does not rest on that",
+            rests="" if together.members[place].is_kept else ". The calibration does not rest on that",
         )
-    unsettled = [run for run in found.agreement.departures if run.sensor is None]
-    if unsettled and (len(found.members) == 2 or found.members[place].name == found.reference):
-        worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, found)
+    unsettled = [run for run in together.agreement.departures if run.sensor is None]
+    if unsettled and (len(together.members) == 2 or together.members[place].name == together.reference):
+        worst, share = max(run.heading_deg for run in unsettled), _share(unsettled, together)
         disagreement = (
             f"magnetometers disagree by up to {figures(worst)}° of heading, for {share:.0%} of the time "
             f"({_when(unsettled)})"
@@ -798,9 +809,9 @@ def _of_departures(found: Together, place: int, target_deg: float) -> Iterator[F
         yield _certain("disagree", numbers, disagreement=disagreement, alone="")
 
 
-def _share(runs: Sequence[Departure], found: Together) -> float:
+def _share(runs: Sequence[Departure], together: Together) -> float:
     """Of all moments, those of some stretches."""
-    return sum(run.last - run.first + 1 for run in runs) / max(found.agreement.moments, 1)
+    return sum(run.last - run.first + 1 for run in runs) / max(together.agreement.moments, 1)
 
 
 def _when(runs: Sequence[Departure]) -> str:
@@ -810,8 +821,8 @@ def _when(runs: Sequence[Departure]) -> str:
     '1.0–2.0 s'
     """
     chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
-    told = "; ".join(str(run) for run in sorted(chosen, key=lambda run: run.start_s))
-    return told + ("; …" if len(runs) > len(chosen) else "")
+    named = "; ".join(str(run) for run in sorted(chosen, key=lambda run: run.start_s))
+    return named + ("; …" if len(runs) > len(chosen) else "")
 
 
 def _worst(outcome: Fit | FlindersError) -> float | None:

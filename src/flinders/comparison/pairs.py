@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import GATHER
+from flinders.geometry.ellipsoid import GATHER, upper
 from flinders.heading.error_propagation import level_turn
-from flinders.summary.pooling import DEPENDENT
+from flinders.summary.pooling import chi_squares
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 
 CHUNK: Final = 1024
 """Pairs that are compared at a time, so that their headings fit into the cache."""
-ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))
-"""Rows and columns of the entries 11, 22, 33, 12, 13, 23."""
-TRACE: Final = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 _erfc: Final = np.frompyfunc(math.erfc, 1, 1)
 
@@ -112,10 +109,10 @@ class Pairs:
         shapes = [
             factor[:, np.newaxis, np.newaxis] * one.shape for factor, one in zip(factors, (first, second), strict=True)
         ]
-        middle = None if strengths is not None else (shapes[0] + shapes[1]) / 2.0
-        claimed = [
-            _scaled(one.covariance, factor, middle) for one, factor in zip((first, second), factors, strict=True)
-        ]
+        claimed = [rescaled(one.covariance, factor) for one, factor in zip((first, second), factors, strict=True)]
+        if strengths is None:
+            middle = (shapes[0] + shapes[1]) / 2.0
+            claimed = [without_scale(each, middle, middle) for each in claimed]
         scale = second.radius / first.radius * (1.0 if strengths is None else strengths[0] / strengths[1]) - 1.0
         return cls(second.centre - first.centre, shapes[0], shapes[1], claimed[0] + claimed[1], scale)
 
@@ -128,18 +125,8 @@ class Pairs:
     def chi_square(self, parameters: Sequence[int] = range(9)) -> tuple[Floats, Floats]:
         """(n,) squares of the differences in units of their covariances, and the ranks of those."""
         chosen = list(parameters)
-        across = (self.second - self.first)[:, *ENTRIES]
-        difference = np.concatenate([self.moved, across], axis=1)[:, chosen]
-        covariance = self.covariance[:, chosen][:, :, chosen]
-        sigma = np.sqrt(np.einsum("nii->ni", covariance).clip(min=0.0))
-        is_free = sigma > 0.0
-        scale = np.where(is_free, sigma, 1.0)
-        values, axes = np.linalg.eigh(covariance / (scale[:, :, np.newaxis] * scale[:, np.newaxis]))
-        is_independent = values > DEPENDENT * values[:, -1:]
-        along = np.einsum("nji,nj->ni", axes, np.where(is_free, difference / scale, 0.0))
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            chi_square = np.where(is_independent, along**2 / values, 0.0).sum(axis=1)
-        return chi_square, is_independent.sum(axis=1).astype(float)
+        difference = np.concatenate([self.moved, upper(self.second - self.first)], axis=1)[:, chosen]
+        return chi_squares(difference, self.covariance[:, chosen][:, :, chosen])
 
     def corrected(self, directions: Floats) -> tuple[Floats, Floats]:
         """(n, 3, K) what the second makes of the readings of the first for (3, K) directions, and the reverse."""
@@ -341,18 +328,31 @@ def _differences(pairs: Pairs, dip_deg: float) -> Differences:
     )
 
 
-def _scaled(covariance: Floats, factor: Floats, reference: Floats | None) -> Floats:
-    """(n, 9, 9) covariance of ellipsoids once shapes were multiplied by (n,) factors; without the scale of a reference.
+def rescaled(covariance: Floats, factor: float | Floats) -> Floats:
+    """(..., 9, 9) covariances of (b, S) once the shapes S were multiplied by (...) factors."""
+    factors = np.ones((*np.shape(factor), 9))
+    factors[..., 3:] = np.asarray(factor)[..., np.newaxis]
+    scaled: Floats = covariance * (factors[..., :, np.newaxis] * factors[..., np.newaxis, :])
+    return scaled
 
-    The scale is tr(R⁻¹S)/3: about the reference R, a change of S with the same determinant.
+
+def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Floats:
+    """(..., 9, 9) covariances of (b, S) once (..., 3, 3) S were brought to the size of a reference R, tr(R⁻¹S) = 3.
+
+    For S about R, that is the same determinant: S/s with s = tr(R⁻¹S)/3 changes by δS − S tr(R⁻¹δS)/3, given
+    as `shape` after it was brought there. Whatever its scale was, the row of R⁻¹ is free of it, so that several
+    covariances are singular in the same direction.
     """
-    jacobian = np.tile(np.eye(9), (len(factor), 1, 1))
-    if reference is not None:
-        inverse = np.linalg.inv(reference)[:, *ENTRIES] * TRACE
-        jacobian[:, 3:, 3:] -= reference[:, *ENTRIES][:, :, np.newaxis] * inverse[:, np.newaxis] / 3.0
-    jacobian[:, :, 3:] *= factor[:, np.newaxis, np.newaxis]
-    projected: Floats = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+    jacobian = np.tile(np.eye(9), (*shape.shape[:-2], 1, 1))
+    jacobian[..., 3:, 3:] -= upper(shape)[..., :, np.newaxis] * trace_with(reference)[..., np.newaxis, :] / 3.0
+    projected: Floats = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
     return projected
+
+
+def trace_with(reference: Floats) -> Floats:
+    """(..., 6) coefficients of tr(R⁻¹S) in the entries of S that `upper` takes."""
+    coefficients: Floats = upper(np.linalg.inv(reference)) * [1.0, 1.0, 1.0, 2.0, 2.0, 2.0]
+    return coefficients
 
 
 def _turns(seen: Floats, directions: Floats) -> NDArray[np.complex128]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import permutations, product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -77,3 +78,11 @@ class Axes:
         return ",".join(
             ("-" if sign < 0 else "") + NAMES[index] for index, sign in zip(self.order, self.signs, strict=True)
         )
+
+
+EXCHANGES: Final = tuple(
+    Axes(order, signs)  # type: ignore[arg-type]  # three of each
+    for order in permutations(range(3))
+    for signs in product((1, -1), repeat=3)
+)
+"""The 48 ways to exchange axes and their signs, mirror images among them; the identity first."""

@@ -26,12 +26,11 @@ less than that.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import permutations, product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.axes import Axes
+from flinders.core.axes import EXCHANGES, Axes
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import dip, gyro
 
@@ -76,12 +75,7 @@ EXPLAINED: Final = 0.5
 ONE_AXIS: Final = 0.05
 """Turning about the second axis, of that about the first, below which all of it is about one."""
 
-TURNS: Final = tuple(
-    Axes((order[0], order[1], order[2]), (signs[0], signs[1], signs[2]))
-    for order in permutations(range(3))
-    for signs in product((1, -1), repeat=3)
-    if not Axes((order[0], order[1], order[2]), (signs[0], signs[1], signs[2])).is_mirror
-)
+TURNS: Final = tuple(axes for axes in EXCHANGES if not axes.is_mirror)
 """The 24 ways to exchange axes and stay right-handed, the one that changes nothing first."""
 
 

@@ -340,7 +340,7 @@ class Fit(Outcome):
     @property
     def direction_error_deg(self) -> DirectionError:
         """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
-        return DirectionError(*direction_error_deg(self.ellipsoid, self.covariance))
+        return direction_error_deg(self.ellipsoid, self.covariance)
 
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""

@@ -115,8 +115,8 @@ def symmetric(entries: Floats) -> Floats:
 
 
 def upper(matrix: Floats) -> Floats:
-    """(6,) entries 11, 22, 33, 12, 13, 23 of a (3, 3) symmetric matrix."""
-    entries: Floats = matrix.ravel()[[0, 4, 8, 1, 2, 5]]
+    """(..., 6) entries 11, 22, 33, 12, 13, 23 of (..., 3, 3) symmetric matrices."""
+    entries: Floats = matrix.reshape(*matrix.shape[:-2], 9)[..., [0, 4, 8, 1, 2, 5]]
     return entries
 
 

@@ -74,9 +74,9 @@ class Tiles:
 @lru_cache(maxsize=1)
 def tiles() -> Tiles:
     """The tiles, always the same; read-only."""
-    centres, triangles = _icosahedron()
+    centres, triangles = icosahedron()
     for _ in range(BISECTIONS):
-        centres, triangles = _bisected(centres, triangles)
+        centres, triangles = bisected(centres, triangles)
     rings = _rings(centres, triangles)
     for _ in range(ROUNDS):
         centres = _centroids(centres, _corners(centres, triangles)[rings])
@@ -172,7 +172,7 @@ def clumped(rng: Generator, n: int, *, share: float = 0.6) -> Floats:
     return np.concatenate([uniform(rng, n - together), clump(rng, together)])
 
 
-def _icosahedron() -> tuple[Floats, NDArray[np.intp]]:
+def icosahedron() -> tuple[Floats, NDArray[np.intp]]:
     """(12, 3) vertices and (20, 3) triangles, anticlockwise seen from outside."""
     golden = (1.0 + np.sqrt(5.0)) / 2.0
     rectangle = np.array([[0.0, a, b * golden] for a in (1.0, -1.0) for b in (1.0, -1.0)])
@@ -187,7 +187,7 @@ def _icosahedron() -> tuple[Floats, NDArray[np.intp]]:
     return vertices, triangles
 
 
-def _bisected(vertices: Floats, triangles: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
+def bisected(vertices: Floats, triangles: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:
     """Halve all edges: four triangles for each."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     unique, where = np.unique(edges, axis=0, return_inverse=True)

@@ -19,13 +19,12 @@ site's dip is known. Where both sensors are left-handed in the same way, neither
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import permutations, product
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from flinders.arrays import table
-from flinders.core.axes import Axes
+from flinders.core.axes import EXCHANGES, Axes
 from flinders.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,21 +51,16 @@ TELLING: Final = 0.2
 """sin I beyond which its sign counts."""
 
 
-def _every_axes() -> tuple[Axes, ...]:
-    """All 48 ways to swap axes and signs, those that change least first; a rotation before its mirror image."""
-    ways = [Axes(order, signs) for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]  # type: ignore[arg-type]
-    return tuple(sorted(ways, key=lambda way: (way.is_mirror and str(way) != OPPOSITE, _moved(way))))
-
-
-def _moved(way: Axes) -> int:
+def _moved(axes: Axes) -> int:
     """How many axes come from elsewhere, and how many signs change."""
-    return 2 * sum(index != place for place, index in enumerate(way.order)) + sum(sign < 0 for sign in way.signs)
+    return 2 * sum(index != place for place, index in enumerate(axes.order)) + sum(sign < 0 for sign in axes.signs)
 
 
 OPPOSITE: Final = "-x,-y,-z"
 """What turns gravity into specific force."""
 
-EVERY: Final = _every_axes()
+EVERY: Final = tuple(sorted(EXCHANGES, key=lambda axes: (axes.is_mirror and str(axes) != OPPOSITE, _moved(axes))))
+"""All 48 ways to exchange axes and signs, those that change least first; a rotation before its mirror image."""
 
 
 class ForeignAxes(InputError):

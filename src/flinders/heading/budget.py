@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self, TypeAlias
 
 from flinders.core.units import PER_UNIT, SPELLINGS
 from flinders.errors import UnitError, UsageError
@@ -131,14 +131,11 @@ class Heading:
         Worst over all headings, at most 90.
     """
 
+    formula: ClassVar[str] = "b = H sin δ"
+
     field: float
     stray: float
     error_deg: float
-
-    @property
-    def formula(self) -> str:
-        """How they hang together, for people."""
-        return "b = H sin δ"
 
     @classmethod
     def solve(cls, *, field: float | None = None, stray: float | None = None, error_deg: float | None = None) -> Self:
@@ -194,14 +191,11 @@ class Wire:
         Its whole field; how much of it is horizontal depends on how the wire runs.
     """
 
+    formula: ClassVar[str] = "B = µ₀ I / (2π r)"
+
     current: float
     distance: float
     stray: float
-
-    @property
-    def formula(self) -> str:
-        """How they hang together, for people."""
-        return "B = µ₀ I / (2π r)"
 
     @classmethod
     def solve(cls, *, current: float | None = None, distance: float | None = None, stray: float | None = None) -> Self:
@@ -245,15 +239,12 @@ class Pair:
     stray : float, µT
     """
 
+    formula: ClassVar[str] = "B = µ₀ I s / (2π (r² − s²/4))"
+
     current: float
     separation: float
     distance: float
     stray: float
-
-    @property
-    def formula(self) -> str:
-        """How they hang together, for people."""
-        return "B = µ₀ I s / (2π (r² − s²/4))"
 
     @classmethod
     def solve(
@@ -326,7 +317,7 @@ class Magnet:
 
     @property
     def formula(self) -> str:
-        """How they hang together, for people."""
+        """The formula, for people."""
         return f"B = µ₀ m / ({'2π' if self.position == 'axial' else '4π'} r³)"
 
     @classmethod

@@ -83,6 +83,10 @@ class HeadingError:
         rms, worst = math.hypot(self.rms, angle_deg), math.hypot(self.worst, angle_deg)
         return HeadingError(rms, worst, self.dip_deg, self.tilt_deg)
 
+    def as_dict(self, **more: float) -> dict[str, float]:
+        """JSON-ready: rms and worst, and what else is to be said."""
+        return {"rms": self.rms, "worst": self.worst, **more}
+
     def __repr__(self) -> str:
         tilt = f", tilt={self.tilt_deg:g}°" if self.tilt_deg else ""
         return f"HeadingError(rms={self.rms:.2f}°, worst={self.worst:.2f}°, dip={self.dip_deg:g}°{tilt})"
@@ -260,13 +264,13 @@ def _worst_anywhere_deg(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: fl
     return MARGIN * level * float(direction_errors_deg(ellipsoid, covariance, _EVERYWHERE).max()) + float(beside)
 
 
-def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> tuple[float, float]:
+def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> DirectionError:
     """What to expect of the direction of the corrected field over the whole sphere: rms and worst, degrees, 1 σ.
 
     `direction_errors_deg` in 400 directions.
     """
     errors = direction_errors_deg(ellipsoid, covariance, _EVERYWHERE)
-    return float(np.sqrt(np.mean(errors**2))), float(errors.max())
+    return DirectionError(float(np.sqrt(np.mean(errors**2))), float(errors.max()))
 
 
 def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: Floats) -> Floats:

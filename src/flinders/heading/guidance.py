@@ -39,7 +39,12 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from flinders.heading.error_propagation import direction_gradients, level_gradients, upright
+from flinders.heading.error_propagation import (
+    direction_errors_deg,
+    direction_gradients,
+    level_gradients,
+    upright,
+)
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS
 
@@ -186,19 +191,15 @@ def guide(
     UsageError
         Within a degree of the magnetic poles, for the goal ``heading``.
     """
-    everywhere = direction_gradients(ellipsoid, CELLS)
-    errors = _variances(everywhere, covariance)
-    wanted = everywhere
-    if goal == "heading":
-        wanted = level_gradients(ellipsoid, dip_deg=dip_deg, down=down)[:, np.newaxis]
+    wanted = goal_gradients(ellipsoid, goal, CELLS, dip_deg=dip_deg, down=down)
     jacobian = magnitude.information(CELLS, ellipsoid)
     readings = batch or max(BATCH_SHARE * coverage.readings, 1.0)
     variance = reading_variance(jacobian, covariance, noise, coverage.counts)
     before = _variances(wanted, covariance)
     after = (before[:, np.newaxis] - _gains(wanted, jacobian, covariance, variance / readings)).clip(min=0.0)
-    best = int(np.argmin(_sharp_mean(after)))
+    best = int(np.argmin(sharp_mean(after.T)))
     return Guidance(
-        errors_deg=np.rad2deg(np.sqrt(errors)),
+        errors_deg=direction_errors_deg(ellipsoid, covariance, CELLS),
         worst_deg=float(np.rad2deg(np.sqrt(before.max()))),
         direction=CELLS[best],
         after_deg=float(np.rad2deg(np.sqrt(after[:, best].max()))),
@@ -255,10 +256,19 @@ def _gains(gradients: Floats, jacobian: Floats, covariance: Floats, variance: fl
     return gains
 
 
-def _sharp_mean(variances: Floats) -> Floats:
-    """(K,) mean of the fourth powers of (M, K) variances, in units of the largest: what the advice makes small."""
+def goal_gradients(
+    ellipsoid: Ellipsoid, goal: Goal, directions: Floats, *, dip_deg: float, down: Floats | None
+) -> Floats:
+    """(M, R, 9) gradients of what a goal wants known: the heading of a level vehicle, or (M, 3) directions."""
+    if goal == "heading":
+        return level_gradients(ellipsoid, dip_deg=dip_deg, down=down)[:, np.newaxis]
+    return direction_gradients(ellipsoid, directions)
+
+
+def sharp_mean(variances: Floats) -> Floats:
+    """(K,) mean of the fourth powers of (K, M) variances, in units of the largest: what the advice makes small."""
     scaled = variances / max(float(variances.max()), np.finfo(float).tiny)
-    means: Floats = np.mean(scaled**SHARPNESS, axis=0)
+    means: Floats = np.mean(scaled**SHARPNESS, axis=1)
     return means
 
 

@@ -1,4 +1,4 @@
-"""The way to turn a sensor, planned several turns ahead, so that the target is reached with little turning.
+"""How to turn a sensor, planned several turns ahead, so that the target is reached with little turning.
 
 `flinders.heading.guidance` says which readings are worth most. Whoever turns a sensor takes readings all along the way,
 so what matters is the way: the field's direction, seen from the body, walks over the sphere, each stretch of it adds
@@ -45,9 +45,8 @@ import numpy as np
 from flinders.arrays import table, triple
 from flinders.errors import ArrayError
 from flinders.geometry.ellipsoid import Ellipsoid
-from flinders.geometry.sphere import fibonacci
-from flinders.heading.error_propagation import direction_gradients, level_gradients
-from flinders.heading.guidance import SHARPNESS, reading_variance
+from flinders.geometry.sphere import bisected, fibonacci, icosahedron
+from flinders.heading.guidance import goal_gradients, reading_variance, sharp_mean
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS
 
@@ -61,7 +60,7 @@ if TYPE_CHECKING:
 STEPS: Final = 6
 """Waypoints that are planned ahead, some 210°; farther ones change nothing (`python -m benchmarks.guidance`)."""
 BEAM: Final = 24
-"""Walks that are kept after each step."""
+"""Paths that are kept after each step."""
 READINGS_PER_DEG: Final = 50.0 / 90.0
 """What a sensor of 50 Hz gives that is turned by 90° a second."""
 NEAREST_DEG, FARTHEST_DEG = 15.0, 60.0
@@ -173,8 +172,8 @@ class Route:
         return ("turn it " if frame == "sensor" else "") + ", then ".join(turns[:2])
 
     def __repr__(self) -> str:
-        ways = f"{len(self.waypoints)} waypoint{'s' * (len(self.waypoints) != 1)}"
-        return f"Route({ways}, worst {self.worst_deg:.2f}°, at its end {self.after_deg:.2f}°)"
+        count = f"{len(self.waypoints)} waypoint{'s' * (len(self.waypoints) != 1)}"
+        return f"Route({count}, worst {self.worst_deg:.2f}°, at its end {self.after_deg:.2f}°)"
 
 
 def plan(
@@ -213,23 +212,21 @@ def plan(
         Within a degree of the magnetic poles, for the goal ``heading``.
     """
     start = _unit(at)
-    wanted = direction_gradients(belief.ellipsoid, _EVERYWHERE)
-    if goal == "heading":
-        wanted = level_gradients(belief.ellipsoid, dip_deg=dip_deg, down=down)[:, np.newaxis]
+    wanted = goal_gradients(belief.ellipsoid, goal, _EVERYWHERE, dip_deg=dip_deg, down=down)
     weight = readings_per_deg / belief.variance
     now = _information(belief.covariance)
     target = math.radians(target_deg) ** 2
-    walks = _begun(now, start, belief.ellipsoid, weight)
+    paths = _begun(now, start, belief.ellipsoid, weight)
     stretches = _stretches(belief.ellipsoid, weight)
     for step in range(STEPS):
-        variances = _variances(wanted, walks.information)
+        variances = _variances(wanted, paths.information)
         worst = variances.max(axis=1)
         if step == STEPS - 1 or (worst <= target).any():
             break
-        walks = _extended(walks.best(_blunt_worst(variances), BEAM), stretches)
-    best = int(np.argmin(worst if (worst <= target).any() else _blunt_worst(variances)))
+        paths = _extended(paths.best(sharp_mean(variances), BEAM), stretches)
+    best = int(np.argmin(worst if (worst <= target).any() else sharp_mean(variances)))
     before = float(_variances(wanted, now[np.newaxis]).max())
-    return Route(start, _graph().nodes[walks.nodes[best]], _in_degrees(before), _in_degrees(float(worst[best])))
+    return Route(start, _graph().nodes[paths.nodes[best]], _in_degrees(before), _in_degrees(float(worst[best])))
 
 
 def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:
@@ -289,27 +286,22 @@ class _Graph(NamedTuple):
     lengths_deg: Floats
 
 
-class _Walks(NamedTuple):
-    """Walks side by side: (B, 9, 9) information at their ends, and (B, K) the nodes that they passed."""
+class _Paths(NamedTuple):
+    """Paths side by side: (B, 9, 9) information at their ends, and (B, K) the nodes that they passed."""
 
     information: Floats
     nodes: NDArray[np.intp]
 
-    def best(self, scores: Floats, count: int) -> _Walks:
+    def best(self, scores: Floats, count: int) -> _Paths:
         """Keep those with the smallest scores."""
         order = np.argsort(scores, kind="stable")[:count]
-        return _Walks(self.information[order], self.nodes[order])
+        return _Paths(self.information[order], self.nodes[order])
 
 
 @lru_cache(maxsize=1)
 def _graph() -> _Graph:
     """The corners of an icosahedron and the middles of its edges."""
-    golden = (1.0 + math.sqrt(5.0)) / 2.0
-    rectangle = np.array([[0.0, a, b * golden] for a in (1.0, -1.0) for b in (1.0, -1.0)])
-    corners = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)]) / math.hypot(1.0, golden)
-    one, two = np.nonzero(np.triu(corners @ corners.T > 0.4, k=1))
-    middles = corners[one] + corners[two]
-    nodes = np.concatenate([corners, middles / np.linalg.norm(middles, axis=1, keepdims=True)])
+    nodes, _ = bisected(*icosahedron())
     neighbours = np.full((len(nodes), 6), -1)
     between, lengths = np.empty((len(nodes), 6, 4, 3)), np.empty((len(nodes), 6))
     for node, near in enumerate(nodes @ nodes.T > math.cos(math.radians(40.0))):
@@ -328,59 +320,52 @@ def _arc(a: Floats, b: Floats, count: int) -> tuple[Floats, float]:
     return points, math.degrees(angle)
 
 
-def _begun(now: Floats, start: Floats, ellipsoid: Ellipsoid, weight: float) -> _Walks:
-    """Walks from where the field points to each waypoint in reach."""
+def _begun(now: Floats, start: Floats, ellipsoid: Ellipsoid, weight: float) -> _Paths:
+    """Paths from where the field points to each waypoint in reach."""
     angles = np.degrees(np.arccos(np.clip(_graph().nodes @ start, -1.0, 1.0)))
     reached = np.flatnonzero((angles > NEAREST_DEG) & (angles < FARTHEST_DEG))
     arcs = np.array([_arc(start, _graph().nodes[node], 4)[0] for node in reached])
-    return _Walks(now + _told(arcs, angles[reached], ellipsoid, weight), reached[:, np.newaxis])
+    return _Paths(now + _information_along(arcs, angles[reached], ellipsoid, weight), reached[:, np.newaxis])
 
 
 def _stretches(ellipsoid: Ellipsoid, weight: float) -> Floats:
     """(42, 6, 9, 9) information of the way from each node to each of its neighbours."""
     graph = _graph()
-    return _told(graph.between, graph.lengths_deg, ellipsoid, weight)
+    return _information_along(graph.between, graph.lengths_deg, ellipsoid, weight)
 
 
-def _told(arcs: Floats, lengths_deg: Floats, ellipsoid: Ellipsoid, weight: float) -> Floats:
+def _information_along(arcs: Floats, lengths_deg: Floats, ellipsoid: Ellipsoid, weight: float) -> Floats:
     """(..., 9, 9) information of readings along (..., K, 3) directions, (...) degrees in all."""
     jacobian = magnitude.information(arcs.reshape(-1, 3), ellipsoid).reshape(*arcs.shape[:-1], 9)
     each = weight * lengths_deg / arcs.shape[-2]
-    told: Floats = np.swapaxes(jacobian, -1, -2) @ jacobian * each[..., np.newaxis, np.newaxis]
-    return told
+    information: Floats = np.swapaxes(jacobian, -1, -2) @ jacobian * each[..., np.newaxis, np.newaxis]
+    return information
 
 
-def _extended(walks: _Walks, stretches: Floats) -> _Walks:
-    """Go on from the end of each walk to each neighbour, but not straight back."""
-    here = walks.nodes[:, -1]
+def _extended(paths: _Paths, stretches: Floats) -> _Paths:
+    """Go on from the end of each path to each neighbour, but not straight back."""
+    here = paths.nodes[:, -1]
     there = _graph().neighbours[here]
-    before = walks.nodes[:, -2] if walks.nodes.shape[1] > 1 else np.full(len(here), -1)
-    walk, slot = np.nonzero((there >= 0) & (there != before[:, np.newaxis]))
-    nodes = np.concatenate([walks.nodes[walk], there[walk, slot][:, np.newaxis]], axis=1)
-    return _Walks(walks.information[walk] + stretches[here[walk], slot], nodes)
+    before = paths.nodes[:, -2] if paths.nodes.shape[1] > 1 else np.full(len(here), -1)
+    row, slot = np.nonzero((there >= 0) & (there != before[:, np.newaxis]))
+    nodes = np.concatenate([paths.nodes[row], there[row, slot][:, np.newaxis]], axis=1)
+    return _Paths(paths.information[row] + stretches[here[row], slot], nodes)
 
 
 def _information(covariance: Floats) -> Floats:
     """(9, 9) inverse of a covariance; what a method holds counts as known very well."""
     values, vectors = np.linalg.eigh(covariance)
-    held = values.clip(min=1e-12 * values[-1])
-    information: Floats = (vectors / held) @ vectors.T
+    floored = values.clip(min=1e-12 * values[-1])
+    information: Floats = (vectors / floored) @ vectors.T
     return information
 
 
 def _variances(wanted: Floats, information: Floats) -> Floats:
-    """(B, M) variances of M things with (M, R, 9) gradients, summed over their R components, for each of B walks."""
+    """(B, M) variances of M things with (M, R, 9) gradients, summed over their R components, for each of B paths."""
     root = np.linalg.inv(np.linalg.cholesky(information))
     spread = root @ wanted.reshape(-1, 9).T
     variances: Floats = np.sum((spread**2).reshape(len(root), 9, *wanted.shape[:2]), axis=(1, 3))
     return variances
-
-
-def _blunt_worst(variances: Floats) -> Floats:
-    """(B,) nearly the largest of (B, M) variances, yet not blind to the next ones, as in `guidance`."""
-    largest = variances.max()
-    blunt: Floats = largest * np.mean((variances / largest) ** SHARPNESS, axis=1) ** (1.0 / SHARPNESS)
-    return blunt
 
 
 def _turn(axis: Floats, frame: Frame) -> str:

@@ -279,7 +279,7 @@ class SmoothingStream:
     """
 
     def __init__(self, by: Filter, *, centred: bool) -> None:
-        self._run: _Run = _Kalman(by.gain) if by.name == "kalman" else _Window(by, centred=centred)
+        self._run: _Filter = _Kalman(by.gain) if by.name == "kalman" else _Window(by, centred=centred)
         self._clock = _Clock()
         self._pauses = 0
         self.dropped = 0
@@ -306,7 +306,7 @@ class SmoothingStream:
         return self._run.finish()
 
 
-class _Run(Protocol):
+class _Filter(Protocol):
     """A filter between two pauses."""
 
     restarts: int

@@ -117,16 +117,21 @@ def each_from_the_others(estimates: Sequence[Floats], covariances: Sequence[Floa
 
 def chi_square_of(difference: Floats, covariance: Floats) -> tuple[float, int]:
     """Square of a difference (K,) in units of its covariance, over what the covariance leaves free; and its rank."""
-    sigma = np.sqrt(np.diag(covariance))
-    free = sigma > 0.0
-    if not free.any():
-        return 0.0, 0
-    sigma, difference = sigma[free], difference[free]
-    values, axes = np.linalg.eigh(covariance[np.ix_(free, free)] / np.outer(sigma, sigma))
-    kept = values > DEPENDENT * values[-1]
-    along = axes[:, kept].T @ (difference / sigma)
-    with np.errstate(over="ignore"):
-        return float(np.sum(along**2 / values[kept])), int(kept.sum())
+    squares, ranks = chi_squares(difference[np.newaxis], covariance[np.newaxis])
+    return float(squares[0]), int(ranks[0])
+
+
+def chi_squares(differences: Floats, covariances: Floats) -> tuple[Floats, Floats]:
+    """(n,) squares of (n, K) differences in units of their covariances, and the ranks of those, as `chi_square_of`."""
+    sigma = np.sqrt(np.einsum("nii->ni", covariances).clip(min=0.0))
+    is_free = sigma > 0.0
+    scale = np.where(is_free, sigma, 1.0)
+    values, axes = np.linalg.eigh(covariances / (scale[:, :, np.newaxis] * scale[:, np.newaxis]))
+    is_independent = values > DEPENDENT * values[:, -1:]
+    along = np.einsum("nji,nj->ni", axes, np.where(is_free, differences / scale, 0.0))
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        squares = np.where(is_independent, along**2 / values, 0.0).sum(axis=1)
+    return squares, is_independent.sum(axis=1).astype(float)
 
 
 def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> float:
