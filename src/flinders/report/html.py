@@ -49,7 +49,7 @@ from flinders.report.formatting import (
     offset_entries,
 )
 from flinders.report.html_file import html_file, joined, style_of
-from flinders.report.sections import aiding_rows, disturbance_rows, instrument_rows, sources, with_unit
+from flinders.report.sections import SOURCES, disturbance_rows, instrument_rows, sources, with_unit
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 
 if TYPE_CHECKING:
@@ -65,6 +65,11 @@ TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not 
 
 WITH_3D, WITHOUT_3D = "report.js", "plain.js"
 """The script of a report, and that of one without a 3-D view, which has to be started."""
+
+FILTERS: Final = {
+    "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
+}  # fmt: skip
+"""How the page writes numbers."""
 
 START: Final = "m0.theming(() => {});\nm0.copying();"
 
@@ -137,8 +142,10 @@ def page(
         "findings": () if fit is None else fit.findings,
         "notes": list(notes),
         "parameters": _parameters(fit),
-        "sections": _sections(fit),
+        "aiding": fit.aiding if fit is not None and fit.verdict != "refused" else None,
+        "disturbances": disturbance_rows(fit) if fit is not None and fit.verdict != "refused" else [],
         "walk": _walk(walk, fit),
+        "names": SOURCES,
         "listings": _listings(fit, listings),
         "asked": dict(asked or {}),
         "provenance": provenance,
@@ -152,8 +159,7 @@ def page(
         "data": _data(drawn, fit) if drawn is not None and script[1] else "",
         "has_scene": script[1] and drawn is not None,
     }
-    filters = {"counted": counted, "figures": figures, "sentence": as_sentence}
-    return html_file("report.html.j2", given, style=_style(), script=script[0], filters=filters)
+    return html_file("report.html.j2", given, style=_style(), script=script[0], filters=FILTERS)
 
 
 def goes_with(fit: Fit, drawn: FigureData) -> bool:
@@ -258,17 +264,6 @@ def _mounting(fit: Fit, error_deg: float) -> tuple[str, str, str]:
     """What the mounting adds, and who says so."""
     is_estimated = fit.calibration.rotation == "estimated"
     return "Mounting adds", degrees(error_deg), f"as told by {sources(fit)}" if is_estimated else "as it was stated"
-
-
-def _sections(fit: Fit | None) -> dict[str, Any]:
-    """What was recorded beside the magnetometer; nothing of a refused fit."""
-    if fit is None or fit.verdict == "refused":
-        return {"aids": [], "found": [], "disturbances": []}
-    return {
-        "aids": aiding_rows(fit),
-        "found": instrument_rows(fit),
-        "disturbances": disturbance_rows(fit),
-    }
 
 
 def _walk(walk: RandomWalk | None, fit: Fit | None) -> dict[str, Any] | None:
