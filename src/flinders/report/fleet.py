@@ -327,7 +327,8 @@ def shares(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) ->
     known = [kind for kind in kinds if counts.get(kind)]
     total = sum(counts[kind] for kind in known)
     widths = [max(counts[kind] / total, SEEN) for kind in known]
-    ends = [1000.0 * end / sum(widths) for end in itertools.accumulate(widths, initial=0.0)]
+    whole = sum(widths) or 1.0
+    ends = [1000.0 * end / whole for end in itertools.accumulate(widths, initial=0.0)]
     return [(kind, x, end - x) for kind, (x, end) in zip(known, itertools.pairwise(ends), strict=True)]
 
 
