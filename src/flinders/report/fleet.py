@@ -7,10 +7,9 @@ Content-Security-Policy lets nothing run but the page's own script. Its size doe
 >>> when(1.7e9), when(float("nan"))
 ('2023-11-14', '–')
 
-Figures of the report of a fleet: distributions, shares of verdicts or states, and a map of hardware batches.
-
-Colours are classes of the style sheet, as in `flinders.report.figures`, so that a figure is the same text in light, in
-dark and on paper. A batch stands out where its share of rows without a good verdict is more than chance explains.
+Its figures are distributions, shares of verdicts or states, and a map of hardware batches. Colours are classes of the
+style sheet, as in `flinders.report.figures`, so that a figure is the same text in light, in dark and on paper. A batch
+stands out where its share of rows without a good verdict is more than chance explains.
 
 >>> standing_out({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
 {'B': True}

@@ -165,7 +165,7 @@ class Overview:
     batches : mapping of str to mapping of str to int
         Rows of each verdict in each hardware batch; empty where no batches are known.
     batch_of : str
-        What tells the batch, in words.
+        Where the batch is taken from, in words.
     worst : mapping of str to tuple of FleetUnit
         Rows that have the largest ``heading error``, ``offset`` and ``noise``.
     target_deg : float
@@ -190,7 +190,7 @@ class Overview:
 
 @dataclass(frozen=True, slots=True)
 class UnitDrift:
-    """How one unit's newest calibration differs from the one that it is held against.
+    """How one unit's newest calibration differs from its reference.
 
     Attributes
     ----------
@@ -360,11 +360,11 @@ class FleetDrift:
     undated : Undated
         The same of units whose recordings have no dates.
     unordered : tuple of str
-        Units of which nothing tells the order of recordings, no more than were asked for.
+        Units whose order of recordings is not known, no more than were asked for.
     batches : tuple of BatchDrift
         By name; empty where no batches are known.
     batch_of : str
-        What tells the batch, in words.
+        Where the batch is taken from, in words.
     target_deg, dip_deg : float
     against : str
         ``first`` or ``previous``.

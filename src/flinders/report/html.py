@@ -1,4 +1,4 @@
-"""A fit as one HTML file: what was found, in words and degrees first, then all that it rests on.
+"""A fit as one HTML file: the result in words and degrees first, then all that it rests on.
 
 The file needs nothing else: no server, no network, and no script but for the 3-D view, of which it holds a still
 picture for paper. What comes from files, such as names and comments, is escaped; a Content-Security-Policy in the file
@@ -11,9 +11,9 @@ lets nothing run but its own script, and nothing be fetched. Of a refused fit no
 >>> text.startswith("<!doctype html>"), "://" in text.split("<script")[0]
 (True, False)
 >>> fit = calibrate.fit(samples)
->>> found = {"raw": samples.field}
->>> exec(python_of(fit.calibration), found)
->>> bool(np.allclose(found["corrected"], fit.calibration.apply(samples.field)))
+>>> names = {"raw": samples.field}
+>>> exec(python_of(fit.calibration), names)
+>>> bool(np.allclose(names["corrected"], fit.calibration.apply(samples.field)))
 True
 """
 
@@ -112,9 +112,9 @@ def page(
     Parameters
     ----------
     outcome : Fit or FitError
-        What was found, or the refusal.
+        The result, or the refusal.
     recording : Recording, optional
-        The readings that were fitted, as they were recorded; they are held in memory meanwhile. Without them there
+        The readings that were fitted, as they were recorded; they are all in memory meanwhile. Without them there
         are no figures.
     provenance : Provenance, optional
         Release, date and files; by default this release, now, and none.

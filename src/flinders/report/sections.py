@@ -52,7 +52,7 @@ class DisturbanceRow:
 def mounting(fit: Fit) -> str:
     """What the mounting of the sensor adds to the heading error; empty where that is not known.
 
-    A rotation that an aiding sensor has found is observed by it; one that was stated is observed by nothing.
+    An estimated rotation is observed by an aiding sensor; one that was stated is observed by nothing.
     """
     error = fit.alignment_error_deg
     if error is None:
