@@ -184,7 +184,7 @@ def summary(
 
 def _tell(log: _compass.HeadingLog, voyage: Voyage, told: dict[str, Any], *, plausible: bool) -> None:
     """Say on standard error how good the headings are, and what to know about them."""
-    from flinders.report.heading_page import of_headings
+    from flinders.report.heading_pages import of_headings
 
     say(
         drawn(

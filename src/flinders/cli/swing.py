@@ -158,7 +158,7 @@ def command(
 
 def _code(swing: Swing, target_deg: float) -> int:
     """How it ends."""
-    from flinders.report.swing_page import limits
+    from flinders.report.heading_pages import limits
 
     missed = any(abs(half.off_deg) > target_deg for half in swing.halves)
     if swing.deviation is None:
@@ -331,11 +331,11 @@ def _write(deviation: Deviation | None, card: Card, outputs: Outputs) -> None:
     UsageError
         Where there is no curve to write, or the step does not go round.
     """
-    from flinders.report import swing_page
-    from flinders.report.swing_page import drawing
+    from flinders.report import heading_pages
+    from flinders.report.heading_pages import drawing
 
     if deviation is not None:
-        outputs.write(swing_page.card(deviation, card.step_deg), card.output)
+        outputs.write(heading_pages.card(deviation, card.step_deg), card.output)
         outputs.write(drawing(deviation), card.svg)
     elif card.output or card.svg:
         raise UsageError("without known headings there is no curve: give --headings, or leave -o and --svg out")
@@ -343,7 +343,7 @@ def _write(deviation: Deviation | None, card: Card, outputs: Outputs) -> None:
 
 def _show(swing: Swing, step_deg: float, target_deg: float, outputs: Outputs) -> None:
     """Print the page; on standard error, where the card or the curve has standard output."""
-    from flinders.report.swing_page import of_swing
+    from flinders.report.heading_pages import of_swing
 
     outputs.show(
         of_swing(
@@ -362,7 +362,7 @@ def _show(swing: Swing, step_deg: float, target_deg: float, outputs: Outputs) ->
 def _as_dict(swing: Swing, target_deg: float) -> dict[str, Any]:
     """JSON-ready."""
     from flinders.heading.stationary import hard_iron
-    from flinders.report.swing_page import limits
+    from flinders.report.heading_pages import limits
 
     deviation, halves = swing.deviation, swing.halves
     return {

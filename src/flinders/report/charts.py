@@ -267,7 +267,7 @@ def nearest_round(value: float) -> float:
 
 
 def labelled(values: Sequence[float], mark: str = "", unit: str = "") -> list[tuple[float, str]]:
-    """Numbers with as many decimals as tell each from the next one.
+    """Numbers with as many decimals as each needs to differ from the next one.
 
     >>> labelled([-0.5, 0.0, 0.5])
     [(-0.5, '−0.5'), (0.0, '0.0'), (0.5, '0.5')]

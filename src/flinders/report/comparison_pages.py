@@ -97,7 +97,7 @@ def of_evaluation(evaluation: Evaluation) -> RenderableType:
 
 
 def of_recovery(true: TwoAxis, estimate: TwoAxis, polar: Polar) -> RenderableType:
-    """Lay out a swung two-axis compass: what is true, what was found, the headings before and after."""
+    """Lay out a swung two-axis compass: true and estimated parameters, the headings before and after."""
     rows = [
         (name, f"{expected:.4f}{unit}", f"{value:.4f}{unit}", f"{round(value - expected, 4) + 0.0:+.4f}{unit}")
         for name, expected, value, unit in recovery_rows(true, estimate)
@@ -288,7 +288,7 @@ def _digits(share: float) -> str:
 
 
 def recovery_rows(true: TwoAxis, estimate: TwoAxis) -> list[tuple[str, float, float, str]]:
-    """Name, true value, found value and unit of each parameter."""
+    """Name, true value, estimate and unit of each parameter."""
     return [
         ("scale x", true.scale[0], estimate.scale[0], ""),
         ("scale y", true.scale[1], estimate.scale[1], ""),

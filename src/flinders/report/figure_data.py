@@ -110,7 +110,7 @@ class FigureData:
         recording : Recording
             The readings that were fitted, as they were recorded.
         most : int
-            Readings that are kept for drawing; the `View` counts them all.
+            Readings that are drawn, at most; the `View` counts them all.
 
         Raises
         ------

@@ -89,7 +89,7 @@ def _framed(panel: Panel, title: str, *, left: float = LEFT, wide: float = WIDE,
 
 
 def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
-    """The readings seen along z, y and x: before with the ellipse that was found, after with the circle."""
+    """The readings seen along z, y and x: before with the fitted ellipse, after with the circle."""
     return [_projection(drawn, plane, is_corrected=is_corrected) for plane in PLANES]
 
 

@@ -84,7 +84,7 @@ def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float
 
 
 def of_several(together: Together, target_deg: float) -> RenderableType:
-    """Lay out magnetometers that were calibrated together: a row each, and what the others tell of it."""
+    """Lay out magnetometers that were calibrated together: a row each, and how the others agree with it."""
     upper = (f"axes of\n{together.reference}", "\nbut for", "\noff by")
     headings = (
         Column("\n"),
@@ -268,7 +268,7 @@ def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
 
 
 def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
-    """What limits a member: what the others tell of it first, then the gravest of its own."""
+    """What limits a member: what the others show of it first, then the gravest of its own."""
     fit = _fit_of(member.fit)
     if fit is None:
         yield "refuses", f"{number} {member.fit}"

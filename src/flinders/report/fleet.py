@@ -7,10 +7,9 @@ Content-Security-Policy lets nothing run but the page's own script. Its size doe
 >>> when(1.7e9), when(float("nan"))
 ('2023-11-14', '–')
 
-Figures of the report of a fleet: distributions, shares of verdicts or states, and a map of hardware batches.
-
-Colours are classes of the style sheet, as in `flinders.report.figures`, so that a figure is the same text in light, in
-dark and on paper. A batch stands out where its share of rows without a good verdict is more than chance explains.
+Its figures are distributions, shares of verdicts or states, and a map of hardware batches. Colours are classes of the
+style sheet, as in `flinders.report.figures`, so that a figure is the same text in light, in dark and on paper. A batch
+stands out where its share of rows without a good verdict is more than chance explains.
 
 >>> standing_out({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
 {'B': True}
@@ -24,7 +23,6 @@ from __future__ import annotations
 import itertools
 import math
 from datetime import UTC, datetime
-from html import escape
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
@@ -55,6 +53,8 @@ VERDICTS: Final = {
     "refused": "refused: no calibration",
     "failed": "failed: could not be read",
 }
+CHANGES: Final = ("steady", "single", "none", "unordered", "unsure", "changed", "recalibrate")
+"""States of units in the order of a bar; the last two are changes."""
 SHOWN: Final = 4
 """Findings of a unit that are named; the others are counted."""
 FAIR: Final = 0.02
@@ -73,24 +73,21 @@ def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence
     notes : sequence of str
         What else to know, in sentences.
     """
+    about = [] if drift is None else [as_sentence(words) for words in about_order(drift)]
     given = {
         "overview": overview,
         "drift": drift,
-        "notes": [*notes, *_notes(overview), *([] if drift is None else map(as_sentence, about_order(drift)))],
+        "notes": [*notes, *_notes(overview), *about],
         "outcome": _outcome(overview, drift),
         "numbers": _numbers(overview, drift),
         "units": None if drift is None else _orders(drift),
-        "steps": () if drift is None else drift.steps,
-        "states": [] if drift is None else [(name, drift.states[name], words) for name, words in STATES.items()],
+        "states": STATES,
         "figures": _figures(overview, drift),
-        "verdicts": [(name, overview.verdicts.get(name, 0), words) for name, words in VERDICTS.items()],
+        "verdicts": VERDICTS,
+        "changes": CHANGES,
         "most_findings": SHOWN,
-        "worst": [(rank, units) for rank, units in overview.worst.items() if units],
-        "findings": [(code, count, _meaning(code), action(code)) for code, count in overview.findings.items()],
-        "codes": [(code, *example, action(code)) for code, example in overview.codes.items()],
-        "held_against": "" if drift is None else drift.against,
+        "catalogue": CATALOGUE,
         "odd_states": [] if drift is None else _odd(drift)[:10],
-        "shown_batches": len(shown_batches(overview.batches)),
         "odd_batches": sorted(standing_out(overview.batches)),
         "date": date_of(datetime.now(UTC)),
         "release": version("flinders"),
@@ -231,25 +228,17 @@ def _odd(drift: FleetDrift) -> list[BatchDrift]:
     return [one for one in drift.batches if {"changes", "steps"} & set(one.stands_out)]
 
 
-def _meaning(code: str) -> str:
-    """What a finding says, without its number."""
-    return CATALOGUE[code].number if code in CATALOGUE else ""
-
-
 def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
-    """Figures by name: numbers and words of our own, and names escaped."""
+    """Figures, and rows of the maps of batches, by name; None of those that nothing is known for."""
     shown: dict[str, Any] = {
-        "verdicts": bar(overview.verdicts),
-        "batches": batch_map(overview.batches) if overview.batches else None,
+        "batches": batch_rows(overview.batches, ("good",), standing_out(overview.batches)),
         "change": None,
         "batch_states": None,
         "distributions": _distributions(overview),
     }
     if drift is not None and drift.batches:
         states = {one.batch: one.states for one in drift.batches}
-        odd = {one.batch for one in _odd(drift)}
-        kinds = ("steady", "single", "none", "unordered", "unsure", "changed", "recalibrate")
-        shown["batch_states"] = batch_map(states, kinds, kinds[:-2], odd)
+        shown["batch_states"] = batch_rows(states, CHANGES[:-2], {one.batch for one in _odd(drift)})
     if drift is not None and drift.change_deg.total:
         shown["change"] = distribution(drift.change_deg, "degrees", target=drift.target_deg)
     return shown
@@ -285,17 +274,9 @@ def _share(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{value:.1%}" if value < 1.0 else f"{value:.1f} ×"
 
 
-FILTERS: Final = {
-    "counted": counted, "figures": figures, "degrees": degrees, "day": when, "share": _share, "label": label,
-    "chance": chance, "percent": percent,
-}  # fmt: skip
-"""How the page writes numbers."""
-
-
 # -------------------------------------------------------------------------------------------------------------- figures
 
 WIDE, HIGH = 400, 190
-KINDS: Final = ("good", "limited", "refused", "failed")
 MOST_BATCHES: Final = 240
 """Batches on the map; of more, those with the largest share without a good verdict."""
 CHANCE: Final = 0.01
@@ -336,23 +317,21 @@ def distribution(histogram: Histogram, words: str, *, target: float | None = Non
     return chart(WIDE, HIGH, f"Distribution: {words}", *parts)
 
 
-def bar(counts: Mapping[str, int], kinds: Sequence[str] = KINDS) -> str:
-    """Shares of some kinds, in their order, as a bar that is as wide as its place; its height is the style sheet's."""
-    total = sum(counts.get(kind, 0) for kind in kinds)
-    widths = {kind: max(counts[kind] / total, SEEN) for kind in kinds if counts.get(kind)}
-    parts, x = [], 0.0
-    for kind, share in widths.items():
-        width = 1000.0 * share / sum(widths.values())
-        parts.append(f'<rect class="v-{kind}" x="{x:.2f}" y="0" width="{width:.2f}" height="10"/>')
-        x += width
-    words = listed_counts(counts, kinds)
-    return (
-        f'<svg class="shares" viewBox="0 0 1000 10" preserveAspectRatio="none" role="img" aria-label="{words}">'
-        f"{''.join(parts)}</svg>"
-    )
+def shares(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) -> list[tuple[str, float, float]]:
+    """Kind, place and width of each part of a bar that is 1000 wide, the kinds in their order.
+
+    >>> shares({"refused": 1, "good": 3})
+    [('good', 0.0, 750.0), ('refused', 750.0, 250.0)]
+    """
+    known = [kind for kind in kinds if counts.get(kind)]
+    total = sum(counts[kind] for kind in known)
+    widths = [max(counts[kind] / total, SEEN) for kind in known]
+    whole = sum(widths) or 1.0
+    ends = [1000.0 * end / whole for end in itertools.accumulate(widths, initial=0.0)]
+    return [(kind, x, end - x) for kind, (x, end) in zip(known, itertools.pairwise(ends), strict=True)]
 
 
-def listed_counts(counts: Mapping[str, int], kinds: Sequence[str] = KINDS) -> str:
+def listed_counts(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) -> str:
     """How many there are of each kind, in words.
 
     >>> listed_counts({"refused": 2, "good": 1500})
@@ -361,38 +340,14 @@ def listed_counts(counts: Mapping[str, int], kinds: Sequence[str] = KINDS) -> st
     return ", ".join(f"{counts[kind]:,} {kind}" for kind in kinds if counts.get(kind))
 
 
-def batch_map(
-    batches: Mapping[str, Mapping[str, int]],
-    kinds: Sequence[str] = KINDS,
-    fine: Container[str] = ("good",),
-    odd: Container[str] | None = None,
-) -> str:
-    """A bar of shares for each batch, in the order of their names, as a list of HTML; those that stand out are marked.
-
-    Parameters
-    ----------
-    batches : mapping of str to mapping of str to int
-        How many there are of each kind in each batch.
-    kinds : sequence of str
-        In the order of the bar.
-    fine : container of str
-        Kinds that are as they should be; the number beside a bar is the share of all others.
-    odd : container of str, optional
-        Batches that stand out, by default those of `standing_out`.
-    """
-    marked = standing_out(batches) if odd is None else odd
-    rows = [_row(name, batches[name], kinds, fine, is_odd=name in marked) for name in shown_batches(batches, fine)]
-    return f'<ul class="batches">{"".join(rows)}</ul>'
-
-
-def _row(name: str, counts: Mapping[str, int], kinds: Sequence[str], fine: Container[str], *, is_odd: bool) -> str:
-    about = f"{escape(name or 'no batch')}: {listed_counts(counts, kinds)}"
-    share = escape(percent(_bad(counts, fine), sum(counts.values())))
-    mark = ' class="odd"' if is_odd else ""
-    return (
-        f'<li{mark} title="{about}"><span class="batch">{escape(name or "none")}</span>'
-        f"{bar(counts, kinds)}<span>{share}</span></li>"
-    )
+def batch_rows(
+    batches: Mapping[str, Mapping[str, int]], fine: Container[str], odd: Container[str]
+) -> list[tuple[str, Mapping[str, int], str, bool]]:
+    """Name, counts, share of what is not fine, and whether it stands out, of each batch that is shown."""
+    return [
+        (name, batches[name], percent(_bad(batches[name], fine), sum(batches[name].values())), name in odd)
+        for name in shown_batches(batches, fine)
+    ]
 
 
 def shown_batches(batches: Mapping[str, Mapping[str, int]], fine: Container[str] = ("good",)) -> list[str]:
@@ -476,3 +431,10 @@ def quantile_words(histogram: Histogram, unit: str) -> str:
     factor, sign = (100.0, " %") if unit == "%" else (1.0, unit)
     middle, most = (figures(factor * histogram.quantile(share)) for share in (0.5, 0.95))
     return f"median {middle}{sign}, 95 % below {most}{sign}"
+
+
+FILTERS: Final = {
+    "counted": counted, "figures": figures, "degrees": degrees, "day": when, "share": _share, "label": label,
+    "chance": chance, "percent": percent, "shares": shares, "listed": listed_counts, "action": action,
+}  # fmt: skip
+"""How the page writes numbers."""

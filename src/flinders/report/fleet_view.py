@@ -36,6 +36,13 @@ SUMS_ALONE: Final = (
 )
 """What fits from sums alone cost; measured by ``python -m benchmarks.moments_only``, docs/fleet.md has the table."""
 
+PRINTED: Final = {"session": "claims_too_small", "walk_deg": "walk_deg_per_root_year"}
+"""Names in JSON, where they are not those of the attributes."""
+STEPS: Final = {
+    "count": "step_count", "units": "step_units", "gaps": "gaps", "gap_chance": "step_chance", "largest": "steps",
+}  # fmt: skip
+"""What stands under ``steps`` in JSON, by the attribute."""
+
 
 @dataclass(frozen=True, slots=True)
 class Histogram:
@@ -158,7 +165,7 @@ class Overview:
     batches : mapping of str to mapping of str to int
         Rows of each verdict in each hardware batch; empty where no batches are known.
     batch_of : str
-        What tells the batch, in words.
+        Where the batch is taken from, in words.
     worst : mapping of str to tuple of FleetUnit
         Rows that have the largest ``heading error``, ``offset`` and ``noise``.
     target_deg : float
@@ -183,7 +190,7 @@ class Overview:
 
 @dataclass(frozen=True, slots=True)
 class UnitDrift:
-    """How one unit's newest calibration differs from the one that it is held against.
+    """How one unit's newest calibration differs from its reference.
 
     Attributes
     ----------
@@ -318,12 +325,8 @@ class Undated:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        return {
-            "units": self.units,
-            "claims_too_small": self.session,
-            "walk_deg_per_root_recording": self.walk_deg,
-            "pairs": self.pairs,
-        }
+        printed = PRINTED | {"walk_deg": "walk_deg_per_root_recording"}
+        return {printed.get(name, name): value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -357,11 +360,11 @@ class FleetDrift:
     undated : Undated
         The same of units whose recordings have no dates.
     unordered : tuple of str
-        Units of which nothing tells the order of recordings, no more than were asked for.
+        Units whose order of recordings is not known, no more than were asked for.
     batches : tuple of BatchDrift
         By name; empty where no batches are known.
     batch_of : str
-        What tells the batch, in words.
+        Where the batch is taken from, in words.
     target_deg, dip_deg : float
     against : str
         ``first`` or ``previous``.
@@ -394,30 +397,10 @@ class FleetDrift:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
-        return {
-            "units": self.units,
-            "calibrations": self.calibrations,
-            "left_out": self.left_out,
-            "passed_over": self.passed_over,
-            "states": dict(self.states),
+        fields: dict[str, Any] = asdict(self) | {
             "change_deg": self.change_deg.as_dict(),
-            "target_deg": self.target_deg,
-            "dip_deg": self.dip_deg,
-            "against": self.against,
-            "chance": self.chance,
-            "change_chance": self.change_chance,
-            "claims_too_small": self.session,
-            "walk_deg_per_root_year": self.walk_deg,
-            "pairs": self.pairs,
             "undated": self.undated.as_dict(),
-            "unordered": list(self.unordered),
-            "listed": [asdict(one) for one in self.listed],
-            "steps": {
-                "count": self.step_count,
-                "units": self.step_units,
-                "gaps": self.gaps,
-                "gap_chance": self.step_chance,
-                "largest": [asdict(one) for one in self.steps],
-            },
-            "batches": {"told_by": self.batch_of, "each": [asdict(batch) for batch in self.batches]},
         }
+        fields["steps"] = {name: fields.pop(field) for name, field in STEPS.items()}
+        fields["batches"] = {"told_by": fields.pop("batch_of"), "each": fields["batches"]}
+        return {PRINTED.get(name, name): value for name, value in fields.items()}

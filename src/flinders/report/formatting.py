@@ -103,8 +103,8 @@ def capitalised(words: str) -> str:
 def as_sentence(words: str) -> str:
     """Words as a sentence.
 
-    >>> as_sentence("nothing moved"), as_sentence("it was kept.")
-    ('Nothing moved.', 'It was kept.')
+    >>> as_sentence("nothing moved"), as_sentence("it moved.")
+    ('Nothing moved.', 'It moved.')
     """
     return f"{capitalised(words).rstrip('.')}."
 

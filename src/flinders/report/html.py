@@ -1,4 +1,4 @@
-"""A fit as one HTML file: what was found, in words and degrees first, then all that it rests on.
+"""A fit as one HTML file: the result in words and degrees first, then all that it rests on.
 
 The file needs nothing else: no server, no network, and no script but for the 3-D view, of which it holds a still
 picture for paper. What comes from files, such as names and comments, is escaped; a Content-Security-Policy in the file
@@ -11,9 +11,9 @@ lets nothing run but its own script, and nothing be fetched. Of a refused fit no
 >>> text.startswith("<!doctype html>"), "://" in text.split("<script")[0]
 (True, False)
 >>> fit = calibrate.fit(samples)
->>> found = {"raw": samples.field}
->>> exec(python_of(fit.calibration), found)
->>> bool(np.allclose(found["corrected"], fit.calibration.apply(samples.field)))
+>>> names = {"raw": samples.field}
+>>> exec(python_of(fit.calibration), names)
+>>> bool(np.allclose(names["corrected"], fit.calibration.apply(samples.field)))
 True
 """
 
@@ -49,7 +49,7 @@ from flinders.report.formatting import (
     offset_entries,
 )
 from flinders.report.html_file import html_file, joined, style_of
-from flinders.report.sections import aiding_rows, disturbance_rows, instrument_rows, sources, with_unit
+from flinders.report.sections import SOURCES, disturbance_rows, instrument_rows, sources, with_unit
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 
 if TYPE_CHECKING:
@@ -59,12 +59,19 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.errors import FitError
+    from flinders.report.view import View
 
 TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
 """What each verdict is called, as on the page."""
 
 WITH_3D, WITHOUT_3D = "report.js", "plain.js"
 """The script of a report, and that of one without a 3-D view, which has to be started."""
+
+FILTERS: Final = {
+    "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
+    "label": label, "strength": length, "date": date_of,
+}  # fmt: skip
+"""How the page writes numbers."""
 
 START: Final = "m0.theming(() => {});\nm0.copying();"
 
@@ -105,9 +112,9 @@ def page(
     Parameters
     ----------
     outcome : Fit or FitError
-        What was found, or the refusal.
+        The result, or the refusal.
     recording : Recording, optional
-        The readings that were fitted, as they were recorded; they are held in memory meanwhile. Without them there
+        The readings that were fitted, as they were recorded; they are all in memory meanwhile. Without them there
         are no figures.
     provenance : Provenance, optional
         Release, date and files; by default this release, now, and none.
@@ -124,36 +131,33 @@ def page(
         For a recording that cannot be read.
     """
     fit = outcome if isinstance(outcome, Fit) else outcome.fit if isinstance(outcome, Refused) else None
+    usable = None if fit is None or fit.verdict == "refused" else fit
     drawn = None if recording is None else FigureData.of(fit, recording)
-    provenance = provenance or Provenance(
-        flinders=version("flinders"), date=datetime.now(UTC).replace(microsecond=0), files=()
-    )
-    view = None if drawn is None else drawn.view
-    script = _script() if view is not None else (_wrapped_plain(), False)
     walk = None if drawn is None or fit is None or not goes_with(fit, drawn) else drawn.walk(fit)
+    view = None if drawn is None else drawn.view
+    script, has_scene = _script(has_view=view is not None)
     given = {
         "outcome": _outcome(outcome, fit),
-        "numbers": _numbers(fit),
-        "findings": () if fit is None else fit.findings,
-        "notes": list(notes),
-        "parameters": _parameters(fit),
-        "sections": _sections(fit),
-        "walk": _walk(walk, fit),
-        "listings": _listings(fit, listings),
-        "asked": dict(asked or {}),
-        "provenance": provenance,
-        "date": date_of(provenance.date),
         "fit": fit,
-        "source": recording.source if recording is not None else "",
-        "sensor": fit.calibration.sensor if fit is not None else None,
+        "usable": usable,
+        "numbers": [] if usable is None else _numbers(usable),
+        "parameters": [] if usable is None else _parameters(usable),
+        "disturbances": [] if usable is None else disturbance_rows(usable),
+        "listings": [] if usable is None else [python_listing(usable.calibration), *listings],
+        "walk": walk,
+        "walk_words": "" if walk is None or fit is None else _walk_words(walk, fit),
+        "names": SOURCES,
+        "notes": notes,
+        "asked": asked or {},
+        "provenance": provenance or Provenance(flinders=version("flinders"), date=datetime.now(UTC), files=()),
+        "source": "" if recording is None else recording.source,
         "drawn": drawn,
         "view": view,
         "figures": _figures(drawn, fit, walk),
-        "data": _data(drawn, fit) if drawn is not None and script[1] else "",
-        "has_scene": script[1] and drawn is not None,
+        "data": _data(drawn, view, fit) if drawn is not None and view is not None and has_scene else "",
+        "has_scene": has_scene,
     }
-    filters = {"counted": counted, "figures": figures, "sentence": as_sentence}
-    return html_file("report.html.j2", given, style=_style(), script=script[0], filters=filters)
+    return html_file("report.html.j2", given, style=_style(), script=script, filters=FILTERS)
 
 
 def goes_with(fit: Fit, drawn: FigureData) -> bool:
@@ -163,6 +167,11 @@ def goes_with(fit: Fit, drawn: FigureData) -> bool:
     off = drawn.residuals[drawn.is_used]
     noise = fit.noise if fit.states_uncertainty else 0.0
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
+
+
+def python_listing(calibration: Calibration) -> Listing:
+    """The correction as Python."""
+    return Listing("Python with NumPy", "correction.py", python_of(calibration))
 
 
 def python_of(calibration: Calibration) -> str:
@@ -227,10 +236,8 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     return {"verdict": fit.verdict, "title": title, "sentence": capitalised(sentence(fit))}
 
 
-def _numbers(fit: Fit | None) -> list[tuple[str, str, str]]:
+def _numbers(fit: Fit) -> list[tuple[str, str, str]]:
     """What stands in large figures: name, number, what it is."""
-    if fit is None or fit.verdict == "refused":
-        return []
     strength, spread = fit.uncorrected_strength
     unit = label(fit.calibration.unit)
     field = fit.calibration.field_strength
@@ -260,62 +267,25 @@ def _mounting(fit: Fit, error_deg: float) -> tuple[str, str, str]:
     return "Mounting adds", degrees(error_deg), f"as told by {sources(fit)}" if is_estimated else "as it was stated"
 
 
-def _sections(fit: Fit | None) -> dict[str, Any]:
-    """What was recorded beside the magnetometer; nothing of a refused fit."""
-    if fit is None or fit.verdict == "refused":
-        return {"aids": [], "found": [], "disturbances": []}
-    return {
-        "aids": aiding_rows(fit),
-        "found": instrument_rows(fit),
-        "disturbances": disturbance_rows(fit),
-    }
-
-
-def _walk(walk: RandomWalk | None, fit: Fit | None) -> dict[str, Any] | None:
+def _walk_words(walk: RandomWalk, fit: Fit) -> str:
     """Whether the offset stayed, in words; for how long that is good enough, where anything is claimed at all."""
-    if walk is None or fit is None:
-        return None
-    unit = label(fit.calibration.unit)
     is_claimed = fit.verdict != "refused" and fit.states_uncertainty
-    dip = abs(fit.heading_error_deg.dip_deg)
-    say = walk.words if is_claimed else walk.story
-    words = say(unit, level_deg=fit.target_deg, dip_deg=dip)
-    return {"words": as_sentence(words), "is_proven": walk.is_proven}
+    say, dip = walk.words if is_claimed else walk.story, abs(fit.heading_error_deg.dip_deg)
+    return as_sentence(say(label(fit.calibration.unit), level_deg=fit.target_deg, dip_deg=dip))
 
 
-def _parameters(fit: Fit | None) -> dict[str, Any] | None:
-    """Offset and matrix with their uncertainties, as they are printed; none of a refused fit."""
-    if fit is None or fit.verdict == "refused":
-        return None
-    calibration = fit.calibration
-    unit = label(calibration.unit)
-    offsets = offset_entries(calibration, fit.offset_sigma)
+def _parameters(fit: Fit) -> list[tuple[str, list[tuple[str, str]]]]:
+    """Rows x, y and z of offset and matrix, each number as value and uncertainty."""
     sigma = matrix_sigma(fit) if fit.states_uncertainty else None
-    return {
-        "unit": unit,
-        "rows": [
-            (axis, _split(offset), [_split(entry) for entry in row])
-            for axis, offset, row in zip("xyz", offsets, matrix_entries(calibration.matrix, sigma), strict=True)
-        ],
-        "noise": length(fit.noise, unit) if math.isfinite(fit.noise) else "?",
-        "strength": length(calibration.field_strength, unit),
-        "axes": "" if calibration.axes.is_identity else str(calibration.axes),
-        "scale": "" if calibration.raw.scale == 1.0 else f"{calibration.raw.scale:g}",
-        "raw_unit": calibration.raw.name,
-    }
+    matrix = matrix_entries(fit.calibration.matrix, sigma)
+    rows = zip("xyz", offset_entries(fit.calibration, fit.offset_sigma), matrix, strict=True)
+    return [(axis, [_split(number) for number in (offset, *row)]) for axis, offset, row in rows]
 
 
 def _split(number: str) -> tuple[str, str]:
     """Value and uncertainty."""
     value, _, sigma = minus(number).partition(" ± ")
     return value, sigma
-
-
-def _listings(fit: Fit | None, listings: Sequence[Listing]) -> list[Listing]:
-    """Python first, then what was handed in."""
-    if fit is None or fit.verdict == "refused":
-        return []
-    return [Listing("Python with NumPy", "correction.py", python_of(fit.calibration)), *listings]
 
 
 # ----------------------------------------------------------------------------------------------------- what is drawn
@@ -350,36 +320,23 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
     return drawings
 
 
-def _data(drawn: FigureData, fit: Fit | None) -> str:
+def _data(drawn: FigureData, view: View, fit: Fit | None) -> str:
     """What the 3-D view draws, as JSON that may stand in a page: no ``<`` is left in it."""
-    view = drawn.view
-    assert view is not None
-    content = {
+    content = msgspec.structs.asdict(view) | {
         "tiles": tiles_view(),
         "field": base64.b64encode(drawn.raw.astype("<f4").tobytes()).decode(),
         "stride": drawn.stride,
         "target_deg": 1.0 if fit is None else fit.target_deg,
-        "unit": view.unit,
-        "offset": view.offset,
-        "shown": view.shown,
-        "tiles_deg": view.tiles_deg,
-        "tiles_seen": view.tiles_seen,
-        "rejected": view.rejected,
-        "guidance": None if view.guidance is None else {"direction": view.guidance.direction},
     }
     return msgspec.json.encode(content).decode().replace("<", "\\u003c")
 
 
-def _script() -> tuple[str, bool]:
+def _script(*, has_view: bool) -> tuple[str, bool]:
     """The script, and whether it has the 3-D view."""
     try:
-        return f"\n{joined(WITH_3D)}\n", True
+        return f"\n{joined(WITH_3D)}\n" if has_view else f"\n{joined(WITHOUT_3D)}\n{START}\n", has_view
     except FileNotFoundError:
-        return _wrapped_plain(), False
-
-
-def _wrapped_plain() -> str:
-    return f"\n{joined(WITHOUT_3D)}\n{START}\n"
+        return f"\n{joined(WITHOUT_3D)}\n{START}\n", False
 
 
 def _style() -> str:

@@ -5,11 +5,10 @@ What comes from files, such as names and comments, is escaped; of a script the p
 >>> style_of("fleet.css").strip()[:25]
 ':root { --paper: #f4f6f8;'
 
-Modules of the page as one script that a file can hold: no server, no second file, no request.
-
-A page that is opened from a disk cannot import modules, so they are joined when a report is written: each becomes a
-function that is called once and returns what it exports. Our modules use the two plainest forms of import and export,
-and `joined` refuses any other. The live page gets its modules joined too, since a browser asks for them one by one.
+Modules of the page become one script that a file can hold: no server, no second file, no request. A page that is opened
+from a disk cannot import modules, so they are joined when a report is written: each becomes a function that is called
+once and returns what it exports. Our modules use the two plainest forms of import and export, and `joined` refuses any
+other. The live page gets its modules joined too, since a browser asks for them one by one.
 
 >>> wrapped = _wrapped("m1", 'import { a as b } from "./x.js";\nexport const c = b + 1;\n', {"./x.js": "m0"})
 >>> print(wrapped)

@@ -1,7 +1,8 @@
 """A fit as a page of plain words: for whoever sails, drives or flies with the compass, as text that any e-mail carries.
 
-It says what was found, how far off the compass was and will be, for which attitudes that holds, what is not known and
-why, what to do next, and the numbers to copy. Of a refusal it says why and how to move, and shows no numbers.
+It says how good the calibration is, how far off the compass was and will be, for which attitudes that holds, what is
+not known and why, what to do next, and the numbers to copy. Of a refusal it says why and how to move, and shows no
+numbers.
 
 >>> print(_paragraph("It is short."), _items(["One.", "Two."]), sep="")
 It is short.
@@ -61,7 +62,7 @@ def page(outcome: Fit | FitError, provenance: Provenance) -> str:
     Parameters
     ----------
     outcome : Fit or FitError
-        What was found, or the refusal.
+        The result, or the refusal.
     provenance : Provenance
         Release, date and recordings.
     """

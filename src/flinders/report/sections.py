@@ -6,12 +6,13 @@
 >>> fit = flinders.fit(boat, aiding=("rate", "dip"))
 >>> mounting(fit)
 'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.75° (1 σ)'
->>> [row.name for row in aiding_rows(fit)]
-['Gyro', 'Accelerometer']
+>>> [name for name, _ in instrument_rows(fit.aiding)][:2]
+['Dip of the field', 'Bias of the gyro, °/s']
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -24,8 +25,11 @@ from flinders.likelihood.parameters import TERMS
 from flinders.report.formatting import degrees, minus, with_uncertainty
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from flinders.core.disturbance import Disturbance
     from flinders.estimators.regressors import DisturbanceEstimate
+    from flinders.fitting.aiding import Aiding
     from flinders.fitting.result import Fit
 
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
@@ -33,16 +37,6 @@ SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 
 LOST_DEG: Final = 90.0
 """An error from which on a heading says nothing."""
-
-
-@dataclass(frozen=True, slots=True)
-class AidingRow:
-    """What one aiding sensor changed, in words."""
-
-    name: str
-    changed: str
-    claimed: str
-    why: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +52,7 @@ class DisturbanceRow:
 def mounting(fit: Fit) -> str:
     """What the mounting of the sensor adds to the heading error; empty where that is not known.
 
-    A rotation that an aiding sensor has found is observed by it; one that was stated is observed by nothing.
+    An estimated rotation is observed by an aiding sensor; one that was stated is observed by nothing.
     """
     error = fit.alignment_error_deg
     if error is None:
@@ -79,38 +73,25 @@ def sources(fit: Fit) -> str:
     return f"the {' and '.join(names)}" if names else "what was recorded beside"
 
 
-def aiding_rows(fit: Fit) -> list[AidingRow]:
-    """Each aiding sensor that was asked for or tried, in the order in which they were taken."""
+def instrument_rows(aiding: Aiding) -> list[tuple[str, str]]:
+    """Biases and delays of the aiding sensors: name, and number with its uncertainty."""
+    known = (
+        ("Dip of the field", aiding.dip_deg, aiding.dip_sigma_deg, 1.0, "°"),
+        ("Bias of the gyro, °/s", aiding.gyro_bias, aiding.gyro_bias_sigma, math.degrees(1.0), ""),
+        ("Bias of the accelerometer, m/s²", aiding.acceleration_bias, aiding.acceleration_bias_sigma, 1.0, ""),
+        ("Magnetometer behind the gyro", aiding.delay_s, aiding.delay_sigma_s, 1e3, " ms"),
+    )
     return [
-        AidingRow(
-            SOURCES.get(aid.name, aid.name).capitalize(),
-            degrees(aid.changed_deg) if aid.kept else "–",
-            f"{degrees(aid.before_deg)} → {degrees(aid.after_deg)}" if aid.kept else "left out",
-            aid.words,
-        )
-        for aid in (() if fit.aiding is None else fit.aiding.each)
+        (name, minus(f"{', '.join(with_uncertainty(*pair) for pair in _pairs(value, sigma, factor))}{unit}"))
+        for name, value, sigma, factor, unit in known
+        if value is not None
     ]
 
 
-def instrument_rows(fit: Fit) -> list[tuple[str, str]]:
-    """Biases and delays of the aiding sensors: name, and number with its uncertainty."""
-    aiding = fit.aiding
-    if aiding is None:
-        return []
-    rows = []
-    if aiding.dip_deg is not None:
-        rows.append(("Dip of the field", f"{with_uncertainty(aiding.dip_deg, aiding.dip_sigma_deg or 0.0)}°"))
-    if aiding.gyro_bias is not None and aiding.gyro_bias_sigma is not None:
-        pairs = zip(np.rad2deg(aiding.gyro_bias), np.rad2deg(aiding.gyro_bias_sigma), strict=True)
-        rows.append(("Bias of the gyro, °/s", ", ".join(with_uncertainty(float(b), float(s)) for b, s in pairs)))
-    if aiding.acceleration_bias is not None and aiding.acceleration_bias_sigma is not None:
-        pairs = zip(aiding.acceleration_bias, aiding.acceleration_bias_sigma, strict=True)
-        biases = ", ".join(with_uncertainty(float(b), float(s)) for b, s in pairs)
-        rows.append(("Bias of the accelerometer, m/s²", biases))
-    if aiding.delay_s is not None:
-        delay = with_uncertainty(1e3 * aiding.delay_s, 1e3 * (aiding.delay_sigma_s or 0.0))
-        rows.append(("Magnetometer behind the gyro", f"{delay} ms"))
-    return [(name, minus(number)) for name, number in rows]
+def _pairs(value: ArrayLike, sigma: ArrayLike | None, factor: float) -> list[tuple[float, float]]:
+    """One number or several in another unit, each with its uncertainty."""
+    pairs = np.broadcast_arrays(np.ravel(value), 0.0 if sigma is None else sigma)
+    return [(float(number), float(its)) for number, its in factor * np.transpose(pairs)]
 
 
 def with_unit(disturbance: Disturbance) -> str:

@@ -12,10 +12,8 @@ GOOD  worst heading good to 0.12°
       3,000 readings
   ! few readings
 
-A fit as a few lines for a terminal: the readings before and after, and what is known in which direction.
-
-Eight dots of Braille in a character make square pictures. Where a terminal has no such letters, others that all have
-take their place.
+`plot` draws a fit in a few lines: the readings before and after, and what is known in which direction. Eight dots of
+Braille in a character make square pictures; a terminal without such letters gets others.
 
 >>> print(*braille(np.eye(8, dtype=bool)), sep=" / ")
 ⠑⢄⠀⠀ / ⠀⠀⠑⢄

@@ -139,7 +139,7 @@ class GuidanceView(Struct, frozen=True):
     worst_deg, after_deg : float
         The error that matters now, and after some readings there.
     goal : str
-        ``heading`` of a level vehicle, or ``attitude``: whichever way it is held.
+        ``heading`` of a level vehicle, or ``attitude``: of one at any attitude.
     """
 
     direction: Triple | None
@@ -173,7 +173,7 @@ class View(Struct, frozen=True, kw_only=True):
     attitude_limit_deg : float or None
         Tilt up to which the worst heading is within the target; 180 for all.
     any_attitude_deg : ErrorView or None
-        Over the tiles: whichever way the vehicle is held.
+        Over the tiles: at any attitude of the vehicle.
     findings : list of FindingView
         Gravest first.
     tiles_deg : (642,) float or None
@@ -351,7 +351,7 @@ def rotation_of(fit: Fit) -> Floats:
 
 
 def tile_errors_deg(fit: Fit) -> Floats:
-    """(642,) heading error to expect, 1 σ, of a vehicle held so that the corrected field falls into a tile.
+    """(642,) heading error to expect, 1 σ, of a vehicle at attitudes that bring the corrected field into a tile.
 
     A field along u leaves a heading open to where the vehicle's vertical is: it makes 90° − I with u, in any direction
     around it. An error δu across u costs the heading its part along the horizontal, over cos I. So at the worst of the
