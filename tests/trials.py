@@ -1,4 +1,6 @@
-"""How often a statistical claim is tried: a few times in every run, hundreds of times by ``pytest -m claims``.
+"""How often a claim is tried: a few times in every run, hundreds of times by ``pytest -m claims``.
+
+The same for the examples of a law: `examples`, all of them by ``pytest --hypothesis-profile=full``.
 
 A bound that holds for the mean of all trials is √(all / few) times as wide for the mean of a few, which is `widening`:
 a smoke test of few trials still fails where the claim is wrong by more than that.
@@ -14,6 +16,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
+
+from hypothesis import settings
 
 
 @dataclass(frozen=True)
@@ -46,3 +50,8 @@ class Trials:
 
 
 Choose: TypeAlias = Callable[[int, int], Trials]
+
+
+def examples(complete: int) -> settings:
+    """Settings of a law: so many examples under ``--hypothesis-profile=full``, else three in ten, at least three."""
+    return settings(max_examples=max(min(3, complete), complete * settings().max_examples // 100))

@@ -19,8 +19,9 @@ from benchmarks.emulations.magyc_ls import gyro_bias, magyc_ls, windows_of
 from benchmarks.emulations.px4_observer import px4_observer
 from benchmarks.emulations.sar_kf import sar_kf
 from benchmarks.emulations.sar_ls import sar_ls
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders import simulate
 from flinders.core.samples import Samples
@@ -65,7 +66,7 @@ rates = st.tuples(*[st.floats(-40.0, 40.0)] * 3).map(np.array)
 
 
 @given(rate=rates, seconds=st.floats(1e-4, 0.05), offset=rates)
-@settings(max_examples=60)
+@examples(60)
 def test_a_step_of_any_constant_rate_obeys_the_equation_exactly(rate: Floats, seconds: float, offset: Floats) -> None:
     """Even where the body turns by two radians from one reading to the next."""
     field = np.array([30.0, -20.0, 35.0])

@@ -26,6 +26,8 @@ from flinders.estimators.reference.sphere import Sphere
 from flinders.geometry.ellipsoid import symmetric, upper
 
 if TYPE_CHECKING:
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
 
 SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
@@ -105,21 +107,26 @@ def test_offset_and_semi_axes_of_the_paper() -> None:
     ],
 )
 def test_no_ring_and_no_arch_diverges_and_errors_are_of_the_size_of_the_table(
-    path: str, dip_deg: float, printed: tuple[float, ...]
+    path: str, dip_deg: float, printed: tuple[float, ...], trials: Choose
 ) -> None:
     """Each figure lies among 30 runs, neither in the lowest nor in the highest tenth; no run is ten times off."""
-    found = swept(path, dip_deg, 30)
+    claim = trials(30, 12)
+    found = swept(path, dip_deg, claim.count)
     share = (found < np.array(printed)).mean(axis=0)
-    assert ((share >= 0.1) & (share <= 0.9)).all(), share
-    assert (found.max(axis=0) < 10.0 * np.median(found, axis=0)).all()
+    outside = 0.1 if claim.widening == 1.0 else 1e-9  # of few runs: one is smaller, and one larger
+    assert ((share >= outside) & (share <= 1.0 - outside)).all(), share
+    assert (found.max(axis=0) < 10.0 * claim.widening * np.median(found, axis=0)).all()
 
 
 @pytest.mark.parametrize(
     ("dip_deg", "printed"), [(20.0, (0.0010, 0.0015, 0.0011, 0.0016)), (31.0, (0.0017, 0.0021, 0.0020, 0.0024))]
 )
-def test_a_ring_errs_by_the_figures_of_the_table_to_a_fifth(dip_deg: float, printed: tuple[float, ...]) -> None:
+def test_a_ring_errs_by_the_figures_of_the_table_to_a_fifth(
+    dip_deg: float, printed: tuple[float, ...], trials: Choose
+) -> None:
     """Medians of 60 runs; at the other places those of 120 are 0.6 to 2.1 times what few runs gave the table."""
-    npt.assert_allclose(np.median(swept("ring", dip_deg, 60), axis=0), printed, rtol=0.2)
+    claim = trials(60, 12)
+    npt.assert_allclose(np.median(swept("ring", dip_deg, claim.count), axis=0), printed, rtol=0.2 * claim.widening)
 
 
 @pytest.mark.parametrize("half", [180.0, 90.0], ids=["ring", "arch"])
@@ -161,20 +168,24 @@ def directions(rng: np.random.Generator, motion: str, n: int = 1000) -> Floats:
         ("vehicle", 2.0, {"ols": 47.0, "sampson": 9.8}),
     ],
 )
-def test_median_centre_errors_of_partial_coverage(motion: str, sigma: float, printed: dict[str, float]) -> None:
+def test_median_centre_errors_of_partial_coverage(
+    motion: str, sigma: float, printed: dict[str, float], trials: Choose
+) -> None:
     """80 runs of 1,000 readings, on paths of our own: the notes do not give theirs.
 
     Not held at 0.5 µT of noise: Sampson's 0.71 and 2.8 µT, which come out as 1.1 and 1.8, and 2.5 for the consistent
     fit on the vehicle, which is 1.8.
     """
-    rng = np.random.default_rng(1)
+    rng, claim = np.random.default_rng(1), trials(80, 20)
     errors: dict[str, list[float]] = {name: [] for name in printed}
-    for _ in range(80):
+    for _ in claim.seeds:
         noise = sigma * rng.standard_normal((1000, 3))
         readings = Readings.of(50.0 * directions(rng, motion) @ SOFT_IRON.T + OFFSET + noise)
         for name, kept in errors.items():
             kept.append(float(np.linalg.norm(METHODS[name].estimate(readings).ellipsoid.centre - OFFSET)))
-    assert {name: float(np.median(kept)) for name, kept in errors.items()} == pytest.approx(printed, rel=0.2)
+    assert {name: float(np.median(kept)) for name, kept in errors.items()} == pytest.approx(
+        printed, rel=0.2 * claim.widening
+    )
 
 
 @pytest.mark.parametrize(("sigma", "bias", "noise"), [(2.0, 1.6, 1.99), (5.0, 10.5, 4.99)])

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
+from tests.trials import examples
 
 import flinders
 from flinders import simulate
@@ -95,7 +96,7 @@ def attempt(field: Floats, method: str) -> Fit | None:
 @example(np.random.default_rng(0).normal(size=(50, 3)) * [1e-150, 1.0, 1e150], "consistent")
 @example(CLOUD[:57] + 1e10, "auto")  # so far off that rounding leaves their variances at 0
 @example(np.vstack([CIRCLE, np.zeros((12, 3))]), "auto")  # what is not at a rail is all alike
-@settings(max_examples=600)
+@examples(600)
 def test_any_finite_array_gives_a_fit_or_a_refusal(field: Floats, method: str) -> None:
     fit = attempt(field, method)
     if fit is not None:
@@ -112,7 +113,7 @@ def test_any_finite_array_gives_a_fit_or_a_refusal(field: Floats, method: str) -
 @given(arrays_of_any_kind)
 @example(np.full((12, 3), 7.0))
 @example(np.ones((12, 3)) * [1.0, 1.0, 1e300])
-@settings(max_examples=150)
+@examples(150)
 def test_any_finite_array_gives_a_level_turn_or_a_refusal(method: str, field: Floats) -> None:
     """Laid flat, anything at all."""
     for height in (0.0, 1.0):
@@ -128,7 +129,7 @@ def test_any_finite_array_gives_a_level_turn_or_a_refusal(method: str, field: Fl
 @example(CLOUD, CLOUD[:1] * np.ones((30, 1)), "auto")
 @example(CLOUD, 1e200 * CLOUD, "auto")
 @example(CLOUD * [1.0, 1.0, 1e-9], CLOUD * [1.0, 1.0, 1e-9] + 3.0, "level")
-@settings(max_examples=300)
+@examples(300)
 def test_any_two_finite_arrays_give_a_fit_or_a_refusal(one: Floats, other: Floats, method: str) -> None:
     """As recordings of one sensor, held against each other."""
     try:
@@ -142,7 +143,7 @@ def test_any_two_finite_arrays_give_a_fit_or_a_refusal(one: Floats, other: Float
 
 
 @given(flat(), methods)
-@settings(max_examples=200)
+@examples(200)
 def test_readings_in_one_plane_are_never_called_good(field: Floats, method: str) -> None:
     fit = attempt(field, method)
     assert fit is None or fit.verdict == "limited" or not is_flat(field)
@@ -161,7 +162,7 @@ def test_any_shape_gives_a_fit_or_an_error_of_ours(field: Floats) -> None:
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @given(st.integers(0, 59), st.integers(0, 2))
-@settings(max_examples=20)
+@examples(20)
 def test_rows_that_are_not_finite_are_left_out_and_counted(bad: float, row: int, axis: int) -> None:
     field = simulate.tumble(seed=1, motion="uniform", n=60).samples.field.copy()
     without = flinders.fit(np.delete(field, row, axis=0))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.diagnostics.axis_swap import SWAPS, axis_swap_of, moments_of
 from flinders.simulate import MOTIONS, tumble
@@ -15,13 +16,13 @@ slips = st.sampled_from(sorted(SWAPS))
 
 
 @given(seeds, st.sampled_from(sorted(MOTIONS)))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_what_did_not_slip_is_not_told_to_have(seed: int, motion: str) -> None:
     assert axis_swap_of(tumble(seed, motion=motion, n=600).samples.field) is None
 
 
 @given(seeds, st.integers(150, 450), st.integers(20, 120))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_a_gap_is_no_slip(seed: int, at: int, long: int) -> None:
     """Readings that were lost leave a break that mends nothing, or hardly ever, and then no ellipsoid gets better."""
     field = tumble(seed, n=600).samples.field
@@ -29,7 +30,7 @@ def test_a_gap_is_no_slip(seed: int, at: int, long: int) -> None:
 
 
 @given(seeds, st.integers(150, 450), st.integers(-10, 10))
-@settings(max_examples=6, deadline=None)
+@examples(6)
 def test_the_unit_does_not_matter(seed: int, at: int, power: int) -> None:
     field = tumble(seed, n=600).samples.field.copy()
     field[at:, 0] *= -1.0
@@ -41,7 +42,7 @@ def test_the_unit_does_not_matter(seed: int, at: int, power: int) -> None:
 
 
 @given(seeds, slips, st.integers(150, 450))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_backwards_it_is_the_same_slip(seed: int, axes: str, at: int) -> None:
     field = tumble(seed, n=600).samples.field.copy()
     field[at:] = field[at:] @ SWAPS[axes]

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -111,7 +112,7 @@ def test_plain_json_is_read_back(calibration: Calibration, seed: int) -> None:
     assert json.loads(export.text)["formula"]
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(driven(), st.integers(1, 40), st.integers(0, 99))
 def test_settled_blocks_are_the_settled_whole(calibration: Calibration, rows: int, seed: int) -> None:
     """Also where a lag reaches back into the block before; what comes later is not known yet, and is left out here."""

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders import simulate
 from flinders.core.samples import Samples
@@ -65,7 +66,7 @@ QUARTERS: Final = [np.eye(3)[[1, 2, 0]], np.eye(3)[[1, 0, 2]] * [1.0, 1.0, -1.0]
 shifts = st.tuples(*[st.floats(-400, 400)] * 3).map(np.array)
 angles = st.floats(-np.pi, np.pi)
 quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(part * part for part in q) > 0.1)
-few = settings(max_examples=8)
+few = examples(8)
 
 
 def recordings(name: str) -> list[Samples]:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.trials import examples
 
 from flinders import simulate
 from flinders.errors import NeedsSamples
@@ -56,7 +57,7 @@ shifts = arrays(np.float64, 3, elements=st.floats(-400, 400))
 rotations = arrays(np.float64, (3, 3), elements=st.floats(-2, 2)).map(
     lambda entries: np.asarray(np.linalg.qr(entries + np.diag([3.0, -0.5, 0.7]))[0], np.float64)
 )
-few = settings(max_examples=15)
+few = examples(15)
 
 
 def clouds() -> list[Floats]:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.core.samples import Joined, Samples
 from flinders.errors import UsageError
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.units import Unit
 
-FEW: Final = settings(max_examples=25)
+FEW: Final = examples(25)
 ALL: Final = pytest.mark.parametrize("name", NAMES)
 
 cuts = st.lists(st.integers(0, 300), max_size=12).map(sorted)

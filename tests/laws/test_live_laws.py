@@ -7,8 +7,9 @@ import itertools
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders import simulate
 from flinders.core.units import Unit
@@ -66,14 +67,14 @@ def fitted(session: Session) -> str:
 WHOLE = fitted(replayed(arriving([0, len(ROWS)]), Session())[0])
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(cuts)
 def test_any_split_of_the_readings_gives_the_same_fit(places: list[int]) -> None:
     session, _ = replayed(arriving(places), Session())
     assert fitted(session) == WHOLE
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(st.lists(edits, max_size=10), spans)
 def test_exclude_and_undo_is_as_if_nothing_had_happened(before: list[Exclude], span: tuple[float, float]) -> None:
     session, _ = replayed([*arriving([0, 600]), *(Requested(60.0, one) for one in before)], Session())

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.errors import OutputError
 from flinders.fleet import UnitResult, UnitResults
@@ -41,7 +42,7 @@ def merged(parts: list[UnitResults], folder: Path, group: int) -> bytes:
 
 
 @given(rows, st.data(), st.integers(1, 12))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_any_deal_gives_the_same_bytes(cells: list[UnitResult], data: st.DataObject, group: int) -> None:
     whole = UnitResults.of(cells).sorted()
     files = data.draw(st.integers(1, 5))
@@ -55,7 +56,7 @@ def test_any_deal_gives_the_same_bytes(cells: list[UnitResult], data: st.DataObj
 
 
 @given(st.lists(st.integers(0, 3), max_size=12), st.integers(1, 5))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_of_equal_rows_those_of_the_first_file_come_first(files: list[int], group: int) -> None:
     parts = [UnitResults.of([UnitResult(unit="A", readings=file)] * files.count(file)) for file in range(4)]
     with tempfile.TemporaryDirectory() as name:
@@ -64,7 +65,7 @@ def test_of_equal_rows_those_of_the_first_file_come_first(files: list[int], grou
 
 
 @given(rows, st.integers(1, 12))
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_counts_are_those_of_the_whole_table(cells: list[UnitResult], group: int) -> None:
     whole = UnitResults.of(cells).sorted()
     with tempfile.TemporaryDirectory() as name:

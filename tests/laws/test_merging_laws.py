@@ -9,8 +9,9 @@ from itertools import permutations
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 import flinders
 from flinders import simulate
@@ -66,7 +67,7 @@ def test_order_does_not_matter(field_strength: float | None) -> None:
         assert found.repeats.farthest.source == first.repeats.farthest.source
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.lists(st.floats(0.4, 3.0), min_size=2, max_size=2))
 def test_fields_of_any_strength_give_the_same_correction(factors: list[float]) -> None:
     """An unknown strength says nothing of the sensor, and a known one is taken out."""
@@ -108,7 +109,7 @@ def test_with_itself_it_is_refused() -> None:
 
 
 @given(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
-@settings(max_examples=25)
+@examples(25)
 def test_however_far_one_is_off_it_is_never_averaged_silently(x: float, y: float, z: float) -> None:
     one, other = judged(1), judged(2)
     moved = replace(other.calibration, offset=other.calibration.offset + np.array([x, y, z]))

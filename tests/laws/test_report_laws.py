@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 from tests.truth.test_report import Page, fitted
 
 from flinders.core.calibration_file import Provenance, SourceFile
@@ -84,7 +85,7 @@ def test_names_from_files_add_no_element_and_no_attribute(name: str) -> None:
     assert tags(reported(name)) == tags(reported(PLAIN))
 
 
-@settings(max_examples=4)
+@examples(4)
 @given(st.text(min_size=1, max_size=40))
 def test_no_name_whatever_adds_an_element(name: str) -> None:
     assert tags(reported(name)) == tags(reported(PLAIN))

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.testing as npt
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.trials import examples
 
 from flinders.core.samples import Samples
 from flinders.estimators import Readings, outliers_of
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-FEW: Final = settings(max_examples=15)
+FEW: Final = examples(15)
 SPHERE: Final = Ellipsoid(np.zeros(3), 50.0 * np.eye(3))
 STRUCK: Final = tumble(seed=6, motion="uniform", n=400, outliers=0.08)
 LIMIT: Final = 1.0
@@ -68,7 +69,7 @@ def test_the_more_strays_and_rows_there_are_the_denser_is_a_run(share: float, ro
     sizes=st.lists(st.integers(0, 90), min_size=1, max_size=8),
     dense=st.integers(LEAST, NO_RUN),
 )
-@settings(max_examples=200)
+@examples(200)
 def test_what_is_left_out_does_not_depend_on_blocks(far: NDArray[np.bool_], sizes: list[int], dense: int) -> None:
     """And it is what is listed, what is counted and what `Inliers` leaves out."""
     samples = Samples(np.outer(np.where(far, 80.0, 50.0), [0.6, 0.0, 0.8]) + np.arange(len(far))[:, np.newaxis] * 1e-6)
@@ -107,7 +108,7 @@ def test_neighbours_go_where_a_run_is_and_only_there(far: NDArray[np.bool_]) -> 
     cuts=st.lists(st.integers(0, 120), max_size=6),
     timed=st.booleans(),
 )
-@settings(max_examples=100)
+@examples(100)
 def test_strays_are_the_same_over_any_split_into_blocks(lengths: Floats, cuts: list[int], timed: bool) -> None:
     field = np.outer(lengths, [0.6, 0.0, 0.8])
     samples = Samples(field, time=np.arange(len(field)) * 0.5 if timed else None)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from tests.trials import examples
 
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.heading import path_planning
@@ -30,7 +31,7 @@ def belief(seed: int, scale: float = 1.0) -> path_planning.Belief:
 seeds = st.integers(0, 10_000)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.sampled_from([1e-6, 0.01, 1000.0]))
 def test_the_unit_does_not_matter(seed: int, scale: float) -> None:
     one, other = (path_planning.plan(belief(seed, each), [0.0, 0.0, 1.0], goal="attitude") for each in (1.0, scale))
@@ -38,7 +39,7 @@ def test_the_unit_does_not_matter(seed: int, scale: float) -> None:
     assert_allclose(one.waypoints, other.waypoints)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds)
 def test_waypoints_are_directions_and_the_way_helps(seed: int) -> None:
     way = path_planning.plan(belief(seed), np.random.default_rng(seed).standard_normal(3), goal="attitude")
@@ -49,7 +50,7 @@ def test_waypoints_are_directions_and_the_way_helps(seed: int) -> None:
     assert way.words("sensor")
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.floats(1.1, 10.0))
 def test_better_readings_never_make_it_worse(seed: int, factor: float) -> None:
     known = belief(seed)
@@ -60,7 +61,7 @@ def test_better_readings_never_make_it_worse(seed: int, factor: float) -> None:
     assert one.after_deg <= other.after_deg * 1.02  # two beams may keep different walks
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds, st.floats(70.0, 350.0), st.floats(1.0, 500.0))
 def test_rough_moves_and_grows_with_the_readings(seed: int, arc_deg: float, scale: float) -> None:
     rng = np.random.default_rng(seed)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from tests.trials import examples
 
 from flinders import simulate
 from flinders.simulate import (
@@ -179,7 +180,7 @@ def test_fibonacci_directions_balance(n: int) -> None:
     assert np.linalg.norm(directions.sum(axis=0)) < 2.0
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(sensors(), st.floats(0.1, 10.0), seeds)
 def test_the_angle_error_ignores_scale_and_rotation_of_the_matrix(sensor: Sensor, scale: float, seed: int) -> None:
     recording = tumble(seed, motion="uniform", n=5, sensor=sensor)
@@ -189,7 +190,7 @@ def test_the_angle_error_ignores_scale_and_rotation_of_the_matrix(sensor: Sensor
     assert angle_error_deg(scale * turn @ matrix, offset + 1.0, recording) == pytest.approx(expected, rel=1e-6)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(sensors(), seeds)
 def test_without_its_rotation_a_perfect_correction_has_no_error(sensor: Sensor, seed: int) -> None:
     recording = tumble(seed, motion="uniform", n=5, sensor=sensor)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UnitError, UsageError
@@ -27,7 +28,7 @@ def units(seed: int, many: int) -> list[Samples]:
 
 
 @given(seed=st.integers(0, 99), order=st.permutations(range(8)), cut=st.integers(1, 7))
-@settings(max_examples=4, deadline=None)
+@examples(4)
 def test_neither_order_nor_company_matters(seed: int, order: list[int], cut: int) -> None:
     alike = [one for one in units(seed, 12) if fit_stack([one], target_deg=9.0).through[0]][:8]
     order = [place for place in order if place < len(alike)]
@@ -40,7 +41,7 @@ def test_neither_order_nor_company_matters(seed: int, order: list[int], cut: int
 
 
 @given(places=st.lists(st.integers(0, 6), min_size=1, max_size=40), seed=st.integers(0, 99))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_counting_is_the_same_in_any_library(places: list[int], seed: int) -> None:
     strict = pytest.importorskip("array_api_strict")
     weights = np.random.default_rng(seed).normal(size=len(places))
@@ -66,7 +67,7 @@ def test_put_replaces_what_is_named_and_nothing_else(named: set[int]) -> None:
 
 
 @given(exponent=st.integers(-999, 1022), ulps=st.integers(-2, 2))
-@settings(max_examples=300)
+@examples(300)
 def test_units_are_the_power_of_two_above_next_to_one_too(exponent: int, ulps: int) -> None:
     value = 2.0**exponent
     for _ in range(abs(ulps)):
@@ -75,7 +76,7 @@ def test_units_are_the_power_of_two_above_next_to_one_too(exponent: int, ulps: i
 
 
 @given(ulps=st.integers(-1, 1), seed=st.integers(0, 99))
-@settings(max_examples=10)
+@examples(10)
 def test_sums_are_to_the_last_bit_in_the_unit_of_a_summary(ulps: int, seed: int) -> None:
     field = np.random.default_rng(seed).uniform(-60.0, 60.0, size=(40, 3))
     field[7, 1] = 64.0 + ulps * np.spacing(64.0)
@@ -138,7 +139,7 @@ def test_recordings_of_one_table_are_views_in_order() -> None:
 
 
 @given(seed=st.integers(0, 99))
-@settings(max_examples=10, deadline=None)
+@examples(10)
 def test_inverse_iteration_finds_the_smallest_of_all_eigenvalues(seed: int) -> None:
     sums = BatchMoments.of(np.stack([one.field[:60].T for one in units(seed, 12)]))
     scatter = sums.about(sums.mean, sums.spread)

@@ -9,8 +9,9 @@ import struct
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
@@ -36,7 +37,7 @@ def calibrations(draw: st.DrawFn) -> Calibration:
     return Calibration(matrix, offset, draw(st.floats(20, 70)), raw=Unit.of("counts", 0.1), axes=axes)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(calibrations())
 def test_with_soft_iron_left_out_or_not_what_is_written_is_as_far_off_as_is_said(found: Calibration) -> None:
     for row in registry().values():

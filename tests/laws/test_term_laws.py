@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.geometry.rotation import on_the_sphere, rotations
 from flinders.likelihood import gyro
@@ -87,7 +88,7 @@ def somewhere(seed: int) -> Parameters:
 
 
 @given(st.integers(0, 10_000), st.sampled_from([(group, LAYOUT), (with_attitudes, POINTED)]))
-@settings(max_examples=20)
+@examples(20)
 def test_jacobians_are_how_residuals_change(
     seed: int, kind: tuple[Callable[[int], ObservationGroup], ParameterLayout]
 ) -> None:
@@ -117,7 +118,7 @@ def test_jacobians_are_how_residuals_change(
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=20)
+@examples(20)
 def test_elimination_leaves_what_the_whole_system_says(seed: int) -> None:
     readings, at = group(seed), somewhere(seed)
     rows = rows_of(readings, at, readings.guess(at), LAYOUT, WEIGHTS)

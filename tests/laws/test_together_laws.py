@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 import numpy.testing as npt
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders import simulate
 from flinders.comparison.agreement import departures
@@ -28,7 +29,7 @@ def fields_of(seed: int, sensors: int = 3, n: int = 200) -> np.ndarray:
 
 
 @given(seeds)
-@settings(max_examples=2, deadline=None)
+@examples(2)
 def test_the_reference_is_a_matter_of_axes(seed: int) -> None:
     """Whichever is the reference: ellipsoids, their covariance and the rotation between two are the same."""
     fields = fields_of(seed)
@@ -42,7 +43,7 @@ def test_the_reference_is_a_matter_of_axes(seed: int) -> None:
 
 
 @given(seeds)
-@settings(max_examples=2, deadline=None)
+@examples(2)
 def test_the_order_of_the_sensors_does_not_matter(seed: int) -> None:
     fields = fields_of(seed)
     order = [0, 2, 1]
@@ -53,7 +54,7 @@ def test_the_order_of_the_sensors_does_not_matter(seed: int) -> None:
 
 
 @given(seeds, st.sampled_from([1e-3, 0.1, 16.0]))
-@settings(max_examples=2, deadline=None)
+@examples(2)
 def test_a_sensor_in_another_unit_is_the_same_sensor(seed: int, unit: float) -> None:
     fields = fields_of(seed, 2)
     scaled = fields * np.array([1.0, unit])[:, np.newaxis, np.newaxis]
@@ -64,7 +65,7 @@ def test_a_sensor_in_another_unit_is_the_same_sensor(seed: int, unit: float) -> 
 
 
 @given(seeds)
-@settings(max_examples=2, deadline=None)
+@examples(2)
 def test_turning_a_sensor_turns_its_rotation(seed: int) -> None:
     fields = fields_of(seed, 2)
     turn = rotations(np.random.default_rng(seed).normal(size=(1, 3)))[0]
@@ -74,7 +75,7 @@ def test_turning_a_sensor_turns_its_rotation(seed: int) -> None:
 
 
 @given(seeds, st.booleans())
-@settings(max_examples=20)
+@examples(20)
 def test_directions_tell_their_rotation_or_mirror_image(seed: int, mirrored: bool) -> None:
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(20, 3))
@@ -83,7 +84,7 @@ def test_directions_tell_their_rotation_or_mirror_image(seed: int, mirrored: boo
 
 
 @given(seeds)
-@settings(max_examples=20)
+@examples(20)
 def test_readings_at_their_own_moments_are_themselves(seed: int) -> None:
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.01, 0.02, 50))
@@ -93,7 +94,7 @@ def test_readings_at_their_own_moments_are_themselves(seed: int) -> None:
 
 
 @given(seeds, st.permutations(range(3)))
-@settings(max_examples=20)
+@examples(20)
 def test_departures_go_with_the_sensor_and_not_with_its_place(seed: int, order: list[int]) -> None:
     rng = np.random.default_rng(seed)
     q = simulate.tumble(seed=seed, motion="hand", n=500).directions

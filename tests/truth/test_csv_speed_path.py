@@ -11,6 +11,7 @@ import numpy.testing as npt
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
+from tests.trials import examples
 
 from flinders.errors import FlindersError
 from flinders.readers import TextRecording, _arrow, _lines, _source, open_recording, read
@@ -115,7 +116,7 @@ def parsed(text: str, grid: Grid = XYZ) -> Floats | None:
     return parse(Lines(1, text, text.count("\n") + 1, len(text)))
 
 
-@settings(here, max_examples=50)
+@settings(here, max_examples=examples(50).max_examples)
 @given(files())
 @example(
     b"t;note;mx;my;mz\n\n0,0;;0,0;0,0;0,0\n1,;;0,0;0,0;0,0\n1,7976931348623157e308;;0,0;0,0;0,0\n\n0,0;;0,0;0,0;0,0\n"

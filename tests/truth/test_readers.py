@@ -33,6 +33,8 @@ from flinders.readers._log import Stored
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -573,7 +575,6 @@ def test_the_name_of_the_magnetometer_is_kept(flight: Path, tmp_path: Path) -> N
 
 # what is broken
 
-CUTS, FLIPS = 100, 100
 
 JUDGE = """
 import json, resource, signal, sys, traceback
@@ -614,12 +615,12 @@ LARGEST_SAMPLE = 300_000
 """Bytes of a sample that is broken: a real log is cut to that first, so that two hundred of them take seconds."""
 
 
-def broken(content: bytes, seed: int) -> Iterator[bytes]:
+def broken(content: bytes, seed: int, trials: int) -> Iterator[bytes]:
     """Truncations, and flips of up to eight bytes, half of them in the first kilobyte, where headers are."""
     random = np.random.default_rng(seed)
-    for place in random.integers(1, len(content), CUTS):
+    for place in random.integers(1, len(content), trials):
         yield content[:place]
-    for turn in range(FLIPS):
+    for turn in range(trials):
         changed = bytearray(content)
         reach = min(len(content), 1024) if turn % 2 else len(content)
         for place in random.integers(0, reach, random.integers(1, 9)):
@@ -636,9 +637,12 @@ REAL = {
 
 @pytest.mark.parametrize("name", [name for name in BY_NAME if name != "text"])
 def test_broken_files_are_told_and_never_hang_nor_fill_the_memory(
-    name: str, tmp_path: Path, tumble: Floats, request: pytest.FixtureRequest
+    name: str, tmp_path: Path, tumble: Floats, trials: Choose, request: pytest.FixtureRequest
 ) -> None:
-    """200 truncations and byte flips: an error in a line or a result; no traceback, no hang, no more than 300 MB."""
+    """Truncations and byte flips, 100 of each, in every run 25: an error in a line or a result.
+
+    No traceback, no hang, no more than 300 MB.
+    """
     if name in REAL:
         content = request.getfixturevalue("recordings")(REAL[name]).read_bytes()[:LARGEST_SAMPLE]
     else:
@@ -647,14 +651,15 @@ def test_broken_files_are_told_and_never_hang_nor_fill_the_memory(
         content = next(tmp_path.glob("sample*")).read_bytes()  # NumPy adds an ending
     folder = tmp_path / "broken"
     folder.mkdir()
-    for number, changed in enumerate(broken(content, seed=11)):
+    count = trials(100, 25).count
+    for number, changed in enumerate(broken(content, 11, count)):
         (folder / f"{number:03}{BY_NAME[name].suffixes[0]}").write_bytes(changed)
     words = [sys.executable, "-W", "ignore", "-c", JUDGE, str(folder)]
     ended = subprocess.run(words, capture_output=True, text=True, timeout=120, check=False)
     assert ended.returncode == 0, ended.stderr[-2000:]
     found = json.loads(ended.stdout.splitlines()[-1])
     assert found["bad"] == []
-    assert found["read"] + found["refused"] == CUTS + FLIPS
+    assert found["read"] + found["refused"] == 2 * count
     assert found["peak_mb"] < 300, found
 
 
