@@ -24,7 +24,7 @@ from flinders.errors import FlindersError
 from flinders.readers._names import is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, number, row_of, split
 from flinders.readers._sniff import COMMENTS, SPOKEN, TextLayout, sniff
-from flinders.readers.dialects import guess, motioncal, recognise
+from flinders.readers.dialects import guess, marked, recognise
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
 
 def is_marked(line: str) -> bool:
     """Tell whether a line shows by its start that nothing of it is missing there; ``17,4,-586`` may have been 217."""
-    if line.lstrip().startswith(("{", "[", "|", "(")) or motioncal.LINE.match(line):
+    if line.lstrip().startswith(("{", "[", "|", "(")) or marked.is_marked(line):
         return True
     return not all(number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
 

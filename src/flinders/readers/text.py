@@ -38,7 +38,7 @@ from flinders.readers._source import File, Progress, derived
 from flinders.readers.dialects import Transcription, guess, recognise
 from flinders.readers.dialects.blackbox import calibration_in_force
 from flinders.readers.dialects.json_records import is_document, table_of
-from flinders.readers.dialects.magcc import are_glued, one_a_line
+from flinders.readers.dialects.marked import are_glued, one_a_line
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
