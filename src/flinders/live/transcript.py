@@ -278,7 +278,7 @@ class Transcript:
         self.statistics.form = form
         self._read = self._recognised([form.header, *self._rows, *rows])
         self.statistics.unit = label(self._read[1].inside) if self._read else ""
-        columns = f": {self._read[0].columns.told(self.statistics.unit)}" if self._read else ""
+        columns = f": {self._read[0].columns.describe(self.statistics.unit)}" if self._read else ""
         self._tell("settled", f"{form}{columns}")
 
     def _recognised(self, lines: list[str]) -> tuple[TextLayout, Unit] | None:

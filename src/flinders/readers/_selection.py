@@ -87,7 +87,7 @@ class Choice:
             )
         raise UsageError(f"{what}: there {verb} {there or 'none'}")
 
-    def refuse_beside(self, source: str) -> None:
+    def refuse_alone(self, source: str) -> None:
         """Refuse to choose from a table of one magnetometer.
 
         Raises

@@ -39,13 +39,13 @@ import numpy as np
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, counted
-from flinders.readers._beside import Beside, along, numbered
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
 from flinders.readers._limits import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
 from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._reader import Reader
+from flinders.readers._resample import TimeSeries, numbered, resampled
 from flinders.readers._unindexed import BAG, KIND, MCAP, REPAIRS, SQLITE, beginning_of
 
 if TYPE_CHECKING:
@@ -434,8 +434,8 @@ class _Readings:
     unit: Unit
     time: Floats
     field: Floats
-    motion: Beside | None = None
-    temperature: Beside | None = None
+    motion: TimeSeries | None = None
+    temperature: TimeSeries | None = None
     is_accelerating: bool = False
     is_turning: bool = False
 
@@ -444,8 +444,8 @@ class _Readings:
         for start in range(0, len(self.time), BLOCK):
             rows = slice(start, start + BLOCK)
             time = self.time[rows]
-            motion, temperature = along(self.motion, time), along(self.temperature, time)
-            turned = along(self.motion, time, until_next=True)
+            motion, temperature = resampled(self.motion, time), resampled(self.temperature, time)
+            turned = resampled(self.motion, time, until_next=True)
             samples = Samples.of(
                 self.field[rows],
                 unit=self.unit,
@@ -471,13 +471,13 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
             known = np.asarray(np.isfinite(values).any(axis=0))
             readings = replace(
                 readings,
-                motion=Beside.of(motion.seconds(since), np.where(known, values, 0.0)),
+                motion=TimeSeries.of(motion.seconds(since), np.where(known, values, 0.0)),
                 is_accelerating=bool(known[:3].all()),
                 is_turning=bool(known[3:].all()),
             )
         warmth = _companion(topic, topics, TEMPERATURE)
         if warmth is not None:
-            readings = replace(readings, temperature=Beside.of(warmth.seconds(since), warmth.table))
+            readings = replace(readings, temperature=TimeSeries.of(warmth.seconds(since), warmth.table))
         yield Instrument(
             source,
             shown(topic.name),

@@ -192,9 +192,9 @@ class TextRecording:
         """Say in one line what was recognised and is used."""
         columns = self.layout.columns
         unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
-        told = [f"{self.source}: {columns.told(unit)}", str(self.layout)]
+        told = [f"{self.source}: {columns.describe(unit)}", str(self.layout)]
         told += [f"axes {self.axes}"] * (not self.axes.is_identity)
-        return "; ".join(told + columns.told_besides())
+        return "; ".join(told + columns.remarks())
 
     def __str__(self) -> str:
         return self.describe()

@@ -40,10 +40,10 @@ from flinders.core.units import Unit
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unused
-from flinders.readers._beside import Beside, Turning, numbered, shares
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._reader import Reader
+from flinders.readers._resample import AttitudeSeries, TimeSeries, numbered, shares
 from flinders.readers._source import refusal
 from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses, device_id
 
@@ -280,31 +280,31 @@ class _Heard:
         """(N, `WIDTH`) readings of a system's message."""
         return np.frombuffer(self.readings[each]).reshape(-1, WIDTH)
 
-    def current(self, system: int) -> Beside | None:
+    def current(self, system: int) -> TimeSeries | None:
         """Current of a system's battery, unless it never says that any flows."""
         told = np.frombuffer(self.currents.get(system, array("d"))).reshape(-1, 2)
-        return Beside.of(told[:, 0], told[:, 1:]) if told[:, 1].any() else None
+        return TimeSeries.of(told[:, 0], told[:, 1:]) if told[:, 1].any() else None
 
-    def of_motors(self, system: int) -> tuple[Beside, ...]:
+    def of_motors(self, system: int) -> tuple[TimeSeries, ...]:
         """Current of a system's motors, four by four, as far as they say that any flows."""
-        found: list[Beside] = []
+        found: list[TimeSeries] = []
         for first in range(0, MOST_MOTORS, OF_FOUR):
             told = np.frombuffer(self.controllers.get((system, first), array("d"))).reshape(-1, 1 + OF_FOUR)
             used = np.flatnonzero(np.nan_to_num(told[:, 1:]).any(axis=0))
             if not len(used):
                 break
-            beside = Beside.of(told[:, 0], told[:, 1 : 2 + used[-1]])
+            beside = TimeSeries.of(told[:, 0], told[:, 1 : 2 + used[-1]])
             found += [beside] if beside is not None else []
             if used[-1] + 1 < OF_FOUR:
                 break
         return tuple(found)
 
-    def throttle(self, system: int) -> Beside | None:
+    def throttle(self, system: int) -> TimeSeries | None:
         """Throttle of a system, where it is sent."""
         told = np.frombuffer(self.throttles.get(system, array("d"))).reshape(-1, 2)
-        return Beside.of(told[:, 0], shares(told[:, 1:]))
+        return TimeSeries.of(told[:, 0], shares(told[:, 1:]))
 
-    def attitude(self, system: int, table: Floats) -> tuple[Turning | None, int]:
+    def attitude(self, system: int, table: Floats) -> tuple[AttitudeSeries | None, int]:
         """Attitude of a system, and which column of a table of readings its times are to be compared with."""
         tables = [
             np.frombuffer(self.attitudes.get((system, number), array("d"))).reshape(-1, 2 + len(names))
@@ -316,7 +316,7 @@ class _Heard:
         attitude = told[:, 2:] if told.shape[1] == 6 else of_angles(told[:, 2:])
         ahead = np.median(told[:, 0] - told[:, 1]) - np.median(table[:, CLOCK] - table[:, SINCE])
         is_same = bool(abs(ahead) < SAME_CLOCK)
-        return Turning.of(told[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
+        return AttitudeSeries.of(told[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -331,11 +331,11 @@ class _Compass:
         How many changes of parameters came before each.
     parameters : dict of ArduPilotParameters
         By number of changes; empty where they are not known.
-    current, throttle : Beside, optional
+    current, throttle : TimeSeries, optional
         By the clock of the ground station.
-    currents : tuple of Beside
+    currents : tuple of TimeSeries
         Those of the motors, four by four, by that clock.
-    attitude : Turning, optional
+    attitude : AttitudeSeries, optional
     attitude_by : int
         Column of the table with the clock that the attitude goes by.
     units : Units
@@ -345,10 +345,10 @@ class _Compass:
     table: Floats
     version: NDArray[np.intp]
     parameters: dict[int, ArduPilotParameters]
-    current: Beside | None
-    throttle: Beside | None
-    currents: tuple[Beside, ...]
-    attitude: Turning | None
+    current: TimeSeries | None
+    throttle: TimeSeries | None
+    currents: tuple[TimeSeries, ...]
+    attitude: AttitudeSeries | None
     attitude_by: int
     units: Units
 
@@ -372,7 +372,7 @@ class _Compass:
             )
             yield numbered(samples, start)
 
-    def drive(self, parameters: ArduPilotParameters) -> Beside | None:
+    def drive(self, parameters: ArduPilotParameters) -> TimeSeries | None:
         """What a compass's motor compensation goes by, where it is on and that was sent."""
         if not parameters.has_disturbances:
             return None
@@ -398,7 +398,7 @@ class _Compass:
         return raw
 
 
-def _alone(beside: Beside | None, rows: Floats) -> Floats | None:
+def _alone(beside: TimeSeries | None, rows: Floats) -> Floats | None:
     """(N,) of what was sent by itself, at the readings of a table."""
     return None if beside is None else beside.at(rows[:, SINCE])[:, 0]
 

@@ -41,10 +41,10 @@ from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
 from flinders.geometry.quaternions import of_matrix, product
-from flinders.readers._beside import Beside, Turning, along, numbered, shares
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._reader import Reader
+from flinders.readers._resample import AttitudeSeries, TimeSeries, numbered, resampled, shares
 from flinders.targets import px4
 
 if TYPE_CHECKING:
@@ -235,13 +235,13 @@ class _Flight:
     log: Any
     topics: Mapping[tuple[str, int], Mapping[str, Any]]
     stages: tuple[tuple[float, Mapping[str, float]], ...]
-    acceleration: Beside | None = None
-    rate: Beside | None = None
-    current: Beside | None = None
-    throttle: Beside | None = None
-    currents: Beside | None = None
-    throttles: Beside | None = None
-    attitude: Turning | None = None
+    acceleration: TimeSeries | None = None
+    rate: TimeSeries | None = None
+    current: TimeSeries | None = None
+    throttle: TimeSeries | None = None
+    currents: TimeSeries | None = None
+    throttles: TimeSeries | None = None
+    attitude: AttitudeSeries | None = None
     notes: tuple[str, ...] = field(default=())
 
     @classmethod
@@ -318,66 +318,67 @@ def _seconds(columns: Mapping[str, Any]) -> Floats:
     return 1e-6 * np.where(measured > 0, measured, logged)
 
 
-def _imu(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> tuple[Beside | None, Beside | None]:
+def _imu(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> tuple[TimeSeries | None, TimeSeries | None]:
     """Acceleration in m/s² and rate in rad/s, in the axes of the vehicle."""
     combined, imu = topics.get(("sensor_combined", 0)), topics.get(("vehicle_imu", 0))
     if combined is not None:
         time = _seconds(combined)
-        return Beside.of(time, _three(combined, "accelerometer_m_s2")), Beside.of(time, _three(combined, "gyro_rad"))
+        acceleration, rate = (_three(combined, name) for name in ("accelerometer_m_s2", "gyro_rad"))
+        return TimeSeries.of(time, acceleration), TimeSeries.of(time, rate)
     if imu is None:
         return None, None
     time, found = _seconds(imu), []
     for name in ("velocity", "angle"):
         with np.errstate(divide="ignore", invalid="ignore"):
-            found.append(Beside.of(time, _three(imu, f"delta_{name}") / (1e-6 * _stack(imu, f"delta_{name}_dt"))))
+            found.append(TimeSeries.of(time, _three(imu, f"delta_{name}") / (1e-6 * _stack(imu, f"delta_{name}_dt"))))
     return found[0], found[1]
 
 
-def _current(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _current(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> TimeSeries | None:
     """A of the first battery that knows its current; −1 is what PX4 writes where it does not."""
     for (name, _), columns in sorted(topics.items(), key=lambda item: item[0]):
         if name == "battery_status":
             amperes = _stack(columns, "current_a")
-            found = Beside.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
+            found = TimeSeries.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
             if found is not None:
                 return found
     return None
 
 
-def _throttle(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _throttle(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> TimeSeries | None:
     """Length of the thrust that is asked for, 0 to 1; of a plane that also flies as a copter, of all its motors."""
     thrust, controls = topics.get(("vehicle_thrust_setpoint", 0)), topics.get(("actuator_controls_0", 0))
     if thrust is not None:
-        return Beside.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
-    return None if controls is None else Beside.of(_seconds(controls), shares(_stack(controls, "control[3]")))
+        return TimeSeries.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
+    return None if controls is None else TimeSeries.of(_seconds(controls), shares(_stack(controls, "control[3]")))
 
 
-def _currents(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _currents(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> TimeSeries | None:
     """A of each motor, by its speed controller; None where none ever says that any flows."""
     columns = topics.get(("esc_status", 0))
     if columns is None:
         return None
     count = min(int(np.max(columns.get("esc_count", 0), initial=0)), MOST_CONTROLLERS)
     amperes = _stack(columns, *(f"esc[{place}].esc_current" for place in range(count)))
-    return Beside.of(_seconds(columns), amperes) if np.nan_to_num(amperes).any() else None
+    return TimeSeries.of(_seconds(columns), amperes) if np.nan_to_num(amperes).any() else None
 
 
-def _throttles(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _throttles(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> TimeSeries | None:
     """What each motor was asked for, 0 to 1; one that is stopped, which PX4 writes as NaN, was asked for nothing."""
     columns = topics.get(("actuator_motors", 0))
     if columns is None:
         return None
     asked = _stack(columns, *(f"control[{place}]" for place in range(MOST_MOTORS)))
     used = np.flatnonzero((np.nan_to_num(asked) != 0.0).any(axis=0))
-    return Beside.of(_seconds(columns), np.nan_to_num(asked[:, : used[-1] + 1])) if len(used) else None
+    return TimeSeries.of(_seconds(columns), np.nan_to_num(asked[:, : used[-1] + 1])) if len(used) else None
 
 
-def _attitude(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Turning | None:
+def _attitude(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> AttitudeSeries | None:
     """From the axes of the vehicle to north, east, down, as the estimator that is used has it."""
     columns = topics.get(("vehicle_attitude", 0))
     if columns is None:
         return None
-    return Turning.of(_seconds(columns), _stack(columns, *(f"q[{place}]" for place in range(4))))
+    return AttitudeSeries.of(_seconds(columns), _stack(columns, *(f"q[{place}]" for place in range(4))))
 
 
 # the magnetometers
@@ -418,17 +419,17 @@ class _Readings:
             rows = slice(start, start + BLOCK)
             time = self.time[rows]
             known = turn is not None
-            current, throttle = along(self.flight.current, time), along(self.flight.throttle, time)
-            throttles = along(self.flight.throttles, time)
+            current, throttle = resampled(self.flight.current, time), resampled(self.flight.throttle, time)
+            throttles = resampled(self.flight.throttles, time)
             samples = Samples.of(
                 self.field[rows] if as_logged else self.unapplied(time, self.field[rows]),
                 unit=GAUSS,
                 time=time,
-                acceleration=along(self.flight.acceleration, time, back) if known else None,
-                rate=along(self.flight.rate, time, back, until_next=True) if known else None,
+                acceleration=resampled(self.flight.acceleration, time, back) if known else None,
+                rate=resampled(self.flight.rate, time, back, until_next=True) if known else None,
                 current=None if current is None else current[:, 0],
                 throttle=None if throttle is None else throttle[:, 0],
-                currents=along(self.flight.currents, time),
+                currents=resampled(self.flight.currents, time),
                 throttles=None if throttles is None else shares(throttles),
                 attitude=None if turn is None else self.attitude(time, turn),
                 temperature=None if self.temperature is None else self.temperature[rows],

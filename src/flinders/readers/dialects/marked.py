@@ -2,8 +2,8 @@ r"""Lines whose beginning says what is in them, as four programs write them; eac
 
 MotionCal and Adafruit's sketches print ``Raw:`` with nine counts (g/8192, °/s/16, µT/10), and ``Uni:`` in m/s², rad/s
 and µT. magcc sends datagrams ``|…*`` at UDP port 50100: time, acceleration, rate, field, roll, pitch, yaw. Paparazzi
-logs ``t ac_id IMU_MAG_RAW x y z``, with the number of a sensor before x where there are several (not verified on a log),
-or ``IMU_MAG_CURRENT_CALIBRATION`` with a current; the first aircraft and its first magnetometer are read. Replays of
+logs ``t ac_id IMU_MAG_RAW x y z``, with the number of a sensor before x where there are several (seen in no log), or
+``IMU_MAG_CURRENT_CALIBRATION`` with a current; the first aircraft and its first magnetometer are read. Replays of
 PX4's estimator have ``time_us,mag,x,y,z`` in gauss, corrected on board and in the axes of the vehicle, after ``imu``.
 
 Sources: PaulStoffregen/MotionCal ``portlist.cpp`` and ``visualize.c``; Adafruit AHRS ``calibration.ino``; Paparazzi
