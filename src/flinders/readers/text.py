@@ -109,13 +109,7 @@ class TextRecording:
             yield samples
 
     def numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
-        """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in.
-
-        Raises
-        ------
-        UnreadableInput
-            As `blocks`.
-        """
+        """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in."""
         pending: tuple[Skipped, ...] = ()
         clock = self.span.clock(self.source)
         for stretch in self._pass(self.layout.columns):
@@ -128,18 +122,7 @@ class TextRecording:
         clock.judge()
 
     def name_acceleration(self, columns: str) -> None:
-        """Say which columns are the accelerometer's, where their names do not or another is meant.
-
-        Parameters
-        ----------
-        columns : str
-            Three names, or numbers from 1, as those of the magnetometer.
-
-        Raises
-        ------
-        UsageError
-            For columns that there are not, or that are the magnetometer's.
-        """
+        """Say which columns are the accelerometer's; UsageError for those that are missing or the magnetometer's."""
         layout = self.layout
         known = wanted_acceleration(columns, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known)
@@ -292,18 +275,7 @@ def open_text(
     pattern: str | None = None,
     progress: Progress | None = None,
 ) -> TextRecording:
-    """Recognise a text recording from its first lines; parameters as `flinders.open_recording`.
-
-    Raises
-    ------
-    UnreadableInput
-        For a file that is not text, or not lines of numbers; for a blackbox whose headers tell that a calibration was
-        in force, unless `columns` say that it is wanted.
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
-    UsageError
-        For columns or a magnetometer that there are not; its `UnitError` for a unit that contradicts the header.
-    """
+    """Recognise a text recording from its first lines; parameters and errors as `flinders.open_recording`."""
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
     if kind := foreign_kind(head):
