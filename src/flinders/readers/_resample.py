@@ -14,14 +14,17 @@ array([[0.9899, 0.1414, 0.    , 0.    ],
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 from flinders.arrays import floats
-from flinders.geometry.quaternions import between, known
+from flinders.geometry.quaternions import between, known, of_matrix, product
+from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, RATE, TEMPERATURE, THROTTLE, THROTTLES
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
@@ -144,14 +147,25 @@ class AttitudeSeries(TimeSeries):
         return found
 
 
-def resampled(
-    beside: TimeSeries | None, time: Floats, turn: Floats | None = None, *, until_next: bool = False
-) -> Floats | None:
-    """The same of something that may not be there, turned by a (3, 3) rotation where there is one."""
-    if beside is None:
-        return None
-    found = beside.until_next(time) if until_next else beside.at(time)
-    return found if turn is None else found @ turn.T
+def resampled(series: Mapping[str, TimeSeries | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
+    """Columns of `Samples` at the times of readings, whose axes a (3, 3) rotation makes of those of the series."""
+    found: dict[str, Any] = {}
+    for kind, one in series.items():
+        if one is None:
+            continue
+        values = one.until_next(time) if kind == RATE else one.at(time)
+        if turn is not None and kind in (ACCELERATION, RATE):
+            values = values @ turn.T
+        elif turn is not None and kind == ATTITUDE:
+            values = product(values, of_matrix(turn.T))
+        found[kind] = as_column(kind, values)
+    return found
+
+
+def as_column(kind: str, values: Floats) -> Floats:
+    """(N,) where `Samples` have one number of this kind, else (N, k); throttles are shares."""
+    valid = shares(values) if kind in (THROTTLE, THROTTLES) else values
+    return valid[:, 0] if kind in (CURRENT, THROTTLE, TEMPERATURE) else valid
 
 
 def shares(values: Floats) -> Floats:

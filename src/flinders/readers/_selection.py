@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"
 SHOWN_LINES: Final = 10
-MOST_NAMED: Final = 8
-"""Magnetometers that a line names; an array may have dozens."""
+MOST_NAMED: Final = 8  # Magnetometers that a line names; an array may have dozens
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,7 @@ class Choice:
         return self.sensor is None and self.preferred is None
 
     def among(self, names: Sequence[str], source: str) -> int:
-        """Look it up: its place among these names, counted from 0; the first where nothing says which, or it is alone."""
+        """Look up its place among these names, from 0; UsageError for one that there is not, with those there are."""
         wanted = self.preferred if self.sensor is None else self.sensor
         if wanted is None or (self.sensor is None and len(names) == 1):
             return 0
@@ -80,8 +79,7 @@ class Choice:
             )
 
 
-FIRST: Final = Choice()
-"""Nobody says which."""
+FIRST: Final = Choice()  # Nobody says which
 
 
 def numbered(words: Sequence[str]) -> str:

@@ -59,7 +59,7 @@ from flinders.readers._names import (
     THROTTLES,
 )
 from flinders.readers._reader import Reader
-from flinders.readers._resample import AttitudeSeries, TimeSeries, resampled, shares
+from flinders.readers._resample import AttitudeSeries, TimeSeries, as_column
 from flinders.readers._source import refusal
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, device_id
 
@@ -118,7 +118,6 @@ LEAPS: Final = ((datetime(2017, 1, 1, tzinfo=UTC), 18), (datetime(2015, 7, 1, tz
 """Seconds by which GPS time is ahead of UTC from a day on; before, 16 (since July 2012)."""
 EARLIER_LEAP: Final = 16
 MOST_MOTORS: Final = 32
-OF_MOTORS: Final = (CURRENTS, THROTTLES)
 UNITY, PER_CENT, PER_MILLE = 1.0, 0.01, 0.001
 MOST_THROTTLE: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
 """Up to which largest value of a log a throttle is a share, per cent or per mille: no message says it."""
@@ -234,16 +233,15 @@ class _Auxiliary:
 
     def at(self, near: Mapping[int, tuple[Table, Floats]], time: Floats) -> Floats:
         """(N,) or (N, k) at these times, of the messages that are `near` in each table and their times."""
-        values = np.hstack([self._resampled(*near[id(table)], time) for table in self.tables])
-        if self.name in (THROTTLE, THROTTLES):
-            values = shares(values)
-        return values[:, 0] if values.shape[1] == 1 and self.name not in OF_MOTORS else values
+        return as_column(self.name, np.hstack([self._resampled(*near[id(table)], time) for table in self.tables]))
 
     def _resampled(self, table: Table, clock: Floats, time: Floats) -> Floats:
         logged = self.convert(np.column_stack([table.column(label) for label in self.labels]))
         kind = AttitudeSeries if self.name == ATTITUDE else TimeSeries
-        values = resampled(kind.of(clock, logged), time, until_next=self.name == RATE)
-        return np.full((len(time), logged.shape[1]), np.nan) if values is None else values
+        series = kind.of(clock, logged)
+        if series is None:
+            return np.full((len(time), logged.shape[1]), np.nan)
+        return series.until_next(time) if self.name == RATE else series.at(time)
 
 
 def _near(table: Table, where: NDArray[np.int64], time: Floats) -> tuple[Table, Floats]:

@@ -115,8 +115,7 @@ _REPLAY: Final = Marked(
     mark="mag",
     auxiliary="imu",
 )
-SHARES: Final = {PAPARAZZI: 0.6, REPLAY: 0.9}
-"""Share of lines that have to be of this kind."""
+SHARES: Final = {PAPARAZZI: 0.6, REPLAY: 0.9}  # Share of lines that have to be of this kind
 
 
 def recognise(lines: list[str]) -> Marked | None:
