@@ -19,7 +19,7 @@ from flinders.core.samples import Joined, Samples
 from flinders.errors import ArrayError, AxesError
 from flinders.geometry import quaternions
 from flinders.heading.smoothing import Filter, filtered
-from flinders.readers._beside import LONGEST_TURN, Turning
+from flinders.readers._resample import LONGEST_TURN, AttitudeSeries
 from flinders.simulate.motions import posed
 from flinders.simulate.table import write_csv
 from flinders.targets._autopilot import euler
@@ -185,12 +185,12 @@ def test_what_is_no_throttle_and_no_attitude_is_refused_with_its_place() -> None
 def test_nothing_is_interpolated_over_a_gap_or_a_jump_or_beyond_the_ends() -> None:
     yaw = np.deg2rad([0.0, 10.0, 20.0, 80.0, 90.0])
     attitude = quaternions.of_angles(np.column_stack([0 * yaw, 0 * yaw, yaw]))
-    turning = Turning.of([0.0, 0.1, 0.2 + LONGEST_TURN, 0.9, 1.0], attitude)
+    turning = AttitudeSeries.of([0.0, 0.1, 0.2 + LONGEST_TURN, 0.9, 1.0], attitude)
     assert turning is not None
     found = turning.at(np.array([-0.01, 0.0, 0.05, 0.1, 0.3, 0.7, 0.8, 0.95, 1.0, 1.01]))
     heading = np.rad2deg(2 * np.arctan2(found[:, 3], found[:, 0]))
     npt.assert_allclose(heading, [np.nan, 0, 5, 10, np.nan, 20, np.nan, 85, 90, np.nan], atol=1e-9)
-    alone = Turning.of([0.0, 1.0], [[1.0, 0, 0, 0], [0.0, 0, 0, 0]])
+    alone = AttitudeSeries.of([0.0, 1.0], [[1.0, 0, 0, 0], [0.0, 0, 0, 0]])
     assert alone is not None
     npt.assert_array_equal(alone.at(np.array([0.0, 0.1])), [[1, 0, 0, 0], [np.nan] * 4])
-    assert Turning.of([0.0], [[0.0, 0, 0, 0]]) is None
+    assert AttitudeSeries.of([0.0], [[0.0, 0, 0, 0]]) is None

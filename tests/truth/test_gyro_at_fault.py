@@ -18,7 +18,7 @@ from flinders.fitting.aid_selection import aided_by
 from flinders.geometry.rotation import rotations
 from flinders.likelihood.gyro import SCALE_SIGMA, bridged
 from flinders.likelihood.site_field import Site
-from flinders.readers._beside import Beside
+from flinders.readers._resample import TimeSeries
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -160,7 +160,7 @@ def test_a_rate_is_the_mean_to_the_next_reading() -> None:
     gyro, times = np.arange(0.0, 10.001, 0.005), np.arange(0.0, 9.95, 0.1)
     angle = 0.3 * gyro + 0.05 * np.sin(2.0 * np.pi * 10.0 * gyro)
     rate = 0.3 + 0.05 * 2.0 * np.pi * 10.0 * np.cos(2.0 * np.pi * 10.0 * gyro)
-    beside = Beside.of(gyro, rate[:, np.newaxis])
+    beside = TimeSeries.of(gyro, rate[:, np.newaxis])
     assert beside is not None
     turned = np.cumsum(beside.until_next(times)[:-1, 0] * np.diff(times))
     true = np.interp(times[1:], gyro, angle) - angle[0]
@@ -171,6 +171,6 @@ def test_a_rate_is_the_mean_to_the_next_reading() -> None:
 
 def test_a_gyro_as_seldom_as_the_compass_is_left_as_it_is() -> None:
     times = np.arange(0.0, 5.0, 0.1)
-    beside = Beside.of(times, np.sin(times)[:, np.newaxis])
+    beside = TimeSeries.of(times, np.sin(times)[:, np.newaxis])
     assert beside is not None
     npt.assert_array_equal(beside.until_next(times), beside.at(times))

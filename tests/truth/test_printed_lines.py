@@ -313,6 +313,15 @@ def test_a_decimal_time_before_hexadecimal_words_stays_decimal(first: int, path:
     np.testing.assert_allclose(found.time, (first + 20.0 * np.arange(len(FIELD))) / 1000)
 
 
+@pytest.mark.parametrize("first", [1000, 9700])
+def test_a_decimal_time_before_hexadecimal_words_stays_decimal_when_recorded(first: int, path: Path) -> None:
+    text = recorded([f"{first + 20 * n} {words(row)}" for n, row in enumerate(FIELD)])
+    found = read(path, text.splitlines())
+    np.testing.assert_array_equal(found.field, np.trunc(8 * FIELD))
+    assert found.time is not None
+    np.testing.assert_allclose(np.diff(found.time), 0.02)
+
+
 @pytest.mark.parametrize("form", ["{:8.2f}{:8.2f}{:8.2f}", "0.5 {:8.2f}{:8.2f}{:8.2f} 7"])
 def test_decimals_that_fill_columns_of_a_fixed_width_are_read_apart(form: str, path: Path) -> None:
     """``2995.10-5044.85``: a minus takes the place of the space; also in `record`, and corrected by `apply`."""
@@ -336,16 +345,23 @@ def test_numbers_of_sensors_before_readings_do_not_merge_two_sensors(mark: str, 
         NoMagnetometer, match=r"column [12] of print.txt says which sensor each line is of \(S?1, S?2\)"
     ):
         read(path, lines)
+    transcript = Transcript("the board", is_framed=True)
+    taken = transcript.take("\n".join(lines).encode(), at=1.0)
+    assert taken.readings == []
+    assert all(f"{row[0]:.2f}" in taken.text for row in FIELD)
 
 
 def test_a_number_that_stands_apart_from_a_label_is_that_of_a_sensor(path: Path) -> None:
     lines = [f"Mag {n % 2 + 1}: {axes(row)}" for n, row in enumerate(FIELD)]
     np.testing.assert_array_equal(read(path, lines, sensor="2").field, FIELD[1::2])
+    text = recorded(lines)
+    np.testing.assert_array_equal(read(path, text.splitlines(), sensor="2").field, FIELD[1::2])
 
 
 def test_m_is_the_magnetometer_where_b_may_be_a_bias(path: Path) -> None:
     lines = ["bx,by,bz,mx,my,mz", *(f"1,2,3,{row[0]},{row[1]},{row[2]}" for row in FIELD)]
     np.testing.assert_array_equal(read(path, lines).field, FIELD)
+    np.testing.assert_array_equal(read(path, recorded(lines).splitlines()).field, FIELD)
 
 
 @pytest.mark.parametrize("sign", [",", "\t", " "])

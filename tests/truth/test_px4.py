@@ -29,7 +29,7 @@ from flinders.errors import (
     UsageError,
 )
 from flinders.geometry import quaternions
-from flinders.readers._beside import Beside
+from flinders.readers._resample import TimeSeries
 from flinders.readers._source import File
 from flinders.readers.ulog import READERS, open_ulog
 from flinders.targets import ExportOptions, registry
@@ -550,13 +550,13 @@ def test_gaps_in_the_field_are_left_out_and_counted_by_the_whole(tmp_path: Path)
 
 
 def test_between_measurements_there_is_a_straight_line_and_nothing_over_long_gaps() -> None:
-    found = Beside.of([4.0, 0.0, 1.0, np.nan], [[4.0], [0.0], [1.0], [9.0]])
+    found = TimeSeries.of([4.0, 0.0, 1.0, np.nan], [[4.0], [0.0], [1.0], [9.0]])
     assert found is not None
     npt.assert_array_equal(
         found.at(np.array([0.5, 1.0, 2.0, 4.0, -1.0, 5.0]))[:, 0], [0.5, 1, np.nan, 4, np.nan, np.nan]
     )
-    assert Beside.of([1.0], [[np.nan]]) is None
-    alone = Beside.of([1.0], [[7.0]])
+    assert TimeSeries.of([1.0], [[np.nan]]) is None
+    alone = TimeSeries.of([1.0], [[7.0]])
     assert alone is not None
     npt.assert_array_equal(alone.at(np.array([1.0, 2.0]))[:, 0], [7, np.nan])
 

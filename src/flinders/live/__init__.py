@@ -1,7 +1,7 @@
 """Live: sensors and vehicles at the other end of a wire.
 
 `transports` carry bytes. `recorder` writes what arrives to one of the `sinks`, as the text that `transcript` makes of
-it (`lines` recognises the layout), and hands on `readings`; so do `feeds` of other kinds, `simulated` and `telemetry`.
+it, and hands on `readings`; so do `feeds` of other kinds, `simulated` and `telemetry`.
 `motioncal` sends a calibration to a board, `mavlink_parameters` to a vehicle that `mavlink` speaks to.
 
 The page: `session` is a pure reducer of readings and commands, with a `buffer` of readings and `exclusions` of time;

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
@@ -32,6 +32,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
+from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._reader import Reader
 from flinders.readers._recognition import foreign_kind
@@ -246,16 +247,7 @@ def holds_log(
     reader = _reader_of(file)
     if reader.log is not None:
         return True
-    asked = _Asked(
-        columns=columns,
-        pattern=pattern,
-        unit=None,
-        scale=None,
-        axes=Axes(),
-        topic=topic,
-        span=TimeSpan(),
-        progress=None,
-    )
+    asked = _Asked(columns=columns, pattern=pattern, topic=topic)
     with contextlib.suppress(FlindersError):  # said by whoever opens it next
         return bool(_columns_of(_table_of(file, reader, asked)).magnetometers)
     return False
@@ -295,38 +287,29 @@ def read(
         progress=progress,
     )
     blocks = list(recording.blocks())
-    joined = replace(
-        blocks[0],
-        field=np.concatenate([block.field for block in blocks]),
-        time=_joined([block.time for block in blocks]),
-        acceleration=_joined([block.acceleration for block in blocks]),
-        rate=_joined([block.rate for block in blocks]),
-        temperature=_joined([block.temperature for block in blocks]),
-        current=_joined([block.current for block in blocks]),
-        strength=_joined([block.strength for block in blocks]),
-        throttle=_joined([block.throttle for block in blocks]),
-        attitude=_joined([block.attitude for block in blocks]),
-        currents=_joined([block.currents for block in blocks]),
-        throttles=_joined([block.throttles for block in blocks]),
-        source=recording.source,
-        skipped=(),
-    )
+    vectors = np.concatenate([block.field for block in blocks])
+    others: dict[str, Any] = {kind: _joined([getattr(block, kind) for block in blocks]) for kind in IN_SAMPLES}
+    joined = replace(blocks[0], field=vectors, source=recording.source, skipped=(), **others)
     for part in recording.recordings if isinstance(recording, Joined) else (recording,):
         joined = replace(joined, skipped=added(joined.skipped, getattr(part, "skipped", ())))
     return joined
+
+
+OF_TABLES: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progress")
+"""Options that every reader of tables takes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Asked:
     """What the caller wants of a file, as `open_recording` names it."""
 
-    columns: str | None
-    unit: str | None
-    scale: float | None
-    axes: Axes
-    topic: str | None
-    span: TimeSpan
-    progress: Progress | None
+    columns: str | None = None
+    unit: str | None = None
+    scale: float | None = None
+    axes: Axes = field(default_factory=Axes)
+    topic: str | None = None
+    span: TimeSpan = field(default_factory=TimeSpan)
+    progress: Progress | None = None
     pattern: str | None = None
     choice: Choice = FIRST
     as_logged: bool = False
@@ -366,15 +349,7 @@ def _reader_of(file: Source) -> Reader:
 
 def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | TableRecording:
     """Open the columns of one magnetometer; of several, that which is meant."""
-    options: dict[str, Any] = {
-        "columns": asked.columns,
-        "unit": asked.unit,
-        "scale": asked.scale,
-        "axes": asked.axes,
-        "flat": asked.flat,
-        "choice": asked.choice,
-        "progress": asked.progress,
-    }
+    options: dict[str, Any] = {name: getattr(asked, name) for name in OF_TABLES}
     if asked.as_logged:
         raise UsageError(f"{file.name} does not say what was corrected before it was written: leave --as-logged out")
     if asked.topic is not None:
@@ -417,37 +392,19 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
 
 def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
     """Open a log, which knows its units and columns."""
-    given = {
-        "--columns": asked.columns,
-        "--pattern": asked.pattern,
-        "--unit": asked.unit,
-        "--scale": asked.scale,
-    }
-    told = {"unit": given.pop("--unit")} if reader.takes_unit else {}
-    for option, value in given.items():
-        if value is not None:
+    for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
+        if getattr(asked, option) is not None:
             raise UsageError(
-                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave {option} out"
+                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave --{option} out"
             )
     disk = on_disk(file)
-    log = reader.log(disk, **told)  # type: ignore[misc]
+    log = reader.log(disk, **({"unit": asked.unit} if reader.takes_unit else {}))  # type: ignore[misc]
     if not log.instruments:
         raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
     beginning = np.nan if asked.span.is_all else _beginning(log)
-    ready = (
-        replace(
-            instrument,
-            axes=asked.axes,
-            as_logged=asked.as_logged,
-            span=asked.span,
-            beginning=beginning,
-            file=file,
-            kept=(disk,),
-            progress=asked.progress,
-        )
-        for instrument in log.instruments
-    )
-    return replace(log, instruments=tuple(ready))
+    options: dict[str, Any] = {name: getattr(asked, name) for name in ("axes", "as_logged", "span", "progress")}
+    options |= {"beginning": beginning, "file": file, "kept": (disk,)}
+    return replace(log, instruments=tuple(replace(instrument, **options) for instrument in log.instruments))
 
 
 def _begun(columns: Columns) -> datetime | None:

@@ -18,8 +18,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UsageError
 from flinders.geometry import quaternions
-from flinders.readers._beside import shares
-from flinders.readers._instruments import Vector, advice, ascends, beside, groups, instruments, passed_over, vectors
+from flinders.readers._instruments import Vector, advice, ascends, companion, groups, instruments, passed_over, vectors
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
@@ -40,6 +39,7 @@ from flinders.readers._names import (
     meaning,
     tells_nothing,
 )
+from flinders.readers._resample import shares
 from flinders.readers._selection import FIRST, Choice, numbered
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Columns:
     unit: str = ""  # its unit as the header states it, or as the format has it by convention
     scale: float | None = None  # µT in a count, where that is known
     stated: bool = False  # the unit is in the header, and must not be contradicted
-    beside: tuple[Column, ...] = ()  # at most one of each other kind
+    auxiliary: tuple[Column, ...] = ()  # at most one of each other kind
     left_out: tuple[str, ...] = ()  # columns that were recognised and cannot be used, each with the reason
     name: str = ""  # of one of several magnetometers in a table
     magnetometers: tuple[Columns, ...] = ()  # those of each of several magnetometers, in order
@@ -98,16 +98,16 @@ class Columns:
 
     def of_kind(self, kind: str) -> Column | None:
         """Find the column of a kind."""
-        return next((column for column in self.beside if column.kind == kind), None)
+        return next((column for column in self.auxiliary if column.kind == kind), None)
 
     def only(self, *kinds: str) -> Columns:
         """The field, and of what stands beside it only some kinds."""
-        return replace(self, beside=tuple(column for column in self.beside if column.kind in kinds))
+        return replace(self, auxiliary=tuple(column for column in self.auxiliary if column.kind in kinds))
 
     @property
     def cells(self) -> tuple[int, ...]:
         """All places in a line that are read, in order."""
-        return tuple(sorted({cell for column in (self.field, *self.beside) for cell in column.cells}))
+        return tuple(sorted({cell for column in (self.field, *self.auxiliary) for cell in column.cells}))
 
     @property
     def needed(self) -> frozenset[int]:
@@ -119,11 +119,11 @@ class Columns:
         strength = self.of_kind(STRENGTH)
         if strength is None or not strength.unit:
             return self
-        own, others = Unit.of(strength.unit), tuple(column for column in self.beside if column is not strength)
+        own, others = Unit.of(strength.unit), tuple(column for column in self.auxiliary if column is not strength)
         if own.inside == unit.inside:
-            return replace(self, beside=(*others, replace(strength, factor=own.scale / unit.scale)))
+            return replace(self, auxiliary=(*others, replace(strength, factor=own.scale / unit.scale)))
         reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give --unit, or --scale)"
-        return replace(self, beside=others, left_out=(*self.left_out, reason))
+        return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
     def taken(self, values: Floats, column: Column) -> Floats:
         """Pick one of the columns from what was read of `cells`; a view where that lies column by column, in order."""
@@ -132,7 +132,7 @@ class Columns:
             return values[:, places[0] : places[0] + len(places)]
         return values[:, places]
 
-    def told(self, unit: str) -> str:
+    def describe(self, unit: str) -> str:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
         which = f"{self.name}, " if self.name else ""
         time = f", time in {self.time.names[0]}" if self.time else ""
@@ -140,7 +140,7 @@ class Columns:
         known = f" ({chip.upper()} is a magnetometer)" if chip else ""
         return f"{which}columns {', '.join(self.field.names)}{known} in {unit}{time}"
 
-    def told_besides(self) -> list[str]:
+    def remarks(self) -> list[str]:
         """Say what is left out, which other magnetometers there are, and what is named like one."""
         told = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
         told += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
@@ -153,11 +153,11 @@ class Columns:
             level = np.zeros((len(field), 3))
             level[:, self.field.axes] = field
             field = level
-        others = {kind: self._beside(values, kind) for kind in IN_SAMPLES}
+        others = {kind: self._values_of(values, kind) for kind in IN_SAMPLES}
         samples = Samples.of(field, unit=unit, scale=None, axes=axes, source=source, **others)
         return samples if frame == samples.frame else replace(samples, frame=frame)
 
-    def _beside(self, values: Floats, kind: str) -> Floats | None:
+    def _values_of(self, values: Floats, kind: str) -> Floats | None:
         """Take the column of a kind in the unit of `Samples`, if it is there; NaN where a value is not valid."""
         column = self.of_kind(kind)
         if column is None:
@@ -219,13 +219,13 @@ class _Header(NamedTuple):
             field=_column(FIELD, field.cells, self.names),
             unit=unit or _by_convention(self.names, field.cells),
             stated=bool(unit),
-            beside=columns,
+            auxiliary=columns,
             left_out=left_out,
         )
 
     def besides(self, field: Vector) -> tuple[tuple[Column, ...], tuple[str, ...]]:
         """Find what stands beside a magnetometer, and what has to be left out."""
-        own = {kind: beside(each, field, self.fields) for kind, each in self.triples.items()}
+        own = {kind: companion(each, field, self.fields) for kind, each in self.triples.items()}
         found = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
         turned = {known.axis: place for place, known in enumerate(self.meanings) if known.kind == ATTITUDE}
         if len(turned) == 4:
@@ -299,7 +299,7 @@ def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
     if not field:
         return None
     time = (_time(_column(TIME, [0], ()), "", values[:, 0]),) if timed else ()
-    return Columns(_column(FIELD, field, ()), beside=time)
+    return Columns(_column(FIELD, field, ()), auxiliary=time)
 
 
 def choose(
@@ -378,7 +378,7 @@ def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, a
 def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
     """Take the magnetometer that is meant; where nobody says, the first with the names of the others."""
     if not columns.magnetometers:
-        choice.refuse_beside(source)
+        choice.refuse_alone(source)
         return columns
     names = [each.name for each in columns.magnetometers]
     place = choice.among(names, source)
@@ -415,8 +415,8 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
     own = _column(ACCELERATION, wanted_places(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
         raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see --columns")
-    others = tuple(column for column in columns.beside if column.kind != ACCELERATION)
-    return replace(columns, beside=(*others, own))
+    others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)
+    return replace(columns, auxiliary=(*others, own))
 
 
 def _meaning(name: str, unit: str) -> Meaning:

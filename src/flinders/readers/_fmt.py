@@ -103,14 +103,14 @@ class Packed:
     format : Format
     where : (N,) int64
         At which byte each begins; ascending.
-    beside : (N, length) bytes, optional
+    copies : (N, length) bytes, optional
         Copies of them, one after the other.
     """
 
     raw: Bytes
     format: Format
     where: Places
-    beside: Bytes | None = None
+    copies: Bytes | None = None
 
     def __len__(self) -> int:
         return len(self.where)
@@ -151,9 +151,9 @@ class Packed:
         """(N,) as it is packed."""
         offset, letter = self.format.place(label)
         kind = np.dtype(LETTERS[letter][0])
-        if self.beside is None or not len(self):
+        if self.copies is None or not len(self):
             return self._at_each_byte(kind, offset)[self.where]
-        return np.ndarray((len(self),), kind, self.beside.data, offset, (self.format.length,))
+        return np.ndarray((len(self),), kind, self.copies.data, offset, (self.format.length,))
 
     def _at_each_byte(self, kind: np.dtype[Any], offset: int) -> NDArray[Any]:
         """The view of the file that begins at each of its bytes, or so many behind it."""

@@ -155,15 +155,15 @@ def passed_over(found: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str,
     return tuple(f"{whole} ({what})" if what else whole for whole, what in told)
 
 
-def beside(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
+def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
     """Pick the accelerometer or gyro that goes with a magnetometer: the best of its number, or with no other's number.
 
     Where there is one magnetometer all go with it. What is no readings, such as ``acc_ned_x``, is not taken.
 
     >>> first, second = Vector((0, 1, 2), 1, ("1",), "mag1"), Vector((3, 4, 5), 1, ("2",), "mag2")
     >>> own, all_ones = Vector((6, 7, 8), 1, ("2",), "acc2"), Vector((9, 10, 11), 1, (), "acc")
-    >>> beside([own, all_ones], first, [first, second]).name, beside([own, all_ones], second, [first, second]).name
-    ('acc', 'acc2')
+    >>> [companion([own, all_ones], each, [first, second]).name for each in (first, second)]
+    ['acc', 'acc2']
     """
     readings = [each for each in found if not each.instead]
     if len(fields) < 2:

@@ -29,22 +29,12 @@ if TYPE_CHECKING:
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"
 SHOWN_LINES: Final = 10
-MOST_NAMED: Final = 8
-"""Magnetometers that a line names; an array may have dozens."""
+MOST_NAMED: Final = 8  # Magnetometers that a line names; an array may have dozens
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Which of several magnetometers is meant.
-
-    Attributes
-    ----------
-    sensor : str, optional
-        The one that was asked for, by its number from 1 or its name.
-    preferred : str, optional
-        The name of the one to take where nobody asks: that which a calibration was made from.
-    is_name : bool
-        `sensor` may be a name that is given to the only magnetometer of a table, which does not know its own.
+    """Which of several magnetometers is meant: the one that was asked for, else the one a calibration was made from.
 
     >>> Choice("2").among(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").among(["mag"], "one.csv")
     (1, 0)
@@ -54,9 +44,9 @@ class Choice:
         (mag_left), 2 (mag_right); say with --sensor which one it is for
     """
 
-    sensor: str | None = None
-    preferred: str | None = None
-    is_name: bool = False
+    sensor: str | None = None  # asked for, by its number from 1 or its name
+    preferred: str | None = None  # the name of the one that a calibration was made from
+    is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
 
     @property
     def is_open(self) -> bool:
@@ -64,13 +54,7 @@ class Choice:
         return self.sensor is None and self.preferred is None
 
     def among(self, names: Sequence[str], source: str) -> int:
-        """Look it up: its place among these names, counted from 0; the first where nothing says which, or it is alone.
-
-        Raises
-        ------
-        UsageError
-            For one that there is not; names those there are.
-        """
+        """Look up its place among these names, from 0; UsageError for one that there is not, with those there are."""
         wanted = self.preferred if self.sensor is None else self.sensor
         if wanted is None or (self.sensor is None and len(names) == 1):
             return 0
@@ -87,21 +71,15 @@ class Choice:
             )
         raise UsageError(f"{what}: there {verb} {there or 'none'}")
 
-    def refuse_beside(self, source: str) -> None:
-        """Refuse to choose from a table of one magnetometer.
-
-        Raises
-        ------
-        UsageError
-        """
+    def refuse_alone(self, source: str) -> None:
+        """Refuse to choose from a table of one magnetometer."""
         if self.sensor is not None and not self.is_name:
             raise UsageError(
                 f"{source} has one magnetometer: leave --sensor out; its columns are chosen with --columns"
             )
 
 
-FIRST: Final = Choice()
-"""Nobody says which."""
+FIRST: Final = Choice()  # Nobody says which
 
 
 def numbered(words: Sequence[str]) -> str:
@@ -116,26 +94,14 @@ def numbered(words: Sequence[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TimeSpan:
-    """From one time to another.
-
-    Attributes
-    ----------
-    start, end : float, s
-        From the beginning of the recording; both are within.
-    """
+    """From one time to another, in s from the beginning of the recording; both are within."""
 
     start: float = -np.inf
     end: float = np.inf
 
     @classmethod
     def of(cls, start: float | None, end: float | None) -> TimeSpan:
-        """Take what the user gave; what is not given is not limited.
-
-        Raises
-        ------
-        UsageError
-            For numbers that are no times, or an end that does not come after the start.
-        """
+        """Take what the user gave; what is not given is not limited."""
         span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
         for name, given in (("from", start), ("to", end)):
             if given is not None and not (np.isfinite(given) and given >= 0):
@@ -166,13 +132,7 @@ class SpanClock:
         self._last, self._taken = np.nan, 0
 
     def within(self, samples: Samples) -> NDArray[np.bool_]:
-        """(N,) whether each reading lies within; those without a time do not.
-
-        Raises
-        ------
-        UsageError
-            Where the recording has no time.
-        """
+        """(N,) whether each reading lies within; those without a time do not."""
         if self._span.is_all:
             return np.ones(len(samples), dtype=np.bool_)
         if samples.time is None:
@@ -191,13 +151,7 @@ class SpanClock:
         return samples if within.all() else samples[within]
 
     def judge(self) -> None:
-        """Refuse a span in which nothing lies, at the end of the pass.
-
-        Raises
-        ------
-        UsageError
-            Saying how long the recording is.
-        """
+        """Refuse a span in which nothing lies, at the end of the pass."""
         if not self._span.is_all and not self._taken:
             length = "without a clock that runs"
             if np.isfinite(self._last - self._beginning):
@@ -223,13 +177,7 @@ class Tally:
             self.unreadable += len(rows.unreadable)
 
     def judge(self, name: str, skipped: tuple[Skipped, ...]) -> None:
-        """Refuse a file more than half of which is unreadable, or in which nothing can be used.
-
-        Raises
-        ------
-        UnreadableInput
-            With the first and last such line, and how many there are.
-        """
+        """Refuse a file more than half of which is unreadable, or in which nothing can be used."""
         if self.unreadable > self.rows:
             raise UnreadableInput(
                 f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "

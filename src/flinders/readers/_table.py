@@ -206,11 +206,11 @@ class TableRecording:
     def describe(self) -> str:
         """Say in one line what was recognised and is used."""
         columns = self.columns
-        told = [f"{self.source}: {columns.told(self.unit.name)}"]
+        told = [f"{self.source}: {columns.describe(self.unit.name)}"]
         told.append(self.table.kind + ("" if self.table.names else ", columns without names"))
         told += [f"axes {self.axes}"] * (not self.axes.is_identity)
         told += [str(self.span)] * (not self.span.is_all)
-        told += columns.told_besides()
+        told += columns.remarks()
         return "; ".join(told)
 
     def __str__(self) -> str:

@@ -35,7 +35,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -44,16 +45,26 @@ from flinders.core.units import Unit
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unused
-from flinders.readers._beside import Beside, Turning, shares
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._names import (
+    ACCELERATION,
+    ATTITUDE,
+    CURRENT,
+    CURRENTS,
+    RATE,
+    TEMPERATURE,
+    THROTTLE,
+    THROTTLES,
+)
 from flinders.readers._reader import Reader
+from flinders.readers._resample import AttitudeSeries, TimeSeries, as_column
 from flinders.readers._source import refusal
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, device_id
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import NDArray
 
@@ -70,7 +81,7 @@ ANGLES: Final = ("ATT", "AHR2")
 """Messages with roll, pitch and yaw in degrees: what the vehicle went by, and its second estimator."""
 PRIMARY: Final = {"XKQ": "XKF4", "NKQ": "NKF4"}
 """Where each estimator says which of its cores is used."""
-THROTTLES: Final = {"CTUN": ("ThO", "ThrOut"), "THR": ("ThrOut",)}
+THROTTLE_LABELS: Final = {"CTUN": ("ThO", "ThrOut"), "THR": ("ThrOut",)}
 """Messages with the throttle that goes to the motors, and what it is called."""
 CONTROLLERS: Final = ("ESC", *(f"ESC{number}" for number in range(1, 9)))
 """Messages of speed controllers: of all in ESC with an instance, or, in older logs, one name each."""
@@ -84,14 +95,14 @@ NO_PULSE_US: Final = 500.0
 """Below is no pulse."""
 WANTED: Final = (
     *COMPASS_NAMES, "IMU", "BAT", "CURR", "PARM", "GPS", "POS", "ORGN", "MSG", *QUATERNIONS, *ANGLES,
-    *PRIMARY.values(), *THROTTLES, *CONTROLLERS, OUTPUTS,
+    *PRIMARY.values(), *THROTTLE_LABELS, *CONTROLLERS, OUTPUTS,
 )  # fmt: skip
 CLOCKS: Final = ("TimeUS", "TimeMS")
 INSTANCE: Final = ("I", "Instance", "Inst")
 BEGINS: Final = re.compile(rb"\A\xa3\x95|^FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
 """First bytes: a message, or a line that describes messages."""
 
-BESIDE: Final = 64
+NEARBY: Final = 64
 """Messages of another kind that are read before and after those of a block, to interpolate between."""
 STRAY_SHARE: Final = 0.5
 """A log of which more than this belongs to no message is refused."""
@@ -130,8 +141,8 @@ def open_dataflash(file: File) -> Log:
             "record again"
         )
     history = _history(messages.get("PARM"), file.name)
-    beside = _beside(messages, history.last)
-    instruments = tuple(_instrument(file, name, number, mag, history, beside) for name, number, mag in compasses)
+    auxiliary = _auxiliary(messages, history.last)
+    instruments = tuple(_instrument(file, name, number, mag, history, auxiliary) for name, number, mag in compasses)
     damage = tuple(_damage(messages, file.size))
     return Log(
         file.name,
@@ -157,14 +168,14 @@ class _Compass:
         How many changes of parameters came before each.
     parameters : dict of ArduPilotParameters
         By number of changes.
-    beside : tuple of _Beside
+    auxiliary : tuple of _Auxiliary
     """
 
     source: str
     mag: Table
     version: NDArray[np.intp]
     parameters: dict[int, ArduPilotParameters]
-    beside: tuple[_Beside, ...]
+    auxiliary: tuple[_Auxiliary, ...]
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""
@@ -175,8 +186,9 @@ class _Compass:
             field = _triple(part, "Mag") if as_logged else self._raw(part, self.version[rows])
             more: dict[str, Any] = {}
             if time is not None:
-                for each in self.beside:
-                    more |= each.at(part.where, time)
+                tables = {id(table): table for each in self.auxiliary for table in each.tables}
+                near = {key: _near(table, part.where, time) for key, table in tables.items()}
+                more = {each.name: each.at(near, time) for each in self.auxiliary}
             yield Samples.of(field, unit="mG", time=time, source=self.source, **more)
 
     def offsets(self, part: Table, version: NDArray[np.intp]) -> Floats:
@@ -211,115 +223,31 @@ class _Compass:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Others:
-    """What another kind of message measured.
+class _Auxiliary:
+    """What other messages hold of one column of `Samples`: the only one of its kind, or one for each motor."""
 
-    Attributes
-    ----------
-    table : Table
-    columns : dict of (tuple of str, float)
-        By the name of the column of `Samples`: its fields, one, or three for x, y and z, and their factor.
-    """
-
-    table: Table
-    columns: dict[str, tuple[tuple[str, ...], float]]
-
-    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
-        """(N,) or (N, 3) of each column at these times, as `Beside` tells it; readings are at `where`."""
-        near, clock = _near(self.table, where, time)
-        found: dict[str, Floats] = {}
-        for name, (labels, factor) in self.columns.items():
-            measured = Beside.of(clock, factor * np.column_stack([near.column(label) for label in labels]))
-            if measured is None:
-                values = np.full((len(time), len(labels)), np.nan)
-            else:
-                values = measured.until_next(time) if name == "rate" else measured.at(time)
-            found[name] = values[:, 0] if len(labels) == 1 else values
-        if "throttle" in found:
-            found["throttle"] = shares(found["throttle"])
-        return found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Currents:
-    """What speed controllers say of the current of each motor.
-
-    Attributes
-    ----------
-    tables : tuple of Table
-        One for each motor, the first motor first.
-    """
-
+    name: str
     tables: tuple[Table, ...]
-
-    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
-        """(N, M) A of each motor at these times; readings are at `where`."""
-        each = [_Others(table, {"current": (("Curr",), 1.0)}).at(where, time)["current"] for table in self.tables]
-        return {"currents": np.column_stack(each)}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Throttles:
-    """What each motor was asked for.
-
-    Attributes
-    ----------
-    table : Table
-    labels : tuple of str
-        Its outputs that drive motors, the first motor first.
-    pulses : (2,) float, µs
-        Widths that ask for nothing and for all.
-    """
-
-    table: Table
     labels: tuple[str, ...]
-    pulses: tuple[float, float]
+    convert: Callable[[Floats], Floats] = np.asarray  # as logged to the unit of `Samples`
 
-    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
-        """(N, M) shares at these times, none where a pulse is shorter than the shortest; readings are at `where`."""
-        near, clock = _near(self.table, where, time)
-        least, most = self.pulses
-        widths = np.column_stack([near.column(label) for label in self.labels])
-        asked = np.where(widths < NO_PULSE_US, np.nan, np.maximum(widths - least, 0.0) / (most - least))
-        measured = Beside.of(clock, asked)
-        return {
-            "throttles": np.full((len(time), len(self.labels)), np.nan)
-            if measured is None
-            else shares(measured.at(time))
-        }
+    def at(self, near: Mapping[int, tuple[Table, Floats]], time: Floats) -> Floats:
+        """(N,) or (N, k) at these times, of the messages that are `near` in each table and their times."""
+        return as_column(self.name, np.hstack([self._resampled(*near[id(table)], time) for table in self.tables]))
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Attitude:
-    """What an estimator says of the vehicle's attitude.
-
-    Attributes
-    ----------
-    table : Table
-        Of the core that is used.
-    labels : tuple of str
-        Four of a quaternion, or three of roll, pitch and yaw in degrees.
-    """
-
-    table: Table
-    labels: tuple[str, ...]
-
-    def at(self, where: NDArray[np.int64], time: Floats) -> dict[str, Floats]:
-        """(N, 4) attitude at these times, as `Turning` tells it; readings are at `where`."""
-        near, clock = _near(self.table, where, time)
-        told = np.column_stack([near.column(label) for label in self.labels])
-        turning = Turning.of(clock, told if len(self.labels) == 4 else of_angles(np.deg2rad(told)))
-        return {"attitude": np.full((len(time), 4), np.nan) if turning is None else turning.at(time)}
-
-
-_Beside: TypeAlias = "_Others | _Attitude | _Currents | _Throttles"
-"""What stands beside readings."""
+    def _resampled(self, table: Table, clock: Floats, time: Floats) -> Floats:
+        logged = self.convert(np.column_stack([table.column(label) for label in self.labels]))
+        kind = AttitudeSeries if self.name == ATTITUDE else TimeSeries
+        series = kind.of(clock, logged)
+        if series is None:
+            return np.full((len(time), logged.shape[1]), np.nan)
+        return series.until_next(time) if self.name == RATE else series.at(time)
 
 
 def _near(table: Table, where: NDArray[np.int64], time: Floats) -> tuple[Table, Floats]:
     """Messages next to these (N,) times, whose own messages are at `where`, and their (M,) times in s."""
     first, last = np.searchsorted(table.where, [where[0], where[-1]])
-    near = table.only(slice(max(int(first) - BESIDE, 0), int(last) + BESIDE))
+    near = table.only(slice(max(int(first) - NEARBY, 0), int(last) + NEARBY))
     clock = _seconds(near)
     after = np.clip(np.searchsorted(np.maximum.accumulate(clock), time), 1, max(len(clock) - 1, 1))
     close = np.zeros(len(clock), bool)
@@ -371,7 +299,7 @@ def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
 
 
 def _instrument(
-    file: File, name: str, number: int, mag: Table, history: History, beside: tuple[_Beside, ...]
+    file: File, name: str, number: int, mag: Table, history: History, auxiliary: tuple[_Auxiliary, ...]
 ) -> Instrument:
     """Make an instrument of a compass."""
     mag, ill = _healthy(mag)
@@ -381,7 +309,7 @@ def _instrument(
         each: ArduPilotParameters.read(history.at(each), known) if known else ArduPilotParameters()
         for each in set(version.tolist())
     }
-    compass = _Compass(file.name, mag, version, parameters, beside)
+    compass = _Compass(file.name, mag, version, parameters, auxiliary)
     end = mag.only(slice(len(mag) - 1, len(mag)))
     in_force = replace(parameters[int(version[-1])], offset=compass.offsets(end, version[-1:])[0])
     clock = _clock(mag.only(slice(0, 1)))
@@ -445,33 +373,35 @@ def _history(parm: Table | None, source: str) -> History:
     return History.of(zip(parm.where.tolist(), parm.texts("Name"), parm.column("Value").tolist(), strict=True), source)
 
 
-def _beside(messages: Messages, values: dict[str, float]) -> tuple[_Beside, ...]:
-    """Find what stands beside readings: the first IMU, the first battery, throttle, motors and attitude."""
-    found: list[_Others | _Attitude | _Throttles] = []
-    if (imu := _first(messages.get("IMU"))) is not None:
-        columns = {
-            name: (tuple(f"{prefix}{axis}" for axis in "XYZ"), 1.0)
-            for name, prefix in (("acceleration", "Acc"), ("rate", "Gyr"))
-            if _has(imu, prefix)
-        }
-        if label := _label(imu, ("T", "Temp")):
-            columns["temperature"] = ((label,), 1.0)
-        found.append(_Others(imu, columns))
-    battery = _first(messages.get("BAT") or messages.get("CURR"))
-    if battery is not None and "Curr" in battery.labels and np.nan_to_num(battery.column("Curr")).any():
-        found.append(_Others(battery, {"current": (("Curr",), 0.01 if battery.is_whole("Curr") else 1.0)}))
-    if (throttle := _throttle(messages)) is not None:
-        found.append(throttle)
-    if (attitude := _attitude(messages, values)) is not None:
-        found.append(attitude)
-    if (outputs := _throttles(messages)) is not None:
-        found.append(outputs)
-    known = tuple(each for each in found if len(each.table) and _clock(each.table) is not None)
-    currents = _currents(messages)
-    return known if currents is None else (*known, currents)
+def _auxiliary(messages: Messages, values: dict[str, float]) -> tuple[_Auxiliary, ...]:
+    """Find what was logged beside readings: the first IMU, the first battery, throttle, motors and attitude."""
+    others = (_battery(messages), _throttle(messages), _attitude(messages, values), _throttles(messages))
+    found = [*_imu(_first(messages.get("IMU"))), *filter(None, (*others, _currents(messages)))]
+    return tuple(each for each in found if all(len(table) and _label(table, CLOCKS) for table in each.tables))
 
 
-def _currents(messages: Messages) -> _Currents | None:
+def _imu(table: Table | None) -> Iterator[_Auxiliary]:
+    """Acceleration, rate and temperature of an IMU, as far as it has them."""
+    for name, prefix in ((ACCELERATION, "Acc"), (RATE, "Gyr")):
+        if table is not None and _has(table, prefix):
+            yield _Auxiliary(name, (table,), tuple(f"{prefix}{axis}" for axis in "XYZ"))
+    if table is not None and (label := _label(table, ("T", "Temp"))):
+        yield _Auxiliary(TEMPERATURE, (table,), (label,))
+
+
+def _battery(messages: Messages) -> _Auxiliary | None:
+    """The current of the first battery, unless it never says that any flows."""
+    table = _first(messages.get("BAT") or messages.get("CURR"))
+    if table is None or "Curr" not in table.labels or not np.nan_to_num(table.column("Curr")).any():
+        return None
+    return _Auxiliary(CURRENT, (table,), ("Curr",), _times(PER_CENT if table.is_whole("Curr") else UNITY))
+
+
+def _times(factor: float) -> Callable[[Floats], Floats]:
+    return partial(np.multiply, factor)
+
+
+def _currents(messages: Messages) -> _Auxiliary | None:
     """The current of each motor, from the first on, where a speed controller ever says that any flows."""
     tables: list[Table] = []
     for place in range(MOST_MOTORS):
@@ -482,7 +412,7 @@ def _currents(messages: Messages) -> _Currents | None:
             break
         tables.append(table)
     flows = any(np.nan_to_num(table.column("Curr")).any() for table in tables)
-    return _Currents(tuple(tables)) if flows else None
+    return _Auxiliary(CURRENTS, tuple(tables), ("Curr",)) if flows else None
 
 
 def _of_instance(table: Table, instance: int) -> Table | None:
@@ -491,7 +421,7 @@ def _of_instance(table: Table, instance: int) -> Table | None:
     return None if label is None else table.only(table.column(label) == instance)
 
 
-def _throttles(messages: Messages) -> _Throttles | None:
+def _throttles(messages: Messages) -> _Auxiliary | None:
     """What each motor was asked for, where parameters say which outputs drive the motors, from the first on."""
     table, parm = messages.get(OUTPUTS), messages.get("PARM")
     if table is None or parm is None or not {"Name", "Value"} <= set(parm.labels):
@@ -506,40 +436,46 @@ def _throttles(messages: Messages) -> _Throttles | None:
     labels = tuple(outputs[motor] for motor in range(len(outputs)) if motor in outputs)
     if not labels or len(labels) < len(outputs) or not set(labels) <= set(table.labels):
         return None
-    told = values.get("MOT_PWM_MIN", 0.0), values.get("MOT_PWM_MAX", 0.0)
-    return _Throttles(table, labels, told if 0.0 < told[0] < told[1] else PULSES_US)
+    pulses = values.get("MOT_PWM_MIN", 0.0), values.get("MOT_PWM_MAX", 0.0)
+    least, most = pulses if 0.0 < pulses[0] < pulses[1] else PULSES_US
+    return _Auxiliary(THROTTLES, (table,), labels, partial(_asked, least=least, most=most))
 
 
-def _throttle(messages: Messages) -> _Others | None:
+def _asked(widths: Floats, least: float, most: float) -> Floats:
+    """Turn widths of pulses into shares: none where a pulse is shorter than the shortest."""
+    return np.where(widths < NO_PULSE_US, np.nan, np.maximum(widths - least, 0.0) / (most - least))
+
+
+def _throttle(messages: Messages) -> _Auxiliary | None:
     """What the motors were asked for: copters write a share, older ones per mille, planes and rovers per cent."""
-    for name, labels in THROTTLES.items():
+    for name, labels in THROTTLE_LABELS.items():
         table = messages.get(name)
         label = None if table is None else _label(table, labels)
         if table is None or label is None:
             continue
-        told = table.column(label)
-        told = told[np.isfinite(told)]
-        if not told.any():
+        logged = table.column(label)
+        logged = logged[np.isfinite(logged)]
+        if not logged.any():
             continue
-        largest = float(told.max())
+        largest = float(logged.max())
         factor = next(factor for most, factor in MOST_THROTTLE if largest <= most)
-        return _Others(table, {"throttle": ((label,), factor)})
+        return _Auxiliary(THROTTLE, (table,), (label,), _times(factor))
     return None
 
 
-def _attitude(messages: Messages, values: dict[str, float]) -> _Attitude | None:
+def _attitude(messages: Messages, values: dict[str, float]) -> _Auxiliary | None:
     """The attitude of the estimator that is used: its quaternion where it is logged, else angles."""
     names = sorted(QUATERNIONS, key=lambda name: (name[0] == "X") == (values.get("AHRS_EKF_TYPE", 3) == 2))
     for name in names:
         table = messages.get(name)
         labels = tuple(f"Q{place}" for place in range(1, 5))
         if table is not None and set(labels) <= set(table.labels) and _label(table, CLOCKS):
-            return _Attitude(_of_primary(table, messages.get(PRIMARY.get(name, ""))), labels)
+            return _Auxiliary(ATTITUDE, (_of_primary(table, messages.get(PRIMARY.get(name, ""))),), labels)
     for name in ANGLES:
         table = messages.get(name)
         labels = ("Roll", "Pitch", "Yaw")
         if table is not None and set(labels) <= set(table.labels):
-            return _Attitude(table, labels)
+            return _Auxiliary(ATTITUDE, (table,), labels, lambda angles: of_angles(np.deg2rad(angles)))
     return None
 
 

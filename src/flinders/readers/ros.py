@@ -39,17 +39,17 @@ import numpy as np
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, counted
-from flinders.readers._beside import Beside, along, numbered
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
 from flinders.readers._limits import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
 from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._reader import Reader
+from flinders.readers._resample import TimeSeries, numbered, resampled
 from flinders.readers._unindexed import BAG, KIND, MCAP, REPAIRS, SQLITE, beginning_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.readers._source import File
@@ -434,27 +434,14 @@ class _Readings:
     unit: Unit
     time: Floats
     field: Floats
-    motion: Beside | None = None
-    temperature: Beside | None = None
-    is_accelerating: bool = False
-    is_turning: bool = False
+    auxiliary: Mapping[str, TimeSeries | None]
 
     def blocks(self, _: bool) -> Iterator[Samples]:
         """Yield the readings from the first on; nothing was applied to them."""
         for start in range(0, len(self.time), BLOCK):
             rows = slice(start, start + BLOCK)
-            time = self.time[rows]
-            motion, temperature = along(self.motion, time), along(self.temperature, time)
-            turned = along(self.motion, time, until_next=True)
-            samples = Samples.of(
-                self.field[rows],
-                unit=self.unit,
-                time=time,
-                acceleration=None if motion is None or not self.is_accelerating else motion[:, :3],
-                rate=None if turned is None or not self.is_turning else turned[:, 3:],
-                temperature=None if temperature is None else temperature[:, 0],
-                source=self.source,
-            )
+            time, more = self.time[rows], resampled(self.auxiliary, self.time[rows])
+            samples = Samples.of(self.field[rows], unit=self.unit, time=time, source=self.source, **more)
             yield numbered(samples, start)
 
 
@@ -464,20 +451,15 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
         if not topic.is_magnetometer:
             continue
         unit = given or (TESLA if topic.kind == FIELD else Unit.of(COUNTS))
-        readings = _Readings(source, unit, topic.seconds(since), topic.table)
-        motion = _companion(topic, topics, IMU)
+        motion, warmth = _companion(topic, topics, IMU), _companion(topic, topics, TEMPERATURE)
+        auxiliary: dict[str, TimeSeries | None] = {}
         if motion is not None:
-            values = motion.table
-            known = np.asarray(np.isfinite(values).any(axis=0))
-            readings = replace(
-                readings,
-                motion=Beside.of(motion.seconds(since), np.where(known, values, 0.0)),
-                is_accelerating=bool(known[:3].all()),
-                is_turning=bool(known[3:].all()),
-            )
-        warmth = _companion(topic, topics, TEMPERATURE)
+            time = motion.seconds(since)
+            auxiliary = {"acceleration": TimeSeries.of(time, motion.table[:, :3])}
+            auxiliary["rate"] = TimeSeries.of(time, motion.table[:, 3:])
         if warmth is not None:
-            readings = replace(readings, temperature=Beside.of(warmth.seconds(since), warmth.table))
+            auxiliary["temperature"] = TimeSeries.of(warmth.seconds(since), warmth.table)
+        readings = _Readings(source, unit, topic.seconds(since), topic.table, auxiliary)
         yield Instrument(
             source,
             shown(topic.name),

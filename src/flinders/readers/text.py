@@ -14,6 +14,7 @@ tumble.csv: columns mag_x, mag_y, mag_z in mG, time in t_s; comma-separated
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -36,13 +37,12 @@ from flinders.readers._selection import FIRST, Choice, Tally, TimeSpan, added, l
 from flinders.readers._sniff import COMMENTS, TextLayout, is_plain, sniff
 from flinders.readers._source import File, Progress, derived
 from flinders.readers.dialects import Transcription, guess, recognise
-from flinders.readers.dialects.blackbox import calibration_in_force
 from flinders.readers.dialects.json_records import is_document, table_of
-from flinders.readers.dialects.magcc import are_glued, one_a_line
+from flinders.readers.dialects.marked import are_glued, one_a_line
 from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -52,6 +52,14 @@ if TYPE_CHECKING:
     from flinders.readers._numbers import Grid
     from flinders.readers._source import Source
     from flinders.readers._tokenizer import Dialect
+
+_CALIBRATION: Final = re.compile(
+    r'^\W*(mag_?(?:calibration|zero|gain)(?:_[xyz]|\[[012]\])?)"?\s*[,;:=\t]\s*"?'
+    r'([-+\d]+(?:[,;\s]+[-+\d]+)*)"?\s*$',
+    re.IGNORECASE,
+)
+"""A header of Betaflight or INAV with a calibration (`compassUpdate` in `sensors/compass.c`), as tools may write it."""
+_NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
 @dataclass(slots=True, eq=False)
@@ -109,13 +117,7 @@ class TextRecording:
             yield samples
 
     def numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
-        """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in.
-
-        Raises
-        ------
-        UnreadableInput
-            As `blocks`.
-        """
+        """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in."""
         pending: tuple[Skipped, ...] = ()
         clock = self.span.clock(self.source)
         for stretch in self._pass(self.layout.columns):
@@ -128,18 +130,7 @@ class TextRecording:
         clock.judge()
 
     def name_acceleration(self, columns: str) -> None:
-        """Say which columns are the accelerometer's, where their names do not or another is meant.
-
-        Parameters
-        ----------
-        columns : str
-            Three names, or numbers from 1, as those of the magnetometer.
-
-        Raises
-        ------
-        UsageError
-            For columns that there are not, or that are the magnetometer's.
-        """
+        """Say which columns are the accelerometer's; UsageError for those that are missing or the magnetometer's."""
         layout = self.layout
         known = wanted_acceleration(columns, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known)
@@ -192,9 +183,9 @@ class TextRecording:
         """Say in one line what was recognised and is used."""
         columns = self.layout.columns
         unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
-        told = [f"{self.source}: {columns.told(unit)}", str(self.layout)]
+        told = [f"{self.source}: {columns.describe(unit)}", str(self.layout)]
         told += [f"axes {self.axes}"] * (not self.axes.is_identity)
-        return "; ".join(told + columns.told_besides())
+        return "; ".join(told + columns.remarks())
 
     def __str__(self) -> str:
         return self.describe()
@@ -292,18 +283,7 @@ def open_text(
     pattern: str | None = None,
     progress: Progress | None = None,
 ) -> TextRecording:
-    """Recognise a text recording from its first lines; parameters as `flinders.open_recording`.
-
-    Raises
-    ------
-    UnreadableInput
-        For a file that is not text, or not lines of numbers; for a blackbox whose headers tell that a calibration was
-        in force, unless `columns` say that it is wanted.
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
-    UsageError
-        For columns or a magnetometer that there are not; its `UnitError` for a unit that contradicts the header.
-    """
+    """Recognise a text recording from its first lines; parameters and errors as `flinders.open_recording`."""
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
     if kind := foreign_kind(head):
@@ -387,6 +367,21 @@ def _layout_of(table: _Table, chosen: Callable[..., TextLayout]) -> TextLayout:
     if not any(map(str.strip, table.opening)):
         raise NoMagnetometer(f"{table.file.name} is a {table.dialect.words} without a line of a magnetometer")
     return replace(chosen(table.opening, header=table.dialect.names), words=table.dialect.words)
+
+
+def calibration_in_force(above: Sequence[str]) -> str:
+    """Find the calibration of a board in the headers of its blackbox; nothing where it changes nothing.
+
+    >>> calibration_in_force(['"Firmware revision","INAV 7.0.0"', '"magzero","12,13,14"', '"maggain","1024,1024,1024"'])
+    'magzero 12,13,14'
+    """
+    for text in above:
+        found = _CALIBRATION.match(text)
+        numbers = re.findall(r"[-+]?\d+", found[2]) if found else []
+        neutral = _NO_GAIN if found and "gain" in found[1].casefold() else 0
+        if found and any(int(each) != neutral for each in numbers):
+            return f"{found[1]} {','.join(numbers)}"
+    return ""
 
 
 def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:

@@ -40,10 +40,11 @@ from flinders.core.units import Unit
 from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unused
-from flinders.readers._beside import Beside, Turning, numbered, shares
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._names import CURRENT, THROTTLE
 from flinders.readers._reader import Reader
+from flinders.readers._resample import AttitudeSeries, TimeSeries, numbered, resampled, shares
 from flinders.readers._source import refusal
 from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses, device_id
 
@@ -67,8 +68,8 @@ MAY_BEGIN: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 
 HEARTBEAT, SYS_STATUS, PARAM_VALUE, RAW_IMU, GPS_RAW_INT, GLOBAL_POSITION_INT = 0, 1, 22, 27, 24, 33
 ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, HIGHRES_IMU = 30, 31, 74, 105
-CONTROLLERS: Final = {11030: 0, 11031: 4, 11032: 8}
-"""ESC_TELEMETRY_1_TO_4 and so on: number of a message, and the first of its motors, from 0."""
+CONTROLLERS: Final = (11030, 11031, 11032)
+"""ESC_TELEMETRY_1_TO_4 and those after it, which hold the next four motors each."""
 OF_FOUR: Final = 4
 """Motors of one message."""
 COMPASS_MESSAGES: Final = {
@@ -94,7 +95,6 @@ WIDTH: Final = 3 + len(FIELDS)
 """Numbers kept of a reading: its place in the log, s of the vehicle, s of the ground station since 1970, and fields."""
 ATTITUDE_FIELDS: Final = {ATTITUDE_QUATERNION: ("q1", "q2", "q3", "q4"), ATTITUDE: ("roll", "pitch", "yaw")}
 """What is kept of an attitude, after s of the vehicle and s of the ground station since 1970: w, x, y, z, or rad."""
-MOST_MOTORS: Final = 12
 SAME_CLOCK: Final = 1.0
 """Seconds by which the clocks of two messages may differ, seen from the ground station, and be the same."""
 
@@ -184,6 +184,45 @@ class Packet(NamedTuple):
     end: int
 
 
+def _reading(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401 - of a generated class
+    """`WIDTH` numbers of a reading; nothing where HIGHRES_IMU has the reading before once more."""
+    if packet.message == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED:
+        return ()
+    in_micros = packet.message in (RAW_IMU, HIGHRES_IMU)
+    clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
+    return (packet.start, clock, packet.since, *(getattr(message, name, 0) for name in FIELDS))
+
+
+def _attitude(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """Two clocks, and `ATTITUDE_FIELDS`."""
+    fields = (getattr(message, name) for name in ATTITUDE_FIELDS[packet.message])
+    return (1e-3 * message.time_boot_ms, packet.since, *fields)
+
+
+def _battery(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """A, where it is known."""
+    return (packet.since, 0.01 * message.current_battery) if message.current_battery >= 0 else ()
+
+
+def _throttle(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    return packet.since, 0.01 * message.throttle
+
+
+def _controllers(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """A of four motors."""
+    return (packet.since, *(0.01 * value for value in message.current))
+
+
+ROWS: Final = {
+    **dict.fromkeys(COMPASS_MESSAGES, _reading),
+    **dict.fromkeys(ATTITUDE_FIELDS, _attitude),
+    **dict.fromkeys(CONTROLLERS, _controllers),
+    SYS_STATUS: _battery,
+    VFR_HUD: _throttle,
+}
+"""The numbers that are taken of a message, of which each has a time."""
+
+
 @dataclass(slots=True, eq=False)
 class _Heard:
     """What was gathered of a log.
@@ -192,18 +231,12 @@ class _Heard:
     ----------
     dialect : module
         pymavlink's.
-    readings : dict of array
-        By system and number of the message: `WIDTH` numbers a reading.
+    rows : dict of array
+        By system and number of the message: its numbers as `ROWS` takes them, one message after the other.
     told : dict of list
         By system: place, name and value of each parameter that was told.
     autopilots : dict of int
         By system.
-    currents, throttles : dict of array
-        By system: s since 1970, and A or a share, in turn.
-    controllers : dict of array
-        By system and first of four motors, from 0: s since 1970, and A of each.
-    attitudes : dict of array
-        By system and number of the message: two clocks, and `ATTITUDE_FIELDS`.
     position, fix : Position, optional
         First of the vehicle's own, and of its GPS.
     packets, broken, strays, gaps : int
@@ -211,13 +244,9 @@ class _Heard:
     """
 
     dialect: Any
-    readings: dict[tuple[int, int], array[float]] = field(default_factory=dict)
+    rows: dict[tuple[int, int], array[float]] = field(default_factory=dict)
     told: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
     autopilots: dict[int, int] = field(default_factory=dict)
-    currents: dict[int, array[float]] = field(default_factory=dict)
-    throttles: dict[int, array[float]] = field(default_factory=dict)
-    controllers: dict[tuple[int, int], array[float]] = field(default_factory=dict)
-    attitudes: dict[tuple[int, int], array[float]] = field(default_factory=dict)
     position: Position | None = None
     fix: Position | None = None
     packets: int = 0
@@ -249,74 +278,58 @@ class _Heard:
     def take(self, packet: Packet, message: Any) -> None:  # noqa: ANN401 - of a generated class
         """Keep what is needed of a message."""
         system, number = message.get_srcSystem(), packet.message
-        if number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED:
-            return  # the reading before, once more
-        if number in COMPASS_MESSAGES:
-            in_micros = number in (RAW_IMU, HIGHRES_IMU)
-            clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
-            fields = (getattr(message, name, 0) for name in FIELDS)
-            self.readings.setdefault((system, number), array("d")).extend((packet.start, clock, packet.since, *fields))
+        if number in ROWS:
+            self.rows.setdefault((system, number), array("d")).extend(ROWS[number](packet, message))
         elif number == HEARTBEAT and message.type != GROUND_STATION:
             self.autopilots.setdefault(system, message.autopilot)
         elif number == PARAM_VALUE:
             self.told.setdefault(system, []).append((packet.start, message.param_id, message.param_value))
-        elif number == SYS_STATUS and message.current_battery >= 0:
-            self.currents.setdefault(system, array("d")).extend((packet.since, 0.01 * message.current_battery))
-        elif number == VFR_HUD:
-            self.throttles.setdefault(system, array("d")).extend((packet.since, 0.01 * message.throttle))
-        elif number in CONTROLLERS:
-            told = self.controllers.setdefault((system, CONTROLLERS[number]), array("d"))
-            told.extend((packet.since, *(0.01 * value for value in message.current)))
-        elif number in (ATTITUDE, ATTITUDE_QUATERNION):
-            fields = (getattr(message, name) for name in ATTITUDE_FIELDS[number])
-            told = self.attitudes.setdefault((system, number), array("d"))
-            told.extend((1e-3 * message.time_boot_ms, packet.since, *fields))
         elif number == GPS_RAW_INT and message.fix_type >= FIX:
             self.fix = self.fix or _position(message)
         elif number == GLOBAL_POSITION_INT:
             self.position = self.position or _position(message)
 
-    def table(self, each: tuple[int, int]) -> Floats:
-        """(N, `WIDTH`) readings of a system's message."""
-        return np.frombuffer(self.readings[each]).reshape(-1, WIDTH)
+    @property
+    def readings(self) -> list[tuple[int, int]]:
+        """Systems and messages with readings of a compass."""
+        return [each for each in self.rows if each[1] in COMPASS_MESSAGES and len(self.rows[each])]
 
-    def current(self, system: int) -> Beside | None:
+    def table(self, each: tuple[int, int], width: int = WIDTH) -> Floats:
+        """(N, width) numbers of a system's message."""
+        return np.frombuffer(self.rows.get(each, array("d"))).reshape(-1, width)
+
+    def current(self, system: int) -> TimeSeries | None:
         """Current of a system's battery, unless it never says that any flows."""
-        told = np.frombuffer(self.currents.get(system, array("d"))).reshape(-1, 2)
-        return Beside.of(told[:, 0], told[:, 1:]) if told[:, 1].any() else None
+        rows = self.table((system, SYS_STATUS), 2)
+        return TimeSeries.of(rows[:, 0], rows[:, 1:]) if rows[:, 1].any() else None
 
-    def of_motors(self, system: int) -> tuple[Beside, ...]:
+    def of_motors(self, system: int) -> tuple[TimeSeries, ...]:
         """Current of a system's motors, four by four, as far as they say that any flows."""
-        found: list[Beside] = []
-        for first in range(0, MOST_MOTORS, OF_FOUR):
-            told = np.frombuffer(self.controllers.get((system, first), array("d"))).reshape(-1, 1 + OF_FOUR)
-            used = np.flatnonzero(np.nan_to_num(told[:, 1:]).any(axis=0))
-            if not len(used):
-                break
-            beside = Beside.of(told[:, 0], told[:, 1 : 2 + used[-1]])
-            found += [beside] if beside is not None else []
-            if used[-1] + 1 < OF_FOUR:
+        found: list[TimeSeries] = []
+        for number in CONTROLLERS:
+            rows = self.table((system, number), 1 + OF_FOUR)
+            used = np.flatnonzero(np.nan_to_num(rows[:, 1:]).any(axis=0))
+            series = TimeSeries.of(rows[:, 0], rows[:, 1 : 2 + used[-1]]) if len(used) else None
+            found += [series] if series is not None else []
+            if not len(used) or used[-1] + 1 < OF_FOUR:
                 break
         return tuple(found)
 
-    def throttle(self, system: int) -> Beside | None:
+    def throttle(self, system: int) -> TimeSeries | None:
         """Throttle of a system, where it is sent."""
-        told = np.frombuffer(self.throttles.get(system, array("d"))).reshape(-1, 2)
-        return Beside.of(told[:, 0], shares(told[:, 1:]))
+        rows = self.table((system, VFR_HUD), 2)
+        return TimeSeries.of(rows[:, 0], shares(rows[:, 1:]))
 
-    def attitude(self, system: int, table: Floats) -> tuple[Turning | None, int]:
+    def attitude(self, system: int, table: Floats) -> tuple[AttitudeSeries | None, int]:
         """Attitude of a system, and which column of a table of readings its times are to be compared with."""
-        tables = [
-            np.frombuffer(self.attitudes.get((system, number), array("d"))).reshape(-1, 2 + len(names))
-            for number, names in ATTITUDE_FIELDS.items()
-        ]
-        told = max(tables, key=len)
-        if not len(told):
+        tables = [self.table((system, number), 2 + len(names)) for number, names in ATTITUDE_FIELDS.items()]
+        rows = max(tables, key=len)
+        if not len(rows):
             return None, SINCE
-        attitude = told[:, 2:] if told.shape[1] == 6 else of_angles(told[:, 2:])
-        ahead = np.median(told[:, 0] - told[:, 1]) - np.median(table[:, CLOCK] - table[:, SINCE])
+        attitude = rows[:, 2:] if rows.shape[1] == 6 else of_angles(rows[:, 2:])
+        ahead = np.median(rows[:, 0] - rows[:, 1]) - np.median(table[:, CLOCK] - table[:, SINCE])
         is_same = bool(abs(ahead) < SAME_CLOCK)
-        return Turning.of(told[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
+        return AttitudeSeries.of(rows[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -331,11 +344,11 @@ class _Compass:
         How many changes of parameters came before each.
     parameters : dict of ArduPilotParameters
         By number of changes; empty where they are not known.
-    current, throttle : Beside, optional
+    current, throttle : TimeSeries, optional
         By the clock of the ground station.
-    currents : tuple of Beside
+    currents : tuple of TimeSeries
         Those of the motors, four by four, by that clock.
-    attitude : Turning, optional
+    attitude : AttitudeSeries, optional
     attitude_by : int
         Column of the table with the clock that the attitude goes by.
     units : Units
@@ -345,10 +358,10 @@ class _Compass:
     table: Floats
     version: NDArray[np.intp]
     parameters: dict[int, ArduPilotParameters]
-    current: Beside | None
-    throttle: Beside | None
-    currents: tuple[Beside, ...]
-    attitude: Turning | None
+    current: TimeSeries | None
+    throttle: TimeSeries | None
+    currents: tuple[TimeSeries, ...]
+    attitude: AttitudeSeries | None
     attitude_by: int
     units: Units
 
@@ -364,15 +377,14 @@ class _Compass:
                 acceleration=rows[:, ACC],
                 rate=self.units.rate * rows[:, GYRO],
                 temperature=self.units.temperature * rows[:, TEMPERATURE] if warm else None,
-                current=_alone(self.current, rows),
-                throttle=_alone(self.throttle, rows),
                 currents=np.hstack([each.at(rows[:, SINCE]) for each in self.currents]) if self.currents else None,
                 attitude=None if self.attitude is None else self.attitude.at(rows[:, self.attitude_by]),
                 source=self.source,
+                **resampled({CURRENT: self.current, THROTTLE: self.throttle}, rows[:, SINCE]),
             )
             yield numbered(samples, start)
 
-    def drive(self, parameters: ArduPilotParameters) -> Beside | None:
+    def drive(self, parameters: ArduPilotParameters) -> TimeSeries | None:
         """What a compass's motor compensation goes by, where it is on and that was sent."""
         if not parameters.has_disturbances:
             return None
@@ -398,7 +410,7 @@ class _Compass:
         return raw
 
 
-def _alone(beside: Beside | None, rows: Floats) -> Floats | None:
+def _alone(beside: TimeSeries | None, rows: Floats) -> Floats | None:
     """(N,) of what was sent by itself, at the readings of a table."""
     return None if beside is None else beside.at(rows[:, SINCE])[:, 0]
 

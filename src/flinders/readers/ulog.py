@@ -33,18 +33,18 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
-from flinders.geometry.quaternions import of_matrix, product
-from flinders.readers._beside import Beside, Turning, along, numbered, shares
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
 from flinders.readers._reader import Reader
+from flinders.readers._resample import AttitudeSeries, TimeSeries, numbered, resampled, shares
 from flinders.targets import px4
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._source import File
 
+Topics: TypeAlias = "Mapping[tuple[str, int], Mapping[str, Any]]"  # columns by name and instance
 KIND: Final = "a PX4 ULog"
 MAGIC: Final = b"ULog\x01\x12\x35"
 SYNC: Final = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
@@ -233,24 +234,16 @@ class _Flight:
     """
 
     log: Any
-    topics: Mapping[tuple[str, int], Mapping[str, Any]]
+    topics: Topics
     stages: tuple[tuple[float, Mapping[str, float]], ...]
-    acceleration: Beside | None = None
-    rate: Beside | None = None
-    current: Beside | None = None
-    throttle: Beside | None = None
-    currents: Beside | None = None
-    throttles: Beside | None = None
-    attitude: Turning | None = None
+    auxiliary: Mapping[str, TimeSeries | None]
     notes: tuple[str, ...] = field(default=())
 
     @classmethod
     def of(cls, log: Any) -> _Flight:  # noqa: ANN401
         """Take what pyulog read."""
         topics = {(one.name, one.multi_id): one.data for one in log.data_list}
-        acceleration, rate = _imu(topics)
-        beside = acceleration, rate, _current(topics), _throttle(topics), _currents(topics), _throttles(topics)
-        return cls(log, topics, _stages(log), *beside, _attitude(topics))
+        return cls(log, topics, _stages(log), {kind: find(topics) for kind, find in AUXILIARY.items()})
 
     def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         """Go through the instances of a topic, in order."""
@@ -318,66 +311,84 @@ def _seconds(columns: Mapping[str, Any]) -> Floats:
     return 1e-6 * np.where(measured > 0, measured, logged)
 
 
-def _imu(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> tuple[Beside | None, Beside | None]:
-    """Acceleration in m/s² and rate in rad/s, in the axes of the vehicle."""
+def _acceleration(topics: Topics) -> TimeSeries | None:
+    """m/s², in the axes of the vehicle."""
+    return _motion(topics, "accelerometer_m_s2", "delta_velocity")
+
+
+def _rate(topics: Topics) -> TimeSeries | None:
+    """rad/s, in the axes of the vehicle."""
+    return _motion(topics, "gyro_rad", "delta_angle")
+
+
+def _motion(topics: Topics, measured: str, change: str) -> TimeSeries | None:
+    """What ``sensor_combined`` measured, else the change that ``vehicle_imu`` has over its duration."""
     combined, imu = topics.get(("sensor_combined", 0)), topics.get(("vehicle_imu", 0))
     if combined is not None:
-        time = _seconds(combined)
-        return Beside.of(time, _three(combined, "accelerometer_m_s2")), Beside.of(time, _three(combined, "gyro_rad"))
+        return TimeSeries.of(_seconds(combined), _three(combined, measured))
     if imu is None:
-        return None, None
-    time, found = _seconds(imu), []
-    for name in ("velocity", "angle"):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            found.append(Beside.of(time, _three(imu, f"delta_{name}") / (1e-6 * _stack(imu, f"delta_{name}_dt"))))
-    return found[0], found[1]
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return TimeSeries.of(_seconds(imu), _three(imu, change) / (1e-6 * _stack(imu, f"{change}_dt")))
 
 
-def _current(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _current(topics: Topics) -> TimeSeries | None:
     """A of the first battery that knows its current; −1 is what PX4 writes where it does not."""
     for (name, _), columns in sorted(topics.items(), key=lambda item: item[0]):
         if name == "battery_status":
             amperes = _stack(columns, "current_a")
-            found = Beside.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
+            found = TimeSeries.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
             if found is not None:
                 return found
     return None
 
 
-def _throttle(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _throttle(topics: Topics) -> TimeSeries | None:
     """Length of the thrust that is asked for, 0 to 1; of a plane that also flies as a copter, of all its motors."""
     thrust, controls = topics.get(("vehicle_thrust_setpoint", 0)), topics.get(("actuator_controls_0", 0))
     if thrust is not None:
-        return Beside.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
-    return None if controls is None else Beside.of(_seconds(controls), shares(_stack(controls, "control[3]")))
+        return TimeSeries.of(_seconds(thrust), shares(np.linalg.norm(_three(thrust, "xyz"), axis=1))[:, np.newaxis])
+    return None if controls is None else TimeSeries.of(_seconds(controls), shares(_stack(controls, "control[3]")))
 
 
-def _currents(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _currents(topics: Topics) -> TimeSeries | None:
     """A of each motor, by its speed controller; None where none ever says that any flows."""
     columns = topics.get(("esc_status", 0))
     if columns is None:
         return None
     count = min(int(np.max(columns.get("esc_count", 0), initial=0)), MOST_CONTROLLERS)
     amperes = _stack(columns, *(f"esc[{place}].esc_current" for place in range(count)))
-    return Beside.of(_seconds(columns), amperes) if np.nan_to_num(amperes).any() else None
+    return TimeSeries.of(_seconds(columns), amperes) if np.nan_to_num(amperes).any() else None
 
 
-def _throttles(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Beside | None:
+def _throttles(topics: Topics) -> TimeSeries | None:
     """What each motor was asked for, 0 to 1; one that is stopped, which PX4 writes as NaN, was asked for nothing."""
     columns = topics.get(("actuator_motors", 0))
     if columns is None:
         return None
     asked = _stack(columns, *(f"control[{place}]" for place in range(MOST_MOTORS)))
     used = np.flatnonzero((np.nan_to_num(asked) != 0.0).any(axis=0))
-    return Beside.of(_seconds(columns), np.nan_to_num(asked[:, : used[-1] + 1])) if len(used) else None
+    return TimeSeries.of(_seconds(columns), np.nan_to_num(asked[:, : used[-1] + 1])) if len(used) else None
 
 
-def _attitude(topics: Mapping[tuple[str, int], Mapping[str, Any]]) -> Turning | None:
+def _attitude(topics: Topics) -> AttitudeSeries | None:
     """From the axes of the vehicle to north, east, down, as the estimator that is used has it."""
     columns = topics.get(("vehicle_attitude", 0))
     if columns is None:
         return None
-    return Turning.of(_seconds(columns), _stack(columns, *(f"q[{place}]" for place in range(4))))
+    return AttitudeSeries.of(_seconds(columns), _stack(columns, *(f"q[{place}]" for place in range(4))))
+
+
+AUXILIARY: Final = {
+    ACCELERATION: _acceleration,
+    RATE: _rate,
+    CURRENT: _current,
+    THROTTLE: _throttle,
+    CURRENTS: _currents,
+    THROTTLES: _throttles,
+    ATTITUDE: _attitude,
+}
+"""How each column of `Samples` that is no compass's is found."""
 
 
 # the magnetometers
@@ -414,32 +425,20 @@ class _Readings:
         """Yield the readings from the first on."""
         turn = np.eye(3) if self.is_turned and as_logged else self.mounting
         back = None if turn is None else turn.T
+        of_vehicle = () if turn is not None else (ACCELERATION, RATE, ATTITUDE)
+        series = {kind: one for kind, one in self.flight.auxiliary.items() if kind not in of_vehicle}
         for start in range(0, len(self.time), BLOCK):
             rows = slice(start, start + BLOCK)
             time = self.time[rows]
-            known = turn is not None
-            current, throttle = along(self.flight.current, time), along(self.flight.throttle, time)
-            throttles = along(self.flight.throttles, time)
             samples = Samples.of(
                 self.field[rows] if as_logged else self.unapplied(time, self.field[rows]),
                 unit=GAUSS,
                 time=time,
-                acceleration=along(self.flight.acceleration, time, back) if known else None,
-                rate=along(self.flight.rate, time, back, until_next=True) if known else None,
-                current=None if current is None else current[:, 0],
-                throttle=None if throttle is None else throttle[:, 0],
-                currents=along(self.flight.currents, time),
-                throttles=None if throttles is None else shares(throttles),
-                attitude=None if turn is None else self.attitude(time, turn),
                 temperature=None if self.temperature is None else self.temperature[rows],
                 source=self.source,
+                **resampled(series, time, back),
             )
             yield numbered(samples, start)
-
-    def attitude(self, time: Floats, turn: Floats) -> Floats | None:
-        """(N, 4) at these times, of the axes that a (3, 3) rotation turns into those of the vehicle."""
-        known = self.flight.attitude
-        return None if known is None else product(known.at(time), of_matrix(turn))
 
     def unapplied(self, time: Floats, field: Floats) -> Floats:
         """(N, 3) G, each with the parameters that were in force."""
@@ -523,7 +522,7 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
     """Say what is known of one magnetometer; device 0 is one that is not known."""
     notes = []
     flight = readings.flight
-    if readings.mounting is None and (flight.acceleration or flight.rate or flight.attitude):
+    if readings.mounting is None and any(map(flight.auxiliary.get, (ACCELERATION, RATE, ATTITUDE))):
         notes.append(
             "no parameters say how this compass is mounted: acceleration, rate and attitude are left out, as they are "
             "in the axes of the vehicle"

@@ -18,7 +18,7 @@ from flinders.core.samples import Skipped
 from flinders.readers._lines import ENDS_EARLY, shown
 from flinders.readers._sniff import TRIED
 from flinders.readers._source import derived
-from flinders.readers.dialects import json_records, labelled, magcc, motioncal, paparazzi, replay, wrapped
+from flinders.readers.dialects import json_records, labelled, marked, wrapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,10 +35,7 @@ def recognise(lines: list[str]) -> Dialect | None:
     """Find the dialect whose marks the lines bear; None for a table."""
     first = lines[:TRIED]
     return (
-        motioncal.recognise(first)
-        or magcc.recognise(first)
-        or paparazzi.recognise(lines)
-        or replay.recognise(lines)
+        marked.recognise(lines)
         or json_records.recognise(first)
         or wrapped.stamped(first, recognise)
         or wrapped.hexadecimal(first, _labelled)

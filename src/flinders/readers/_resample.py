@@ -1,11 +1,11 @@
 """What other sensors measured, at the times of a magnetometer's readings.
 
->>> climb = Beside.of([0.0, 1.0, 2.0], [[0, 0], [10, 1], [20, 4]])
+>>> climb = TimeSeries.of([0.0, 1.0, 2.0], [[0, 0], [10, 1], [20, 4]])
 >>> climb.at(np.array([0.5, 1.5, 9.0]))
 array([[ 5. ,  0.5],
        [15. ,  2.5],
        [ nan,  nan]])
->>> roll = Turning.of([0.0, 0.1], [[1.0, 0.0, 0.0, 0.0], [0.96, 0.28, 0.0, 0.0]])         # by 32.5°
+>>> roll = AttitudeSeries.of([0.0, 0.1], [[1.0, 0.0, 0.0, 0.0], [0.96, 0.28, 0.0, 0.0]])         # by 32.5°
 >>> roll.at(np.array([0.05, 0.2])).round(4)
 array([[0.9899, 0.1414, 0.    , 0.    ],
        [   nan,    nan,    nan,    nan]])
@@ -14,14 +14,17 @@ array([[0.9899, 0.1414, 0.    , 0.    ],
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 from flinders.arrays import floats
-from flinders.geometry.quaternions import between, known
+from flinders.geometry.quaternions import between, known, of_matrix, product
+from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, RATE, TEMPERATURE, THROTTLE, THROTTLES
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
@@ -40,7 +43,7 @@ LEAST_COSINE: Final = float(np.cos(WIDEST_TURN / 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Beside:
+class TimeSeries:
     """Measurements with times of their own.
 
     Attributes
@@ -87,7 +90,7 @@ class Beside:
         What a gyro says of a reading is how the body turns until the next. Single values of a gyro that is faster than
         the compass leave out most of that: of the flight in the archive half as much of the field again is left.
 
-        >>> shaken = Beside.of(np.arange(9.0) / 4, np.array([[0, 4, 0, 4, 0, 4, 0, 4, 0]]).T)
+        >>> shaken = TimeSeries.of(np.arange(9.0) / 4, np.array([[0, 4, 0, 4, 0, 4, 0, 4, 0]]).T)
         >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.until_next(np.array([0.0, 1.0, 2.0])).ravel()
         (array([0., 0., 0.]), array([2., 2., 0.]))
         """
@@ -115,33 +118,15 @@ class Beside:
         return area
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Turning:
-    """Attitudes with times of their own.
+class AttitudeSeries(TimeSeries):
+    """Attitudes with times of their own: `values` are unit quaternions."""
 
-    Attributes
-    ----------
-    time : (M,) float, s
-        Ascending.
-    attitude : (M, 4) float
-        Unit quaternions.
-    """
-
-    time: Floats
-    attitude: Floats
+    __slots__ = ()
 
     @classmethod
-    def of(cls, time: ArrayLike, attitude: ArrayLike) -> Self | None:
-        """Put attitudes in the order of their times, without those that are none; None where none is left.
-
-        Parameters
-        ----------
-        time : (M,) array-like, s
-        attitude : (M, 4) array-like
-            Quaternions w, x, y, z; those whose length is not 1 are none.
-        """
-        found = Beside.of(time, known(floats(attitude)))
-        return None if found is None else cls(found.time, found.values)
+    def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
+        """Put (M, 4) quaternions w, x, y, z in the order of their (M,) times, without those whose length is not 1."""
+        return super().of(time, known(floats(values)))
 
     def at(self, time: Floats) -> Floats:
         """(N, 4) at these (N,) times, between neighbours on the shortest way at a constant rate.
@@ -154,22 +139,33 @@ class Turning:
         start, end = self.time[before], self.time[after]
         gap = end - start
         share = np.clip((time - start) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)
-        found = between(self.attitude[before], self.attitude[after], share)
-        near = np.abs(np.einsum("ij,ij->i", self.attitude[before], self.attitude[after])) >= LEAST_COSINE
+        found = between(self.values[before], self.values[after], share)
+        near = np.abs(np.einsum("ij,ij->i", self.values[before], self.values[after])) >= LEAST_COSINE
         met = (time == start) | (time == end)
         lost = ~(met | (near & (gap <= LONGEST_TURN)))
         found[~((time >= start) & (time <= end)) | lost] = np.nan
         return found
 
 
-def along(
-    beside: Beside | None, time: Floats, turn: Floats | None = None, *, until_next: bool = False
-) -> Floats | None:
-    """The same of something that may not be there, turned by a (3, 3) rotation where there is one."""
-    if beside is None:
-        return None
-    found = beside.until_next(time) if until_next else beside.at(time)
-    return found if turn is None else found @ turn.T
+def resampled(series: Mapping[str, TimeSeries | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
+    """Columns of `Samples` at the times of readings, whose axes a (3, 3) rotation makes of those of the series."""
+    found: dict[str, Any] = {}
+    for kind, one in series.items():
+        if one is None:
+            continue
+        values = one.until_next(time) if kind == RATE else one.at(time)
+        if turn is not None and kind in (ACCELERATION, RATE):
+            values = values @ turn.T
+        elif turn is not None and kind == ATTITUDE:
+            values = product(values, of_matrix(turn.T))
+        found[kind] = as_column(kind, values)
+    return found
+
+
+def as_column(kind: str, values: Floats) -> Floats:
+    """(N,) where `Samples` have one number of this kind, else (N, k); throttles are shares."""
+    valid = shares(values) if kind in (THROTTLE, THROTTLES) else values
+    return valid[:, 0] if kind in (CURRENT, THROTTLE, TEMPERATURE) else valid
 
 
 def shares(values: Floats) -> Floats:

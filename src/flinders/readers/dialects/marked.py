@@ -1,0 +1,173 @@
+r"""Lines whose beginning says what is in them, as four programs write them; each is a row of data here.
+
+MotionCal and Adafruit's sketches print ``Raw:`` with nine counts (g/8192, °/s/16, µT/10), and ``Uni:`` in m/s², rad/s
+and µT. magcc sends datagrams ``|…*`` at UDP port 50100: time, acceleration, rate, field, roll, pitch, yaw. Paparazzi
+logs ``t ac_id IMU_MAG_RAW x y z``, with the number of a sensor before x where there are several (seen in no log), or
+``IMU_MAG_CURRENT_CALIBRATION`` with a current; the first aircraft and its first magnetometer are read. Replays of
+PX4's estimator have ``time_us,mag,x,y,z`` in gauss, corrected on board and in the axes of the vehicle, after ``imu``.
+
+Sources: PaulStoffregen/MotionCal ``portlist.cpp`` and ``visualize.c``; Adafruit AHRS ``calibration.ino``; Paparazzi
+``sw/tools/calibration/calibration_utils.py``; PX4-ECL ``test/sensor_simulator/sensor_simulator.cpp``.
+
+>>> raw = recognise(["ready", "Raw:0,0,8192,0,0,16,217,4,-586"])
+>>> raw.words, raw.names[6:], raw.row("Raw:0,0,8192,0,0,16,217,4,-586")
+('Raw: lines', ('mag_x_uT', 'mag_y_uT', 'mag_z_uT'), ['0', '0', '1', '0', '0', '1', '21.7', '0.4', '-58.6'])
+>>> raw.row("Cal1:0,0,0,0,0,0,0,0,0,50"), raw.row("hello")
+((), None)
+>>> recognise(["|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*"]).names[7:10]
+('mag_x', 'mag_y', 'mag_z')
+>>> dialect = recognise(["12.5 3 GPS 1 2 3", "12.6 3 IMU_MAG_RAW 12 -3 400"])
+>>> dialect.row("12.7 3 IMU_MAG_RAW 13 -3 399"), dialect.row("12.7 4 IMU_MAG_RAW 1 2 3")
+(['12.7', '13', '-3', '399'], ())
+>>> dialect = recognise(["4000,imu,0.1,0.2,-9.8,0,0,0.5", "8000,mag,0.2,0,0.4"])
+>>> dialect.row("4000,imu,0.1,0.2,-9.8,0,0,0.5"), dialect.row("8000,mag,0.2,0,0.4"), dialect.row("8000,baro,12")
+((), ['8000', '0.2', '0', '0.4', '0.1', '0.2', '-9.8', '0', '0', '0.5'], ())
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+from flinders.readers._lines import ENDS_EARLY, EndsEarly
+from flinders.readers._numbers import number
+from flinders.readers._tokenizer import Dialect
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.readers._source import Source
+
+MOTIONCAL: Final = re.compile(
+    r"(?P<time>)(?:.* -> )?\s*(?P<mark>Raw|Uni|Cal[12])\s*[: ]\s*(?P<values>[-+.\d]+\s*,.*)", re.IGNORECASE
+)
+"""A serial monitor may put the time before; sketches print their calibration between."""
+MAGCC: Final = re.compile(r"(?P<time>)(?P<mark>)(?:.* -> )?\s*\|(?P<values>[^|*]*)\*")
+PAPARAZZI: Final = re.compile(
+    r"(?P<time>\d+(?:\.\d+)?) (?P<mark>\d+ IMU_MAG_RAW(?: \d+(?= \S+ \S+ \S+$))?|\d+ [A-Z][A-Z0-9_]+)"
+    r"(?P<values>(?: .*)?)"
+)
+REPLAY: Final = re.compile(r"(?P<time>\d+),(?P<mark>mag|imu|baro|gps|landed|airspeed|flow|vio|range),(?P<values>.*)")
+GLUED: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
+"""Datagrams of magcc without the end of a line between them."""
+MOST_IN_UNITS: Final = 160.0  # Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g
+
+
+def _names(*sensors: str) -> tuple[str, ...]:
+    """Name the three axes of each sensor; ``gyro_*_dps`` has the axis in the place of the star."""
+    return tuple(sensor.replace("*", axis) for sensor in sensors for axis in "xyz")
+
+
+@dataclass(slots=True)
+class Marked(Dialect):
+    """Lines with a mark, of which those of one mark are readings."""
+
+    line: re.Pattern[str]  # finds the time, the mark and the values of a line
+    mark: str = ""  # of the magnetometer's lines
+    auxiliary: str = ""  # mark of lines whose values belong to the reading after them
+    counts: tuple[float, ...] = ()  # in one unit, for each number of a reading
+    _latest: list[str] = field(default_factory=list, init=False)  # values of `auxiliary`
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take the time and the numbers of a line of the magnetometer; nothing for another mark."""
+        found = self.line.fullmatch(line.strip())
+        if found is None:
+            return None
+        values = re.split(r"\s*,\s*|\s+", found["values"].strip())
+        if self.auxiliary and found["mark"] == self.auxiliary:
+            self._latest = values
+        if found["mark"].casefold() != self.mark.casefold():
+            return ()
+        cells = [found["time"]] * bool(found["time"]) + self._in_units(values)
+        auxiliary = self._latest or [""] * 6 if self.auxiliary else []
+        is_whole = len(cells) + len(auxiliary) == len(self.names)
+        return [*cells, *auxiliary] if is_whole and None not in [number(cell, ".") for cell in cells] else None
+
+    def _in_units(self, values: list[str]) -> list[str]:
+        """Turn counts into units, where they are counts."""
+        if len(self.counts) != len(values):
+            return values
+        numbers = zip((number(value, ".") for value in values), self.counts, strict=True)
+        return ["" if value is None else f"{value / counts:.9g}" for value, counts in numbers]
+
+
+_RAW: Final = Marked(
+    "Raw: lines",
+    _names("accel_*_g", "gyro_*_dps", "mag_*_uT"),
+    line=MOTIONCAL,
+    mark="raw",
+    counts=(8192,) * 3 + (16,) * 3 + (10,) * 3,
+)
+_UNI: Final = Marked("Uni: lines", _names("accel_*_mps2", "gyro_*_radps", "mag_*_uT"), line=MOTIONCAL, mark="uni")
+_MAGCC: Final = Marked(
+    "magcc datagrams",
+    ("t_s", *_names("accel_*", "gyro_*_radps", "mag_*"), "roll_rad", "pitch_rad", "yaw_rad"),
+    line=MAGCC,
+)
+_PAPARAZZI: Final = Marked("messages of Paparazzi", ("time (s)", *_names("mag_*")), line=PAPARAZZI)
+_REPLAY: Final = Marked(
+    "replay of PX4's estimator",
+    ("time (us)", *_names("mag_* (G)", "acc_*", "gyro_* (rad/s)")),
+    frame="vehicle",
+    line=REPLAY,
+    mark="mag",
+    auxiliary="imu",
+)
+SHARES: Final = {PAPARAZZI: 0.6, REPLAY: 0.9}  # Share of lines that have to be of this kind
+
+
+def recognise(lines: list[str]) -> Marked | None:
+    """Find lines of one of the programs among others; ``Raw:`` before ``Uni:``, which says the same in fewer digits."""
+    for dialect in (_RAW, _UNI, _MAGCC):
+        rows = [cells for line in lines if (cells := replace(dialect, counts=()).row(line))]
+        if rows:
+            return (
+                replace(_UNI, words=_RAW.words, mark="raw")
+                if dialect is _RAW and _are_units(rows)
+                else replace(dialect)
+            )
+    filled = [line.strip() for line in lines if line.strip()]
+    for dialect in (_PAPARAZZI, _REPLAY):
+        found = [match for line in filled if (match := dialect.line.fullmatch(line))]
+        if found and len(found) >= SHARES[dialect.line] * len(filled):
+            return replace(dialect) if dialect is _REPLAY else _paparazzi([match["mark"] for match in found])
+    return None
+
+
+def is_marked(line: str) -> bool:
+    """Tell whether a line begins as those of MotionCal do."""
+    return MOTIONCAL.fullmatch(line) is not None
+
+
+def _are_units(rows: Sequence[Sequence[str]]) -> bool:
+    """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
+    gravity = [math.hypot(*map(float, cells[:3])) for cells in rows]
+    return any("." in cell for cells in rows for cell in cells[:3]) and 0 < min(gravity) <= max(gravity) < MOST_IN_UNITS
+
+
+def _paparazzi(marks: Sequence[str]) -> Marked | None:
+    """Take the first message of a magnetometer that is raw, else the first with a current."""
+    if raw := next((mark for mark in marks if " IMU_MAG_RAW" in mark), ""):
+        return replace(_PAPARAZZI, mark=raw)
+    mark = next((mark for mark in marks if mark.endswith("IMU_MAG_CURRENT_CALIBRATION")), "")
+    return replace(_PAPARAZZI, names=(*_PAPARAZZI.names, "current (A)"), mark=mark) if mark else None
+
+
+def are_glued(beginning: str) -> bool:
+    """Tell whether datagrams follow one another without the end of a line between them.
+
+    >>> are_glued("|0.1,0,0,9.8,0,0,0.1, 0.21,0.01,-0.58,0,0,1.57*|0.2,0,0")
+    True
+    """
+    return GLUED.search(beginning) is not None
+
+
+def one_a_line(source: Source) -> Iterator[bytes]:
+    """Yield the bytes of a source with an end of line behind each datagram."""
+    try:
+        for chunk in source.chunks():
+            yield chunk.replace(b"*", b"*\n")
+    except EndsEarly:
+        yield f"\n{ENDS_EARLY}\n".encode()
