@@ -11,7 +11,7 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.diagnostics.instruments import elsewhere
+from flinders.diagnostics.instruments import wrong_dip
 from flinders.errors import FitError, UsageError
 from flinders.estimators.aiding import FAR_SCALES, parameters_of, solve
 from flinders.fitting.aid_selection import aided_by
@@ -141,7 +141,7 @@ def test_a_known_gyro_has_its_scales_held() -> None:
 
 @pytest.mark.parametrize(("seen", "words"), [(-47.0, "turned round"), (-66.0, "upside down"), (50.0, "check place")])
 def test_a_dip_of_the_other_sign_is_no_other_place(seen: float, words: str) -> None:
-    assert words in elsewhere(seen, Site(None, 66.0)).words
+    assert words in wrong_dip(seen, Site(None, 66.0)).words
 
 
 def test_a_reversed_accelerometer_is_named_where_only_its_rotation_is_kept() -> None:

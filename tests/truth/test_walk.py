@@ -160,8 +160,8 @@ def test_where_a_large_walk_would_not_show_it_is_not_said_that_the_offset_stayed
     """What a walk could have been at the most, over 100 s, against 1° of a level field of 25 µT: 0.44 µT."""
     time, path = np.linspace(0.0, 100.0, 11), np.zeros((11, 3))
     within, beyond = (RandomWalk(0.0, q, 0.0, time, path, path, 50.0) for q in (0.03, 0.06))
-    assert (within.is_told(1.0), beyond.is_told(1.0), beyond.is_told(2.0)) == (True, False, True)
+    assert (within.is_determined(1.0), beyond.is_determined(1.0), beyond.is_determined(2.0)) == (True, False, True)
     assert "stayed where it was" in within.words("µT")
     assert beyond.words("µT").startswith("cannot tell whether the offset stayed where it was: 0.60 µT over")
     assert beyond.as_dict()["told"] is False
-    assert RandomWalk(0.1, 0.2, 9.0, time, path, path, 50.0).is_told(1.0)
+    assert RandomWalk(0.1, 0.2, 9.0, time, path, path, 50.0).is_determined(1.0)

@@ -15,7 +15,7 @@ from benchmarks.wrong_use import CASES, codes_of
 import flinders
 from flinders import simulate
 from flinders.cli._fit_options import recorded
-from flinders.diagnostics.instruments import circular, elsewhere, of_instruments, one_axis
+from flinders.diagnostics.instruments import circular, of_instruments, one_axis, wrong_dip
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
 from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
@@ -97,8 +97,8 @@ def test_a_site_a_thousand_kilometres_off_is_named_and_does_not_bend_the_fit(nor
 
 
 def test_an_accelerometer_upside_down_is_told_from_another_place() -> None:
-    assert "upside down" in elsewhere(-59.0, Site(None, 60.0)).words
-    assert "check place" in elsewhere(50.0, Site(None, 60.0)).words
+    assert "upside down" in wrong_dip(-59.0, Site(None, 60.0)).words
+    assert "check place" in wrong_dip(50.0, Site(None, 60.0)).words
 
 
 def test_noise_of_a_slow_gyro_is_no_turning_about_a_second_axis() -> None:

@@ -189,8 +189,12 @@ def _likeness(instrument: Instrument, first: Samples | None) -> str:
     from flinders.readers._names import meaning
 
     columns, names = instrument.name.partition("columns ")[1:]
-    is_told = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))
-    return "" if first is None or not columns or is_told or instrument.unit.inside != COUNTS else likeness(first.field)
+    is_determined = any(not (name.isdecimal() or meaning(name).is_bare) for name in names.split(", "))
+    return (
+        ""
+        if first is None or not columns or is_determined or instrument.unit.inside != COUNTS
+        else likeness(first.field)
+    )
 
 
 def _silent(number: int, instrument: Instrument, error: InputError) -> RecordedSensor:

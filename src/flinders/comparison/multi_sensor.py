@@ -447,7 +447,7 @@ class _Body:
         index = self.own.index(place)
         rotation, covariance = several.rotation(index)
         is_reference = index == several.reference and self.mounting is None
-        estimate = replace(several.estimate(index), outliers=self.outliers(member, place, several.belongs[index]))
+        estimate = replace(several.estimate(index), outliers=self.outliers(member, place, several.is_inlier[index]))
         judged: Fit | FitError
         try:
             judged = judged_as(
@@ -464,11 +464,11 @@ class _Body:
             size=radii[index] / radii[several.reference],
         )  # fmt: skip
 
-    def outliers(self, member: Member, place: int, belongs: NDArray[np.bool_]) -> tuple[Outlier, ...]:
+    def outliers(self, member: Member, place: int, is_inlier: NDArray[np.bool_]) -> tuple[Outlier, ...]:
         """What a sensor left out by itself, where the joint fit left out most of that, too."""
         alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
         outliers = _own_outliers(self.common.fields[place][np.newaxis], [self.starts[place]])[0]
-        if not isinstance(alone, Fit) or not outliers.any() or np.mean(belongs[outliers]) > MOST_OUTLIERS:
+        if not isinstance(alone, Fit) or not outliers.any() or np.mean(is_inlier[outliers]) > MOST_OUTLIERS:
             return ()
         return alone.outliers
 

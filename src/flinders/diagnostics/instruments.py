@@ -177,14 +177,14 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
     return _certain("aids-disagree", aid, {"scales_off": off}, why=why)
 
 
-def astray(aided: Aided, aid: str) -> Mistake | None:
+def is_implausible(aided: Aided, aid: str) -> Mistake | None:
     """Whether a vertical, or an attitude, does not go with the readings however the magnetometer sits.
 
     >>> from flinders.geometry.quaternions import inverse, of_angles, rotated
     >>> attitude = of_angles(np.random.default_rng(1).uniform(-1.5, 1.5, (300, 3)))
     >>> field = rotated(inverse(attitude), np.tile([25.0, 0.0, 43.0], (300, 1)))
-    >>> astray(solve(Samples.of(field, attitude=attitude), ("tilt",)), "tilt")
-    >>> mistake = astray(solve(Samples.of(field, attitude=inverse(attitude)), ("tilt",)), "tilt")
+    >>> is_implausible(solve(Samples.of(field, attitude=attitude), ("tilt",)), "tilt")
+    >>> mistake = is_implausible(solve(Samples.of(field, attitude=inverse(attitude)), ("tilt",)), "tilt")
     >>> mistake is not None and mistake.code
     'aid-astray'
     """
@@ -216,7 +216,7 @@ def one_axis(rate: Floats) -> list[Mistake]:
     return [] if mistake is None else [mistake]
 
 
-def is_elsewhere(aided: Aided, site: Site | None) -> bool:
+def is_at_another_site(aided: Aided, site: Site | None) -> bool:
     """Whether the dip that was found cannot be that of the site, which the fit took it for."""
     if site is None or site.inclination_deg is None or aided.site_off is None:
         return False
@@ -229,11 +229,11 @@ def is_far(seen_deg: float, site: Site, sigma_deg: float = 0.0) -> bool:
     return site.inclination_deg is not None and abs(seen_deg - site.inclination_deg) > beyond
 
 
-def elsewhere(seen_deg: float, site: Site) -> Mistake:
+def wrong_dip(seen_deg: float, site: Site) -> Mistake:
     """Say that the dip is not the site's; an accelerometer with all signs reversed has that of the other side.
 
     >>> from flinders.likelihood.site_field import Site
-    >>> elsewhere(-59.6, Site(inclination_deg=60.0)).words
+    >>> wrong_dip(-59.6, Site(inclination_deg=60.0)).words
     'the field dips by -59.6°, at the site it should by 60.0°: the vertical seems to be upside down, as an \
 accelerometer that lies level reads −g on z; the site was not used'
     """

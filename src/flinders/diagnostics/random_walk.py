@@ -136,7 +136,7 @@ class RandomWalk:
         """How far (1 σ) the largest walk that it could be goes over the recording, in the unit of the readings."""
         return float(self.at_most * np.sqrt(self.seconds))
 
-    def is_told(self, level_deg: float, *, dip_deg: float = 60.0) -> bool:
+    def is_determined(self, level_deg: float, *, dip_deg: float = 60.0) -> bool:
         """Whether the recording tells if the offset stayed: a walk that goes beyond this level in it would show."""
         return self.is_proven or self.valid_for_s(level_deg, dip_deg=dip_deg) >= self.seconds
 
@@ -151,7 +151,7 @@ class RandomWalk:
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, or that nobody can tell to this level."""
         over = _duration(self.seconds)
-        if not self.is_told(level_deg, dip_deg=dip_deg):
+        if not self.is_determined(level_deg, dip_deg=dip_deg):
             return (
                 f"cannot tell whether the offset stayed where it was: {figures(self.at_most_moved)} {unit} over {over} "
                 "would not show in this recording"
@@ -177,7 +177,7 @@ class RandomWalk:
         return "".join(BARS[round(float(height / most) * (len(BARS) - 1))] for height in heights)
 
     def as_dict(self, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> dict[str, Any]:
-        """JSON-ready; `valid_for_s` is None for any time, `told` as `is_told`."""
+        """JSON-ready; `valid_for_s` is None for any time, `told` as `is_determined`."""
         held = self.valid_for_s(level_deg, dip_deg=dip_deg)
         return {
             "level_deg": level_deg,
@@ -186,7 +186,7 @@ class RandomWalk:
             "at_most": self.at_most,
             "gain": self.gain,
             "proven": self.is_proven,
-            "told": self.is_told(level_deg, dip_deg=dip_deg),
+            "told": self.is_determined(level_deg, dip_deg=dip_deg),
             "moved": self.moved,
             "seconds": self.seconds,
             "time_s": self.time.tolist(),

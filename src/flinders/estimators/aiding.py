@@ -42,13 +42,13 @@ from flinders.estimators.solver import (
     Equations,
     Iterate,
     JointProblem,
-    begun,
+    deviance,
+    initial,
     iterated,
     reweighed,
     solved,
     starts,
-    surprise,
-    taken,
+    stepped,
     without_outliers,
 )
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -259,7 +259,7 @@ def solve(
     """
     refuse_without(samples, terms)
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
-    put = _Put(samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, acceleration_bias)
+    put = _Prepared(samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, acceleration_bias)
     aided = _solved(put, gyro_scale, start, near).finished()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
@@ -278,17 +278,17 @@ def parameters_of(
 ) -> Parameters:
     """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
-    put = _Put(
+    put = _Prepared(
         samples, tuple(terms), None, None, rotation, prior.SPREAD, gyro.WINDOW_S,
         delay=True, acceleration_bias=acceleration_bias,
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
     iterate = without_outliers(solved_for.problem, solved_for.found)
     problem = solved_for.problem.freed()
-    return _eased(problem, iterate, np.zeros(problem.layout.size))[0].at
+    return _bias_corrected(problem, iterate, np.zeros(problem.layout.size))[0].at
 
 
-class _Put(NamedTuple):
+class _Prepared(NamedTuple):
     """What is asked for, but for the gyro's scales."""
 
     samples: Samples
@@ -323,7 +323,7 @@ class _Solved(NamedTuple):
         return replace(aided, parameters=whole)
 
 
-def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
+def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
     """Go down from each start until one leaves no more than noise.
 
     Raises
@@ -337,8 +337,8 @@ def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided |
     _refuse_nothing(problem, put.samples)
     best: Iterate | None = None
     for begin in _begins(problem, put, start, near):
-        iterate = iterated(problem, begun(problem, begin))
-        if best is None or surprise(problem, iterate) < surprise(problem, best):
+        iterate = iterated(problem, initial(problem, begin))
+        if best is None or deviance(problem, iterate) < deviance(problem, best):
             best = iterate
         if not iterate.misfits:
             break
@@ -350,10 +350,10 @@ def _solved(put: _Put, gyro_scale: float, start: Ellipsoid | None, near: Aided |
     late_s = late * problem.interval
     behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
-    return _Solved(behind, iterated(behind, begun(behind, behind.begin_near(at, problem.layout))), late_s)
+    return _Solved(behind, iterated(behind, initial(behind, behind.begin_near(at, problem.layout))), late_s)
 
 
-def _begins(problem: JointProblem, put: _Put, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
+def _begins(problem: JointProblem, put: _Prepared, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
     """Where to start: near another fit, and where readings by themselves say."""
     if near is not None:
         yield problem.begin_near(near.parameters, near.layout)
@@ -415,7 +415,7 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 
 def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    iterate, equations = _eased(problem, iterate, np.zeros(problem.layout.size))
+    iterate, equations = _bias_corrected(problem, iterate, np.zeros(problem.layout.size))
     iterate, equations = _spanned(problem, iterate, equations)
     inverse = _inverse(equations)
     walk = random_walk_of(problem, iterate, inverse)
@@ -424,7 +424,7 @@ def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
         left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
         if float(left @ inverse @ left) < STILL**2:
             break
-        iterate, equations = _eased(problem, iterate, walk.bent)
+        iterate, equations = _bias_corrected(problem, iterate, walk.bent)
         inverse = _inverse(equations)
         walk = random_walk_of(problem, iterate, inverse)
     scatter = scatter_of(problem, iterate, walk)
@@ -466,19 +466,19 @@ def _spanned(problem: JointProblem, iterate: Iterate, equations: Equations) -> t
         if abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN:
             break
         iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
-        iterate, equations = _eased(problem, iterate, np.zeros(problem.layout.size))
+        iterate, equations = _bias_corrected(problem, iterate, np.zeros(problem.layout.size))
         span = span_of(problem, iterate)
         iterate = replace(iterate, weights=iterate.weights._replace(vertical=span.noise))
     return iterate, equations
 
 
-def _eased(problem: JointProblem, iterate: Iterate, bent: Floats) -> tuple[Iterate, Equations]:
+def _bias_corrected(problem: JointProblem, iterate: Iterate, bent: Floats) -> tuple[Iterate, Equations]:
     """Take off the mean gradient that noise makes: what the equations know of, and (P,) what a walk adds."""
     for _ in range(CORRECTED):
         equations = Equations.of(problem, iterate)
         matrix = equations.matrix + equations.prior.matrix
         step = solved(matrix, equations.gradient - equations.bent - bent + equations.prior.gradient, 0.0)
-        moved = taken(problem, iterate, equations, step)
+        moved = stepped(problem, iterate, equations, step)
         if moved is None:
             break
         iterate = reweighed(problem, moved, equations)

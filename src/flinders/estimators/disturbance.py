@@ -52,7 +52,7 @@ from flinders.estimators.regressor_quality import (
 )
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
-from flinders.estimators.time_delay import kept, lagging, lags_of, residuals_of
+from flinders.estimators.time_delay import lagging, lags_of, proven_lags, residuals_of
 from flinders.heading.error_propagation import HeadingError, level_error
 from flinders.likelihood import disturbance, prior
 from flinders.likelihood.equations import NormalEquations
@@ -177,7 +177,9 @@ class Driving:
         wider: Floats = covariance + carried @ self.covariance @ carried.T
         return wider
 
-    def left(self, ellipsoid: Ellipsoid, place: int, *, dip_deg: float, down: Floats | None = None) -> HeadingError:
+    def remaining_error(
+        self, ellipsoid: Ellipsoid, place: int, *, dip_deg: float, down: Floats | None = None
+    ) -> HeadingError:
         """Heading error (1 σ) that the uncertainty of one disturbance leaves at the far end of its range."""
         return level_error(ellipsoid, self.at_end(np.zeros((9, 9)), place), dip_deg=dip_deg, down=down)
 
@@ -214,7 +216,7 @@ def driving_of(
         nothing = np.zeros((0, 0)), np.zeros((9, 0))
         return Driving((), *nothing, without.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, prior_spread)
-    problem = DisturbanceProblem(logged, moving, prior_spread, kept(lags))
+    problem = DisturbanceProblem(logged, moving, prior_spread, proven_lags(lags))
     return _identified(problem, settle(problem, near), lags, without, constant)
 
 
@@ -340,7 +342,7 @@ def _found(
         shared=disturbance.shared(solved.jacobian[used, :9], coefficients),
         monotonicity=monotonicity(values),
         attenuation=attenuation(values, solved.distances[used], normals @ per_unit),
-        lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
+        lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,
         chi_square=float(per_unit @ np.linalg.solve(inverse[rows, rows], per_unit)),
         is_beyond=lag is not None and lag.is_beyond,
         curvature=curvature(values, residuals_of(solved), normals, per_unit),
@@ -353,7 +355,7 @@ def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
     return float(np.sqrt(np.mean(solved.distances[used] ** 2)))
 
 
-def following(source: object, names: Sequence[str], *, spread: float | None) -> tuple[Driving, Recording]:
+def with_disturbances(source: object, names: Sequence[str], *, spread: float | None) -> tuple[Driving, Recording]:
     """Find what drives a recording, and settle it: what is left is fitted like any other.
 
     Raises

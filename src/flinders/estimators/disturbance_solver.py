@@ -234,7 +234,7 @@ class Solver:
                 step = np.linalg.solve(
                     equations.matrix + damping * np.diag(np.diag(equations.matrix)), equations.gradient
                 )
-                tried = self._moved(now, step)
+                tried = self._stepped(now, step)
                 if tried is not None and self._cost(tried, used, size) <= cost + NO_WORSE:
                     break
                 damping *= 5.0
@@ -272,7 +272,7 @@ class Solver:
             return float(CAUCHY**2 * np.log1p((scaled / CAUCHY) ** 2).sum()) + believed
         return float(scaled @ scaled) + believed
 
-    def _moved(self, now: Solved, step: Floats) -> Solved | None:
+    def _stepped(self, now: Solved, step: Floats) -> Solved | None:
         """Take a step, unless it opens the surface."""
         shape = now.ellipsoid.shape + symmetric(step[3:9])
         if np.linalg.eigvalsh(shape)[0] <= 1e-3 * now.ellipsoid.radius:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.errors import UsageError
 from flinders.estimators.base import Method
-from flinders.estimators.in_plane import fitted_flat, laid_flat, raised, require_turn
+from flinders.estimators.in_plane import fitted_flat, laid_flat, lifted, require_turn
 from flinders.geometry.plane import Plane, order_of
 from flinders.likelihood import prior
 
@@ -96,7 +96,7 @@ class Ellipse:
             If only sums were given.
         """
         require_turn(readings, self.unknowns, self.name, self.plane)
-        return raised(
+        return lifted(
             fitted_flat(laid_flat(readings, self.plane), self.prior),
             self.plane,
             name=self.name,

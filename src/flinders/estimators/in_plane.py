@@ -117,7 +117,7 @@ def equator(ellipse: PlaneEllipse) -> Ellipsoid:
     return Ellipsoid(np.append(ellipse.centre, 0.0), shape)
 
 
-def raised(
+def lifted(
     flat: Estimate, plane: Plane, *, name: str, dip_deg: float, field_strength: float | None, beside: float
 ) -> Estimate:
     """Take an ellipse to the ellipsoid of three axes whose third one has unit gain and no offset.

@@ -201,7 +201,7 @@ def _by_dip(
     dip = math.radians(site.inclination_deg)
     from_turn = _from_turn(dip)
     parameters = np.linalg.solve(from_turn, estimate.ellipsoid.parameters)  # of the middle c and of S
-    heights = Heights.of(_belonging(estimate, readings, parameters[:2], dip), parameters[:2], estimate.noise)
+    heights = Heights.of(_inliers(estimate, readings, parameters[:2], dip), parameters[:2], estimate.noise)
     parameters[2] = heights.height
     wider, field = _widening(estimate), estimate.ellipsoid.radius
     doubt = math.radians(math.hypot(site.inclination_sigma_deg, LEVEL_SIGMA_DEG, tilt_deg))
@@ -305,7 +305,7 @@ def _with(estimate: Estimate, posteriors: list[tuple[Floats, Floats]]) -> Estima
     )
 
 
-def _belonging(estimate: Estimate, readings: Readings, middle: Floats, dip: float) -> Floats:
+def _inliers(estimate: Estimate, readings: Readings, middle: Floats, dip: float) -> Floats:
     """(N, 3) some of the readings, those that lie on the ellipse."""
     field = readings.thinned(ENOUGH, "level")
     if np.isinf(estimate.rejected_beyond):

@@ -115,21 +115,21 @@ class Level:
         estimate = Likelihood(prior=self.prior).polish(flat, start)
         if len(flat) >= Robust.unknowns and asks_for_it(flat, estimate.ellipsoid):
             estimate = Robust(prior=self.prior).majority(flat, ellipse_start)
-        return self._raised(estimate)
+        return self._lifted(estimate)
 
-    def _raised(self, flat: Estimate) -> Estimate:
+    def _lifted(self, flat: Estimate) -> Estimate:
         """Take an ellipse, found as the equator of an ellipsoid, to where the dip puts it."""
         dip = np.deg2rad(self.dip_deg)
         shape = flat.ellipsoid.shape / np.cos(dip)
         ellipsoid = Ellipsoid(flat.ellipsoid.centre - np.sin(dip) * shape[:, 2], shape)
-        raised = np.eye(9)
-        raised[3:, 3:] /= np.cos(dip)
-        raised[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
+        lifted = np.eye(9)
+        lifted[3:, 3:] /= np.cos(dip)
+        lifted[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
         return replace(
             flat,
             ellipsoid=ellipsoid,
-            covariance=_carried(flat.covariance, raised, ellipsoid.radius),
-            textbook=None if flat.textbook is None else _carried(flat.textbook, raised, ellipsoid.radius),
+            covariance=_carried(flat.covariance, lifted, ellipsoid.radius),
+            textbook=None if flat.textbook is None else _carried(flat.textbook, lifted, ellipsoid.radius),
             method=self.name,
             plane="xy",
         )
@@ -245,11 +245,11 @@ class _Flat(Wrapped):
             yield replace(block, field=field)
 
 
-def _carried(covariance: Floats, raised: Floats, field: float) -> Floats:
+def _carried(covariance: Floats, lifted: Floats, field: float) -> Floats:
     """(9, 9) covariance after raising; the offset along z is known to a field strength, whatever it was before."""
     known = covariance.copy()
     known[2, :] = known[:, 2] = 0.0
-    carried: Floats = raised @ known @ raised.T
+    carried: Floats = lifted @ known @ lifted.T
     carried[2, 2] += field**2
     return carried
 

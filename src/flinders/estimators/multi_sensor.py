@@ -140,7 +140,7 @@ class Several:
         Standard deviation of a component of a reading, in the unit of each sensor.
     directions : (N, 3) float
         Of the field at each moment, in the axes of the reference.
-    belongs : (m, N) bool
+    is_inlier : (m, N) bool
         Readings that are there, and agree with the others.
     prior_influence : (m,) float
         Share of the least known parameter of each shape that the prior speaks for.
@@ -157,7 +157,7 @@ class Several:
     textbook: Floats
     noise: Floats
     directions: Floats
-    belongs: NDArray[np.bool_]
+    is_inlier: NDArray[np.bool_]
     prior_influence: Floats
     unobserved: int
     excess_variance: float
@@ -203,7 +203,7 @@ class Several:
             "together",
             prior_influence=float(self.prior_influence[sensor]),
             textbook=self.textbook[np.ix_(nine, nine)],
-            used=int(np.count_nonzero(self.belongs[sensor])),
+            used=int(np.count_nonzero(self.is_inlier[sensor])),
             unobserved=self.unobserved,
         )
 
@@ -422,7 +422,7 @@ class _Equations:
         noise: Floats = np.maximum(state.noise * factor, floor)
         return noise
 
-    def followed(self, state: _State, step: Floats) -> Floats:
+    def moved_directions(self, state: _State, step: Floats) -> Floats:
         """(N, 3) directions that go with a step of the parameters."""
         return np.concatenate([
             part.follow(state.directions[block], step)
@@ -567,7 +567,7 @@ def _iterated(state: _State) -> _State:
         before, moved = state.cost, None
         while moved is None and damping < MOST_DAMPING:
             step = solved(matrix, gradient, damping)
-            tried = _moved(state, equations, _cut(state, step))
+            tried = _stepped(state, equations, _cut(state, step))
             moved = tried if tried is not None and tried.cost <= before * (1.0 + 1e-9) + 1e-6 else None
             damping = damping * 8.0 if moved is None else max(damping / 10.0, 1e-12)
         noise = equations.noise(state)
@@ -589,7 +589,7 @@ def _cut(state: _State, step: Floats) -> Floats:
     return step * min(1.0, LONGEST_STEP / max(longest, 1e-300))
 
 
-def _moved(state: _State, equations: _Equations, step: Floats) -> _State | None:
+def _stepped(state: _State, equations: _Equations, step: Floats) -> _State | None:
     """Where a step leads; None where a surface is not closed."""
     at = []
     for own, columns, layout in zip(state.at, state.problem.columns, state.problem.layouts, strict=True):
@@ -598,13 +598,13 @@ def _moved(state: _State, equations: _Equations, step: Floats) -> _State | None:
         if not axes[0] > 1e-3 * axes[2]:
             return None
         at.append(moved)
-    return replace(state, at=tuple(at), directions=equations.followed(state, step))
+    return replace(state, at=tuple(at), directions=equations.moved_directions(state, step))
 
 
 def _without_outliers(state: _State) -> _State:
     """Leave out readings that do not belong to the others, of each moment the worst at first, and go on without."""
     for _ in range(ROUNDS):
-        weight = _belonging(state)
+        weight = _inliers(state)
         if np.array_equal(weight, state.weight):
             break
         directions = _guessed(state.problem, state.at, state.noise, weight)
@@ -612,7 +612,7 @@ def _without_outliers(state: _State) -> _State:
     return state
 
 
-def _belonging(state: _State) -> Floats:
+def _inliers(state: _State) -> Floats:
     """(m, N) 1 for readings that belong: what was left out and still does not stays out, and the worst goes, too."""
     off = np.where(state.problem.there, state.residuals(), np.nan)
     usual = np.nanmedian(np.where(state.weight > 0.0, off, np.nan), axis=1, keepdims=True)
@@ -625,8 +625,8 @@ def _belonging(state: _State) -> Floats:
     share = kept.sum(axis=1) / np.maximum(state.problem.there.sum(axis=1), 1)
     for sensor in np.flatnonzero(share < FEWEST_LEFT):
         kept[sensor] = state.problem.there[sensor]
-    belonging: Floats = kept.astype(float)
-    return belonging
+    inlier_share: Floats = kept.astype(float)
+    return inlier_share
 
 
 def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
@@ -637,7 +637,7 @@ def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
         support = Support.of(equations.matrix, lambda at=state: _spurious_information(at))  # type: ignore[misc]
         plain = NormalEquations(equations.matrix, equations.gradient - equations.bent, 0.0, 0)
         step = (support.keep(plain) + equations.prior).step()
-        moved = _moved(state, equations, _cut(state, step))
+        moved = _stepped(state, equations, _cut(state, step))
         if moved is None:
             break
         state = replace(moved, noise=equations.noise(state))

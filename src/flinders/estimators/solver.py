@@ -320,10 +320,10 @@ def grouped(
     samples: Samples, terms: Sequence[str], disturbances: Disturbances | None, window_s: float
 ) -> tuple[list[ObservationGroup], float]:
     """Put readings that share a direction together, and say how far apart those of a window are, in s."""
-    beside = _Beside.of(samples, terms)
+    auxiliary = _Auxiliary.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
-        return [_group(samples, every[:, np.newaxis], beside, disturbances)], 0.0
+        return [_group(samples, every[:, np.newaxis], auxiliary, disturbances)], 0.0
     inside = gyro.windows(samples.time, samples.rate, window_s=window_s)
     groups = []
     interval = 0.0
@@ -332,14 +332,14 @@ def grouped(
         interval = float(np.median(steps))
         intervals = np.concatenate([steps, steps[:, -1:]], axis=1)
         turned = gyro.integrated(np.nan_to_num(samples.rate[inside]), intervals, np.zeros(3))
-        groups.append(replace(_group(samples, inside, beside, disturbances), turned=turned))
+        groups.append(replace(_group(samples, inside, auxiliary, disturbances), turned=turned))
     rest = np.setdiff1d(every, inside.ravel())[:, np.newaxis]
     if len(rest):
-        groups.append(_group(samples, rest, beside, disturbances))
+        groups.append(_group(samples, rest, auxiliary, disturbances))
     return groups, interval
 
 
-class _Beside(NamedTuple):
+class _Auxiliary(NamedTuple):
     """What stands beside each reading: an attitude (N, 3, 3), or a vertical (N, 3), and how far it is trusted (N,)."""
 
     attitudes: Floats | None = None
@@ -362,16 +362,16 @@ class _Beside(NamedTuple):
 
 
 def _group(
-    samples: Samples, rows: NDArray[np.intp], beside: _Beside, disturbances: Disturbances | None
+    samples: Samples, rows: NDArray[np.intp], auxiliary: _Auxiliary, disturbances: Disturbances | None
 ) -> ObservationGroup:
     """Take what belongs to (W, n) readings."""
     return ObservationGroup(
         rows,
         in_pieces(samples.field[rows]),
         np.ones(rows.shape),
-        attitudes=None if beside.attitudes is None else in_pieces(beside.attitudes[rows], 2),
-        down=None if beside.down is None else in_pieces(beside.down[rows]),
-        trust=None if beside.trust is None else beside.trust[rows],
+        attitudes=None if auxiliary.attitudes is None else in_pieces(auxiliary.attitudes[rows], 2),
+        down=None if auxiliary.down is None else in_pieces(auxiliary.down[rows]),
+        trust=None if auxiliary.trust is None else auxiliary.trust[rows],
         disturbances=None if disturbances is None or not disturbances.names else disturbances.columns[rows],
         warmth=None if disturbances is None or disturbances.warmth is None else disturbances.warmth[rows],
     )
@@ -400,11 +400,11 @@ class Iterate:
         """Residuals are larger than what they change by from one reading to the next."""
         total, steps, count, pairs = 0.0, 0.0, 0, 0
         for group, directions in zip(self.groups, self.directions, strict=True):
-            residual, beside = residuals_of(group, self.at, directions)
+            residual, auxiliary = residuals_of(group, self.at, directions)
             if group.turned is None:
-                if group.attitudes is None or beside is None:
+                if group.attitudes is None or auxiliary is None:
                     continue
-                residual = np.swapaxes(beside, 0, 1)  # readings have a direction each: one after the other
+                residual = np.swapaxes(auxiliary, 0, 1)  # readings have a direction each: one after the other
             total += float(np.sum(residual**2))
             steps += 0.5 * float(np.sum(np.diff(residual, axis=1) ** 2))
             count, pairs = count + residual.size, pairs + residual[:, 1:].size
@@ -475,18 +475,18 @@ def starts(samples: Samples, site: Site | None) -> Iterable[Ellipsoid]:
             yield Ellipsoid(middle + lift * spread * normal, (known or radius) * np.eye(3))
 
 
-def begun(problem: JointProblem, at: Parameters) -> Iterate:
+def initial(problem: JointProblem, at: Parameters) -> Iterate:
     """Where to begin with some parameters: directions that readings agree on, and noises that residuals show."""
     groups = tuple(group.at(at) for group in problem.groups)
     directions = tuple(group.guess(at) for group in groups)
     squares, counts = np.zeros(2), np.zeros(2)
     for group, known in zip(groups, directions, strict=True):
-        residual, beside = residuals_of(group, at, known)
+        residual, auxiliary = residuals_of(group, at, known)
         squares[0] += float(np.sum(residual**2))
         counts[0] += 3.0 * residual.shape[0] * residual.shape[1] - 2.0 * len(known)
-        if beside is not None and group.trust is not None:
-            squares[1] += float(np.sum(np.sum(beside**2, axis=2) * group.trust))
-            counts[1] += float(np.count_nonzero(group.trust)) * beside.shape[2]
+        if auxiliary is not None and group.trust is not None:
+            squares[1] += float(np.sum(np.sum(auxiliary**2, axis=2) * group.trust))
+            counts[1] += float(np.count_nonzero(group.trust)) * auxiliary.shape[2]
     noise, vertical = np.sqrt(squares / np.maximum(counts, 1.0)).tolist()
     radius = float(np.cbrt(np.linalg.det(at.shape)))
     widest = Weights(LOUDEST * radius, LOUDEST)
@@ -511,7 +511,7 @@ def iterated(problem: JointProblem, iterate: Iterate) -> Iterate:
         before, moved = equations.cost, None
         while moved is None and damping < MOST_DAMPING:
             step = solved(matrix, gradient, damping)
-            moved = _moved(problem, iterate, equations, step, before)
+            moved = _stepped(problem, iterate, equations, step, before)
             damping = damping * 8.0 if moved is None else max(damping / 10.0, 1e-12)
         weighed = reweighed(problem, iterate if moved is None else moved, equations)
         is_weighed = bool(np.all(np.abs(np.log(np.divide(weighed.weights, iterate.weights))) < SAME))
@@ -536,10 +536,10 @@ def _retrusted(
     group: ObservationGroup, original: ObservationGroup, at: Parameters, directions: Floats, weights: Weights
 ) -> ObservationGroup:
     """Trust verticals and attitudes with a large residual less than what was recorded with them asks for."""
-    _, beside = residuals_of(group, at, directions)
-    if beside is None or original.trust is None:
+    _, auxiliary = residuals_of(group, at, directions)
+    if auxiliary is None or original.trust is None:
         return group
-    length = np.sqrt(np.einsum("wni,wni->wn", beside, beside)) / weights.vertical
+    length = np.sqrt(np.einsum("wni,wni->wn", auxiliary, auxiliary)) / weights.vertical
     beyond = dip.HUBER if group.attitudes is None else attitude.HUBER
     return replace(group, trust=original.trust * group.weight * dip.huber(length, beyond=beyond))
 
@@ -556,18 +556,18 @@ def solved(matrix: Floats, gradient: Floats, damping: float) -> Floats:
     return step
 
 
-def _moved(
+def _stepped(
     problem: JointProblem, iterate: Iterate, equations: Equations, step: Floats, before: float
 ) -> Iterate | None:
     """Take a step if it leads to a closed surface and costs no more."""
     largest = float(np.abs(step[:9]).max()) / float(np.cbrt(np.linalg.det(iterate.at.shape)))
-    tried = taken(problem, iterate, equations, step * min(1.0, LONGEST_STEP / max(largest, 1e-300)))
+    tried = stepped(problem, iterate, equations, step * min(1.0, LONGEST_STEP / max(largest, 1e-300)))
     if tried is None or not _cost(problem, tried) <= before * (1.0 + 1e-9) + 1e-6:
         return None
     return tried
 
 
-def taken(problem: JointProblem, iterate: Iterate, equations: Equations, step: Floats) -> Iterate | None:
+def stepped(problem: JointProblem, iterate: Iterate, equations: Equations, step: Floats) -> Iterate | None:
     """Where a step leads; None where the surface is not closed."""
     at = iterate.at.moved(step, problem.layout)
     axes = np.linalg.eigvalsh(at.shape)
@@ -588,7 +588,7 @@ def _cost(problem: JointProblem, iterate: Iterate) -> float:
     )
 
 
-def surprise(problem: JointProblem, iterate: Iterate) -> float:
+def deviance(problem: JointProblem, iterate: Iterate) -> float:
     """−2 log of how probable a fit is, but for what all fits to these readings share."""
     counts = np.zeros(2)
     for group in iterate.groups:
@@ -601,7 +601,7 @@ def without_outliers(problem: JointProblem, iterate: Iterate) -> Iterate:
     """Leave out readings that do not belong to the rest, and go on without them."""
     for _ in range(3):
         groups = tuple(
-            replace(group, weight=_belonging(group, iterate, directions))
+            replace(group, weight=_inlier_weights(group, iterate, directions))
             for group, directions in zip(iterate.groups, iterate.directions, strict=True)
         )
         if all(np.array_equal(new.weight, old.weight) for new, old in zip(groups, iterate.groups, strict=True)):
@@ -610,7 +610,7 @@ def without_outliers(problem: JointProblem, iterate: Iterate) -> Iterate:
     return iterate
 
 
-def _belonging(group: ObservationGroup, iterate: Iterate, directions: Floats) -> Floats:
+def _inlier_weights(group: ObservationGroup, iterate: Iterate, directions: Floats) -> Floats:
     """(W, n) 1 for a reading that belongs, 0 for one whose residual is far beyond the usual; all where many are."""
     residual, _ = residuals_of(group, iterate.at, directions)
     length = np.sqrt(np.einsum("wni,wni->wn", residual, residual))

@@ -44,7 +44,7 @@ from flinders.estimators.regressor_quality import (
     widened,
 )
 from flinders.estimators.regressors import DisturbanceEstimate, Logged
-from flinders.estimators.time_delay import Shifted, grid_of, kept, lagging, profile, scattered
+from flinders.estimators.time_delay import Shifted, grid_of, lagging, profile, proven_lags, scattered
 from flinders.findings import CATALOGUE, Finding, Record
 from flinders.likelihood.equations import NormalEquations
 
@@ -109,8 +109,8 @@ class Still:
     def onto(self, calibration: Calibration) -> Calibration:
         """A calibration of the same sensor, made without these disturbances, that follows them; others it keeps."""
         names = {disturbance.name for disturbance in self.disturbances}
-        kept = tuple(disturbance for disturbance in calibration.disturbances if disturbance.name not in names)
-        return replace(calibration, disturbances=(*kept, *self.disturbances))
+        proven_lags = tuple(disturbance for disturbance in calibration.disturbances if disturbance.name not in names)
+        return replace(calibration, disturbances=(*proven_lags, *self.disturbances))
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -139,7 +139,7 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()
     lags = _lags(logged, moving)
-    seconds = kept(lags)
+    seconds = proven_lags(lags)
     departures = logged.departures(moving, seconds)
     left, _, design = _line(logged.field, departures)
     noise = float(np.sqrt(np.sum(left**2) / (3.0 * max(len(left) - design.shape[1], 1))))
@@ -249,7 +249,7 @@ def _lags(logged: Logged, names: tuple[str, ...]) -> dict[str, Lag]:
     """The best lag of each motor."""
     lags: dict[str, Lag] = {}
     for late in lagging(names) if logged.is_timed else ():
-        cost = _LineCost(logged, Shifted(logged, names, late, kept(lags)))
+        cost = _LineCost(logged, Shifted(logged, names, late, proven_lags(lags)))
         lag = cost.scattered(profile(late[0], cost, grid_of(logged.step_s)))
         lags |= {name: replace(lag, name=name) for name in late}
     return lags
@@ -290,7 +290,7 @@ def _driven(
         disturbance,
         monotonicity=monotonicity(departures),
         attenuation=attenuation(departures, *_along(disturbance, left)),
-        lag_sigma_s=np.nan if lag is None else lag.kept_sigma_s,
+        lag_sigma_s=np.nan if lag is None else lag.used_sigma_s,
         lag_is_beyond=lag is not None and lag.is_beyond,
         curvature=_curvature(disturbance, departures, left, design),
         collinearity=collinearity(departures, np.delete(disturbances, place, axis=1)),

@@ -90,7 +90,7 @@ class Lag:
         return self.saved > PROVEN
 
     @property
-    def kept_sigma_s(self) -> float:
+    def used_sigma_s(self) -> float:
         """Standard deviation of what is kept of it: about none where it is not proven, which it is off by itself."""
         return self.sigma_s if self.is_proven else float(np.hypot(self.sigma_s, self.seconds))
 
@@ -138,8 +138,8 @@ def lags_of(logged: Logged, names: tuple[str, ...], spread: float) -> tuple[dict
     solved: Solved | None = None
     for late in lagging(names) if logged.is_timed else ():
         for _ in range(2):  # the second time with the noise that the first lag leaves
-            solved = settle(DisturbanceProblem(logged, names, spread, kept(lags)), solved)
-            cost = _Cost(logged, names, late, kept(lags), solved)
+            solved = settle(DisturbanceProblem(logged, names, spread, proven_lags(lags)), solved)
+            cost = _Cost(logged, names, late, proven_lags(lags), solved)
             lag = cost.judged(profile(late[0], cost, grid_of(logged.step_s)))
             lags |= {name: replace(lag, name=name) for name in late}
             if not lag.is_proven:
@@ -161,7 +161,7 @@ def lagging(names: Sequence[str]) -> list[tuple[str, ...]]:
     return [tuple(family) for family in families.values()]
 
 
-def kept(lags: dict[str, Lag]) -> dict[str, float]:
+def proven_lags(lags: dict[str, Lag]) -> dict[str, float]:
     """Those that are proven, in s."""
     return {name: lag.seconds for name, lag in lags.items() if lag.is_proven}
 

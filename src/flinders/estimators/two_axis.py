@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.estimators.base import Method
-from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, raised, require_turn
+from flinders.estimators.in_plane import NotAnEllipse, equator, fitted_flat, laid_flat, lifted, require_turn
 from flinders.estimators.likelihood import ENOUGH
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import Plane, PlaneEllipse, order_of
@@ -117,7 +117,7 @@ class TwoAxisRecipe:
             rejected_beyond=np.inf,
             outliers=(),
         )
-        return raised(
+        return lifted(
             estimate,
             self.plane,
             name=self.name,

@@ -29,17 +29,17 @@ from flinders.diagnostics.hold_out import HoldOutMisfit, fitted, hold_out_misfit
 from flinders.diagnostics.instruments import (
     UPRIGHT,
     Mistake,
-    astray,
     circular,
     dip_of,
-    elsewhere,
-    is_elsewhere,
+    is_at_another_site,
     is_far,
+    is_implausible,
     of_aid_and_gyro,
     of_instruments,
     of_scales,
     one_axis,
     without_gaps,
+    wrong_dip,
 )
 from flinders.errors import FitError, figures
 from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
@@ -142,7 +142,7 @@ def aided_by(
         replaced = [aid for aid in kept if name in UPRIGHT and aid in UPRIGHT]
         tried = (*(aid for aid in kept if aid not in replaced), name)
         aided = whole(tried, rotation=rotation, near=best)
-        is_strange = is_strange or is_elsewhere(aided, site)
+        is_strange = is_strange or is_at_another_site(aided, site)
         if (contradiction := _contradiction(aided, name)) is not None:
             mistakes += [] if is_auto else [contradiction]
             reports.append(AidingSensor(name, kept=False, words=contradiction.words))
@@ -150,7 +150,7 @@ def aided_by(
         said = AidingSensor(
             name, True, change_deg(best, aided, dip_deg), claim_deg(best, dip_deg), claim_deg(aided, dip_deg)
         )  # fmt: skip
-        trial = _Trial(standing, _Candidate(samples, aided, rotation))
+        trial = _AidTrial(standing, _Candidate(samples, aided, rotation))
         if is_auto and (against := trial.against(said)):
             if turned is None and (words := trial.turns(said)):
                 turned = aided
@@ -165,27 +165,27 @@ def aided_by(
         best, standing, kept = aided, trial.candidate, tried
     if "rate" in kept and samples.rate is not None:
         mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
-    if site is not None and (is_elsewhere(best, site) or is_strange):  # it would bend the fit: again, without it
+    if site is not None and (is_at_another_site(best, site) or is_strange):  # it would bend the fit: again, without it
         again, told = aided_by(
             samples, aiding, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
         )
         if (mistake := _of_site(best, told, site)) is not None:
             return again, replace(told, mistakes=(*of_gaps, *told.mistakes, mistake))
-    return best, _told(best, turned, tuple(reports), tuple(mistakes))
+    return best, _reported(best, turned, tuple(reports), tuple(mistakes))
 
 
 def _contradiction(aided: Aided, name: str) -> Mistake | None:
     """Whether an aid goes against the gyro, or against the readings, in a fit that has both."""
     if aided.scales_off:
         return of_scales(aided.scales_off) if name == "rate" else of_aid_and_gyro(name, aided.scales_off)
-    return astray(aided, name)
+    return is_implausible(aided, name)
 
 
 def _of_site(bent: Aided, told: Aiding, site: Site) -> Mistake | None:
     """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
     if told.dip_deg is None:
-        return elsewhere(dip_of(bent), site) if is_elsewhere(bent, site) else None
-    return elsewhere(told.dip_deg, site) if is_far(told.dip_deg, site, told.dip_sigma_deg or 0.0) else None
+        return wrong_dip(dip_of(bent), site) if is_at_another_site(bent, site) else None
+    return wrong_dip(told.dip_deg, site) if is_far(told.dip_deg, site, told.dip_sigma_deg or 0.0) else None
 
 
 def available(samples: Samples) -> tuple[str, ...]:
@@ -247,7 +247,7 @@ class _Candidate:
         return hold_out_misfit(self.samples, self.in_parts, vertical)
 
 
-class _Trial(NamedTuple):
+class _AidTrial(NamedTuple):
     """One more aid on trial: the fit without it, and the one with it."""
 
     standing: _Candidate
@@ -324,10 +324,12 @@ def _angle_of(rotation: Floats) -> Floats:
     return angle
 
 
-def _told(aided: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mistakes: tuple[Mistake, ...]) -> Aiding:
+def _reported(
+    aided: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mistakes: tuple[Mistake, ...]
+) -> Aiding:
     """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
     if turned is not None and not aided.sees_rotation:
-        alone = _told(turned, None, each, mistakes)
+        alone = _reported(turned, None, each, mistakes)
         return replace(alone, excess_variance=aided.excess_variance)
     at = aided.parameters
     rotation = aided.rotation_covariance if aided.sees_rotation else None

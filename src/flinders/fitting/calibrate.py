@@ -28,7 +28,7 @@ from flinders.estimators import Readings, at_one_strength, method_of, within_ran
 from flinders.estimators.aiding import refuse_without
 from flinders.estimators.auto import Auto
 from flinders.estimators.data import concatenated
-from flinders.estimators.disturbance import following
+from flinders.estimators.disturbance import with_disturbances
 from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.regressors import DisturbanceEstimate
@@ -208,7 +208,7 @@ def fit(
     if aiding == AUTO and not disturbances and hasattr(source, "blocks"):
         disturbances, tried = earned(cast("Recording", source), spread=request.prior, dip_deg=request.dip_deg)
     if disturbances:
-        driving, source = following(source, disturbances, spread=request.prior)
+        driving, source = with_disturbances(source, disturbances, spread=request.prior)
     frame = _Frame.of(source, unit, axes)
     readings = within_range(_moved(Readings.of(source), method, estimator, frame.unit))
     instruments = _Instruments(gyro_scale, acceleration_bias)
@@ -521,7 +521,7 @@ def _with_disturbances(result: Fit, driving: Driving) -> Fit:
             disturbance.name,
             disturbance,
             taken_deg=calibration.disturbance_deg(disturbance, dip_deg=dip),
-            left_deg=driving.left(result.ellipsoid, place, dip_deg=dip, down=down).worst,
+            left_deg=driving.remaining_error(result.ellipsoid, place, dip_deg=dip, down=down).worst,
             shared=quality.shared,
             monotonicity=quality.monotonicity,
             attenuation=quality.attenuation,

@@ -79,7 +79,7 @@ def earned(
     kept: tuple[str, ...] = ()
     reports = []
     for name in there:
-        reports.append(_asked(parts, _Trial(name, kept, (name,)), spread, dip_deg))
+        reports.append(_requested(parts, _DisturbanceTrial(name, kept, (name,)), spread, dip_deg))
         if reports[-1].kept:
             kept = (*kept, name)
     for of, many in MOTORS.items():
@@ -87,7 +87,7 @@ def earned(
         others = tuple(name for name in kept if name != of)
         if len(each) < 2:
             continue
-        reports.append(_asked(parts, _Trial(many, kept, each, instead=of), spread, dip_deg))
+        reports.append(_requested(parts, _DisturbanceTrial(many, kept, each, instead=of), spread, dip_deg))
         if reports[-1].kept:
             kept = (*others, *each)
             reports = [replace(one, kept=False, words=APART) if one.name == of else one for one in reports]
@@ -95,7 +95,7 @@ def earned(
 
 
 @dataclass(frozen=True, slots=True)
-class _Trial:
+class _DisturbanceTrial:
     """What is tried.
 
     Attributes
@@ -126,7 +126,9 @@ def _of_all(parts: Sequence[Samples]) -> tuple[str, ...]:
     return tuple(name for name in parts[0].disturbances if all(_has(part, name) for part in parts))
 
 
-def _asked(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> AidingSensor:
+def _requested(
+    parts: Sequence[Samples], trial: _DisturbanceTrial, spread: float | None, dip_deg: float
+) -> AidingSensor:
     """What there is to say of a trial, also where it is refused."""
     try:
         return _tried(parts, trial, spread, dip_deg)
@@ -134,7 +136,7 @@ def _asked(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_de
         return AidingSensor(trial.name, kept=False, words=str(refusal))
 
 
-def _tried(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_deg: float) -> AidingSensor:
+def _tried(parts: Sequence[Samples], trial: _DisturbanceTrial, spread: float | None, dip_deg: float) -> AidingSensor:
     """What there is to say of disturbances beside those that were kept."""
     name, logged = trial.name, Logged.of(parts, trial.names)
     moving, _ = logged.split()
@@ -146,7 +148,7 @@ def _tried(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_de
         return AidingSensor(
             name, kept=False, words="the sensor was not turned: name it to find what it does on a bench"
         )
-    before, after = left_over(parts, trial.kept, trial.tried, spread)
+    before, after = hold_out_residuals(parts, trial.kept, trial.tried, spread)
     if after > WORTH * before:
         words = "the strength of the field scatters as much with it as without, where it was left out"
         return AidingSensor(name, kept=False, words=words)
@@ -167,7 +169,7 @@ def _tried(parts: Sequence[Samples], trial: _Trial, spread: float | None, dip_de
     return AidingSensor(name, kept=True, changed_deg=min(taken, 180.0), words=words)
 
 
-def left_over(
+def hold_out_residuals(
     parts: Sequence[Samples], without: tuple[str, ...], tried: tuple[str, ...], spread: float | None = prior.SPREAD
 ) -> tuple[float, float]:
     """Root mean square distance of readings that were left out, with some disturbances and with others, in their unit.
