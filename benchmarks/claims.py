@@ -307,7 +307,7 @@ def time(pool: Executor, trials: int) -> Iterator[str]:
 def slow(pool: Executor, trials: int) -> Iterator[str]:
     """Noise of seconds, of which a recording holds few independent readings; required 0.7 to 1.4."""
     yield from _head(
-        "0.5 µT that hangs together for", "recording", "weighed/9", "its median", "textbook", "good",
+        "0.5 µT that is correlated for", "recording", "weighed/9", "its median", "textbook", "good",
         "of those true > 2 × claim, > 1°", "refused",
     )  # fmt: skip
     for constant_s, seconds in SLOW:

@@ -41,7 +41,7 @@ KINDS: Final[Mapping[str, Callable[[int], Simulated]]] = {
     "500 random directions": partial(simulate.tumble, motion="uniform", n=500),
     "a minute by hand": by_hand,
     "tilted by 35° at the most": partial(simulate.tumble, motion="tilted", n=500, tilt_deg=35.0),
-    "by hand, noise that hangs together (ρ = 0.8)": partial(by_hand, memory=0.8),
+    "by hand, correlated noise (ρ = 0.8)": partial(by_hand, memory=0.8),
     "by hand, 1 % of the field belongs to the direction": partial(by_hand, distorted=0.01),
     "by hand, 1 % outliers": partial(simulate.tumble, outliers=0.01),
     "by hand, a magnet passes": partial(by_hand, magnet="cut"),

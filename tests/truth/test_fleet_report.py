@@ -82,7 +82,7 @@ def test_what_sums_alone_cost_is_what_was_measured() -> None:
     rows = [line.split("|")[1:-1] for line in (DOCS / "fleet.md").read_text().splitlines() if line.count("|") == 10]
     too_small = {cells[0].strip(): float(cells[7]) for cells in rows if cells[0].strip()[0] in "5abt"}
     assert too_small["by hand, 1 % outliers"] == pytest.approx(10.0, abs=0.5)
-    assert too_small["by hand, noise that hangs together (ρ = 0.8)"] == pytest.approx(3.0, abs=0.5)
+    assert too_small["by hand, correlated noise (ρ = 0.8)"] == pytest.approx(3.0, abs=0.5)
     assert too_small["500 random directions"] == pytest.approx(1.0, abs=0.05)
     assert "3 times" in SUMS_ALONE
     assert "10 times with 1 % of strays" in SUMS_ALONE
