@@ -100,7 +100,7 @@ def test_a_stream_gives_as_many_readings_as_it_takes_and_knows_no_blocks(
         assert len(passed) == end - begin
         through = through + passed
     npt.assert_array_equal(through.field, once.field)
-    npt.assert_array_equal(through.kept, once.kept)
+    npt.assert_array_equal(through.accepted, once.accepted)
     assert len(stream.finish()) == 0
 
 
@@ -146,7 +146,7 @@ def test_moved_scaled_swapped_and_mirrored_readings_come_out_alike(
     sign = np.where(np.arange(3) == axis, -1.0, 1.0)
     one = by.start(centred=False).push(samples.field, samples.time)
     other = by.start(centred=False).push(size * (sign * np.roll(samples.field, axis, axis=1) + shift), samples.time)
-    npt.assert_array_equal(other.kept, one.kept)
+    npt.assert_array_equal(other.accepted, one.accepted)
     npt.assert_allclose(other.field / size - shift, sign * np.roll(one.field, axis, axis=1), atol=1e-7)
 
 

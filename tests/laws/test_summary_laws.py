@@ -97,7 +97,7 @@ def test_extent_and_ends_are_those_of_the_readings(field: Floats) -> None:
     npt.assert_array_equal(health.highs.counts, (field == field.max(axis=0)).sum(axis=0))
     for axis in range(3):
         there = field[field[:, axis] == field[:, axis].min()]
-        npt.assert_array_equal(health.lows.beside[axis], np.ptp(there, axis=0))
+        npt.assert_array_equal(health.lows.ranges[axis], np.ptp(there, axis=0))
 
 
 def test_the_seam_between_recordings_can_be_a_jump_or_a_step_back() -> None:
@@ -110,21 +110,21 @@ def test_the_seam_between_recordings_can_be_a_jump_or_a_step_back() -> None:
 
 def test_the_seam_between_recordings_of_their_own_is_nothing() -> None:
     early, late = TimeStamps.of(np.array([0.0, 1.0, 2.0])), TimeStamps.of(np.array([50.0, 51.0]))
-    for both in (early.beside(late), late.beside(early)):
+    for both in (early.merged(late), late.merged(early)):
         assert (both.seconds, both.steps, both.longest_step, both.backward_steps) == (3.0, 3, 1.0, 0)
         assert both.usual_step == 1.0
-    assert TimeStamps().beside(late) == late == late.beside(TimeStamps())
+    assert TimeStamps().merged(late) == late == late.merged(TimeStamps())
     assert TimeStamps().usual_step == 0.0
 
 
 @given(recordings(), recordings(), recordings())
 def test_recordings_side_by_side_add_up_in_any_grouping(first: Samples, second: Samples, third: Samples) -> None:
     a, b, c = map(DataQuality.of, (first, second, third))
-    same(a.beside(b).beside(c), a.beside(b.beside(c)))
+    same(a.merged(b).merged(c), a.merged(b.merged(c)))
     if not np.isnan(b.clock.end):
-        same(a.beside(b + c), a.beside(b) + c)
-    same(a.beside(DataQuality()), a)
-    same(DataQuality().beside(a), a)
+        same(a.merged(b + c), a.merged(b) + c)
+    same(a.merged(DataQuality()), a)
+    same(DataQuality().merged(a), a)
 
 
 @given(recordings(), recordings())

@@ -194,7 +194,7 @@ def test_spikes_do_not_come_through(name: Name) -> None:
     through = stream.push(field) + stream.finish()
     assert np.abs(through.field - circle(0.5)).max() < 4.0
     if name == "kalman":
-        npt.assert_array_equal(np.flatnonzero(~through.kept), struck)
+        npt.assert_array_equal(np.flatnonzero(~through.accepted), struck)
         assert stream.dropped == len(struck)
 
 
@@ -217,7 +217,7 @@ def test_a_field_that_has_really_changed_is_followed(jump: float) -> None:
     for rows in late:
         assert np.abs(through.field[rows] - true[rows]).max() < 1.8
     assert stream.restarts == 2
-    assert {200, 201, 400, 401} <= set(np.flatnonzero(~through.kept).tolist())
+    assert {200, 201, 400, 401} <= set(np.flatnonzero(~through.accepted).tolist())
     assert stream.dropped <= 6
 
 
@@ -227,7 +227,7 @@ def test_a_turn_that_begins_after_a_rest_does_not_lock_the_filter_out(step_deg: 
     field = np.concatenate([rest, circle(step_deg, 500)]) + 0.1 * np.random.default_rng(5).standard_normal((800, 3))
     stream = Filter("kalman", 5).start(centred=True)
     through = stream.push(field)
-    assert through.kept[320:].all()
+    assert through.accepted[320:].all()
     radii = np.linalg.norm(through.field[400:, :2], axis=1)
     npt.assert_allclose(radii, 50.0 * Filter("kalman", 5).keeps(step_deg), atol=1.0)
 
@@ -237,7 +237,7 @@ def test_values_that_never_changed_do_not_make_the_gate_shut() -> None:
     field = np.full((300, 3), 12.0)
     field[100:] += np.random.default_rng(1).integers(-1, 2, size=(200, 3))
     stream = Filter("kalman").start(centred=True)
-    assert stream.push(field).kept[103:].all()
+    assert stream.push(field).accepted[103:].all()
 
 
 def test_a_clock_without_pauses_is_not_cut() -> None:

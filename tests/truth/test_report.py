@@ -260,7 +260,9 @@ def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(kn
 def test_what_belongs_to_the_direction_is_found_in_the_file_again() -> None:
     fit, samples = fitted()
     bent = replace(
-        fit, distortion=0.3, heading_error_deg=fit.heading_error_deg.beside(replace(fit, distortion=0.3).structure_deg)
+        fit,
+        distortion=0.3,
+        heading_error_deg=fit.heading_error_deg.combined(replace(fit, distortion=0.3).structure_deg),
     )
     again = restored(Fit.from_document(bent.to_document()), samples)
     npt.assert_allclose(again.distortion, 0.3, rtol=1e-6)

@@ -32,6 +32,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from flinders.geometry.angles import deflection_deg
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
@@ -105,8 +107,7 @@ def heading_deg(difference: float, dip_deg: float) -> float:
     >>> round(heading_deg(0.1, 60.0), 1), heading_deg(0.6, 60.0)
     (11.5, 180.0)
     """
-    share = difference / np.cos(np.deg2rad(dip_deg))
-    return float(np.rad2deg(np.arcsin(share))) if share < 1.0 else 180.0
+    return deflection_deg(difference / np.cos(np.deg2rad(dip_deg)))
 
 
 def departures(seen: Floats, time: Floats, *, limit_deg: float = 1.0, dip_deg: float = 60.0) -> tuple[Departure, ...]:
@@ -231,11 +232,9 @@ def _changed_length(differ: NDArray[np.bool_], lengths: Floats, limit: float) ->
 def _blamed(
     differ: NDArray[np.bool_], apart: Floats, lengths: Floats, block: int, limit: float, has_changed: NDArray[np.bool_]
 ) -> tuple[tuple[int | None, bool], ...]:
-    """Which sensors depart in a block: the few far from most others, else one whose length tells, else None.
-
-    Where those few kept their length all the while, and all of the others did not, it is the others: what is near two
-    of three moves both alike. Where there is no majority, two or more that kept theirs and agree stand for one.
-    """
+    """Which sensors depart in a block: the few far from most others, else one whose length tells, else None."""
+    # Where those few kept their length all the while, and all of the others did not, it is the others: what is near two
+    # of three moves both alike. Where there is no majority, two or more that kept theirs and agree stand for one.
     if not differ.any():
         return ()
     sensors = len(differ)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
 
-Agreement = Literal["agree", "differ", "contradict"]
+Opinion = Literal["agree", "differ", "contradict"]
 
 CHANCE: Final = 0.01
 """A difference that chance makes less often than this is more than chance explains."""
@@ -197,7 +197,7 @@ class Comparison:
         return None if self.chi_square is None else chance_of(self.chi_square, self.freedom)
 
     @property
-    def verdict(self) -> Agreement:
+    def verdict(self) -> Opinion:
         """Say in a word what to make of it.
 
         ``agree``: no more than chance explains. ``differ``: more, but no heading by more than the target.
@@ -428,10 +428,8 @@ def _rotation_covariance(fit: Fit) -> Floats | None:
 
 
 def _level(fit: Fit, dip_deg: float) -> Fit:
-    """What a fit says of a turn in x and y, and nothing else: an ellipsoid whose equator is the ellipse of that turn.
-
-    One that rests on a level turn has its own dip.
-    """
+    """What a fit says of a turn in x and y alone: an ellipsoid whose equator is the ellipse of that turn."""
+    # One that rests on a level turn has its own dip.
     if fit.plane is not None and math.isfinite(fit.heading_error_deg.dip_deg):
         dip_deg = fit.heading_error_deg.dip_deg
     strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))

@@ -28,6 +28,7 @@ from flinders.errors import UsageError, figures
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import of_calibration
+from flinders.geometry.angles import heading_errors
 from flinders.geometry.plane import PLANES, order_of
 from flinders.heading.error_propagation import HeadingError, level_turn
 
@@ -102,9 +103,7 @@ def rotation_error(matrix: Floats, turns: Sequence[str], *, dip_deg: float) -> H
         for plane in filter(None, turns):
             first, second, third = order_of(cast("Plane", plane))
             offset[[first, second]] = -made[[first, second], third] * np.sin(np.deg2rad(dip_deg))
-        x, y, _ = made @ directions + offset[:, np.newaxis]
-        phasors = np.exp(1j * (np.arctan2(-y, x) - heading))
-        errors = np.rad2deg(np.angle(phasors / phasors.mean()))
+        errors = np.rad2deg(heading_errors(made @ directions + offset[:, np.newaxis], heading)[0])
         squares.append(float(np.mean(errors**2)))
         worst = max(worst, float(np.abs(errors).max()))
     return HeadingError(math.sqrt(sum(squares) / len(squares)), worst, float(dip_deg))
@@ -307,4 +306,5 @@ def _finding(turns: Sequence[str], left_deg: float, target_deg: float) -> Findin
 
 
 def _listed(values: Floats) -> str:
+    """Numbers with three digits, for a message."""
     return ", ".join(figures(value, 3) for value in values.tolist())

@@ -19,6 +19,7 @@ import numpy as np
 from flinders.comparison.comparison import CHANCE, DIRECTIONS
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
+from flinders.geometry.angles import heading_errors
 from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
     DirectionError,
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.simulate.truth import Truth
 
-Outcome = Literal["as claimed", "worse than claimed", "unclaimed"]
+Claim = Literal["as claimed", "worse than claimed", "unclaimed"]
 
 TARGET_DEG: Final = 1.0
 
@@ -124,7 +125,7 @@ class Evaluation:
         return math.hypot(*self.offset_error) / self.field_strength
 
     @property
-    def verdict(self) -> Outcome:
+    def verdict(self) -> Claim:
         """``worse than claimed`` where chance makes such errors less than once in a hundred times."""
         if self.p_value is None:
             return "unclaimed"
@@ -258,10 +259,7 @@ class _Met:
     def heading_errors(self, dip_deg: float) -> tuple[Floats, float]:
         """(72,) errors over a level turn with their mean taken off, and the mean, in rad."""
         heading, directions = level_turn(dip_deg)
-        seen = self.corrected(directions)
-        off = np.exp(1j * (np.arctan2(-seen[1], seen[0]) - heading))
-        mean = float(np.angle(off.mean()))
-        return np.angle(off * np.exp(-1j * mean)), mean
+        return heading_errors(self.corrected(directions), heading)
 
     @property
     def matrix_error(self) -> float:

@@ -108,15 +108,7 @@ def compare_turned(known: Fit, fresh: Fit, recording: Recording, *, target_deg: 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Turn:
-    """A level turn beside a calibration.
-
-    Attributes
-    ----------
-    known : Fit
-    numbers : (8,) float
-        Middle (2) and shape (S₁₁, S₂₂, S₁₂) of the ellipse in the sensor's x and y; height and slopes of its plane.
-    covariance : (8, 8) float
-    """
+    """A level turn beside a calibration."""
 
     known: Fit
     numbers: Floats

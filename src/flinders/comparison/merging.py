@@ -246,18 +246,7 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Field:
-    """The one field that several calibrations are brought to.
-
-    Attributes
-    ----------
-    strength : float
-        Geometric mean of their field strengths where all are known, else of their radii.
-    is_known : bool
-    reference : (3, 3) float
-        About what all have in common, of that size: the scale is taken out with respect to it, the same for all.
-    log_variance : float
-        Of the logarithm of `strength`, where it is found and not known.
-    """
+    """The one field that several calibrations are brought to."""
 
     strength: float
     is_known: bool
@@ -449,6 +438,7 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
 
 
 def _by_name(file: SourceFile) -> tuple[str, str]:
+    """Order of files: by name, then by content."""
     return file.name, file.sha256
 
 

@@ -301,10 +301,8 @@ def _thinned(readings: Readings, stride: int) -> Samples:
 
 
 def _inliers_and_dip(readings: Readings, samples: Samples, dip_deg: float) -> tuple[NDArray[np.bool_] | None, float]:
-    """Readings that `Auto` keeps, which all methods are held against, and the dip with the sign that they show.
-
-    Where the strength of the field is told and varies, `Auto` has no say in what belongs to it.
-    """
+    """Readings that `Auto` keeps, which all methods are held against, and the dip with the sign that they show."""
+    # Where the strength of the field is told and varies, `Auto` has no say in what belongs to it.
     if samples.strength is not None and np.ptp(samples.strength) > 0.0:
         return None, dip_deg
     try:

@@ -28,7 +28,7 @@ import numpy as np
 from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
 from flinders.core.axes import EXCHANGES
 from flinders.core.samples import Samples
-from flinders.core.time_alignment import Paired, paired
+from flinders.core.time_alignment import Paired, affine_residuals, paired
 from flinders.deprecation import renamed_keywords
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
@@ -280,24 +280,7 @@ def fit_multi(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Body:
-    """The magnetometers of one body that have readings.
-
-    Attributes
-    ----------
-    sources : mapping of str to Recording
-    reference : int
-    mounting : Aiding, optional
-        How the reference sits in the body.
-    starts : of Estimate or None
-        What each finds by itself, of its readings alone.
-    common : Paired
-        Readings of all at common moments.
-    copies : dict of int
-        Of which other sensor one repeats the readings.
-    prior : float
-    options : dict
-        Target, dip and field strength, as for `fit_multi`.
-    """
+    """The magnetometers of one body that have readings."""
 
     sources: Mapping[str, Recording]
     reference: int
@@ -476,13 +459,7 @@ class _Body:
 def _in_body(
     source: Recording, aiding: str | Sequence[str], site: Site | None, prior: float, options: dict[str, Any]
 ) -> Aiding | None:
-    """How the reference sits in the body, by what was recorded beside it; None where nothing saw that.
-
-    Raises
-    ------
-    UsageError
-        For an aid that is not known, or was not recorded.
-    """
+    """How the reference sits in the body, by what was recorded beside it; None where nothing saw that."""
     try:
         reference = fit(source, aiding=aiding, site=site, prior=prior, **options)
     except Refused as refusal:
@@ -520,13 +497,7 @@ def _better(member: Member) -> Member:
 
 
 def _checked(sources: Mapping[str, Recording], reference: str | None, field_strength: float | None) -> str:
-    """Name of the reference among sensors that can be taken together.
-
-    Raises
-    ------
-    UsageError
-        Where they cannot.
-    """
+    """Name of the reference among sensors that can be taken together."""
     names = list(sources)
     if len(names) < 2:
         raise UsageError(f"{len(names)} magnetometer: need two or more of one body; use flinders.fit for one")
@@ -539,13 +510,7 @@ def _checked(sources: Mapping[str, Recording], reference: str | None, field_stre
 
 
 def _in_memory(source: Recording) -> Samples:
-    """All readings that are at no rail, in the order of time.
-
-    Raises
-    ------
-    FitError
-        Where they are too few, or do not move.
-    """
+    """All readings that are at no rail, in the order of time."""
     readings = within_range(Readings.of(source))
     readings.require(FEWEST, "together")
     recording = cast("Recording", readings.recording)
@@ -566,15 +531,7 @@ def _estimated(field: Floats) -> Estimate | None:
 
 
 def _paired(samples: Sequence[Samples], reference: int) -> Paired:
-    """Readings of all at common moments.
-
-    Raises
-    ------
-    UsageError
-        Where some have time and some have not, or none has and they differ in length.
-    InputError
-        Where hardly any moment is common to two of them.
-    """
+    """Readings of all at common moments."""
     times = [each.time for each in samples if each.time is not None]
     fields = [each.field for each in samples]
     if len(times) == len(samples):
@@ -608,12 +565,11 @@ def _copies(fields: Floats, starts: Sequence[Estimate | None], reference: int) -
 
 def _is_copy(first: Floats, second: Floats, start: Estimate | None) -> bool:
     """Whether an affine map of one gives the other far better than the other's own noise lets it."""
-    both = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
-    if np.count_nonzero(both) < FEWEST:
+    left = affine_residuals(first, second)
+    if len(left) < FEWEST:
         return False
-    design = np.column_stack([first[both], np.ones(int(both.sum()))])
-    left = second[both] - design @ np.linalg.lstsq(design, second[both], rcond=None)[0]
-    width = float(np.sqrt(np.mean(np.var(second[both], axis=0))))
+    there = second[np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)]
+    width = float(np.sqrt(np.mean(np.var(there, axis=0))))
     noise = 1e-6 * width if start is None else max(start.noise, 1e-6 * width)
     return float(np.sqrt(np.mean(left**2))) < COPY * noise
 
@@ -644,6 +600,7 @@ def _own_outliers(fields: Floats, starts: Sequence[Estimate | None]) -> NDArray[
 
 
 def _segments(runs: Sequence[Departure]) -> set[tuple[int | None, int, int]]:
+    """What tells the segments of two rounds apart."""
     return {(run.sensor, run.first, run.last) for run in runs if run.sensor is not None}
 
 

@@ -37,6 +37,7 @@ from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
 from flinders.deprecation import renamed_attribute
 from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, UsageError
+from flinders.geometry.angles import deflection_deg
 from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
@@ -370,7 +371,7 @@ class Calibration:
         """
         shift = disturbance.shift(disturbance.farthest if value is None else value)
         across = float(np.linalg.norm(self.matrix @ shift)) / (self.field_strength * np.cos(np.deg2rad(dip_deg)))
-        return float(np.rad2deg(np.arcsin(across))) if across < 1.0 else 180.0
+        return deflection_deg(across)
 
     def _refuse_disturbances(self, what: str) -> None:
         """Raise `UsageError` where the offset follows a disturbance, for what only a fixed one can."""

@@ -482,6 +482,7 @@ def gaps(value: object, place: str = "") -> Iterator[str]:
 
 
 def _is_group(value: object) -> bool:
+    """Whether a value has members."""
     return isinstance(value, dict | list | tuple)
 
 

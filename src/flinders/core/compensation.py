@@ -1,7 +1,7 @@
 """Compensation of a recording: readings as they would be with all disturbances at their references.
 
 A calibration with `disturbances` is a plain one, `Calibration.at()`, of compensated readings. Everything that works on
-readings (a fit, a check, headings, a filter) settles them first, and needs to know of disturbances no more.
+readings (a fit, a check, headings, a filter) compensates them first, and needs to know of disturbances no more.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.disturbance import Disturbance
@@ -52,7 +52,7 @@ class Compensator:
     _before: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
     def __call__(self, samples: Samples) -> Samples:
-        """Settle a block.
+        """Compensate a block.
 
         Raises
         ------
@@ -62,7 +62,7 @@ class Compensator:
         disturbances = self.calibration.disturbances
         if not disturbances or not len(samples):
             return samples
-        if lacking := [disturbance for disturbance in disturbances if not _is_told(samples, disturbance)]:
+        if lacking := [disturbance for disturbance in disturbances if not _is_recorded(samples, disturbance)]:
             raise InputError(lacking_words(self.calibration, lacking, samples.source))
         values = {disturbance.name: self._values(disturbance, samples) for disturbance in disturbances}
         shift, gain = effect(disturbances, values)
@@ -111,10 +111,10 @@ class Compensated(Wrapped):
     calibration: Calibration
 
     def blocks(self) -> Iterator[Samples]:
-        """Yield settled blocks."""
-        settle = Compensator(self.calibration)
+        """Yield compensated blocks."""
+        compensate = Compensator(self.calibration)
         for block in self.recording.blocks():
-            yield settle(block)
+            yield compensate(block)
 
 
 def compensated(recording: Recording, calibration: Calibration) -> Recording:
@@ -135,7 +135,7 @@ def compensated(recording: Recording, calibration: Calibration) -> Recording:
     return Compensated(recording, calibration)
 
 
-def _is_told(samples: Samples, disturbance: Disturbance) -> bool:
+def _is_recorded(samples: Samples, disturbance: Disturbance) -> bool:
     """Whether a disturbance was recorded beside readings."""
     column = samples.driving(disturbance.name)
     return column is not None and bool(np.isfinite(column).any())

@@ -244,13 +244,7 @@ def _model(year: float) -> GeoMag:
 
 
 def _refuse_nowhere(latitude_deg: float, longitude_deg: float, altitude_m: float) -> None:
-    """Refuse a place that is not on, or near, the earth.
-
-    Raises
-    ------
-    UsageError
-        Naming the number, what it has to be, and what it may have been mixed up with.
-    """
+    """Refuse a place that is not on, or near, the earth."""
     if not -90.0 <= latitude_deg <= 90.0:
         swapped = "; the latitude comes first" if abs(latitude_deg) <= 180.0 and abs(longitude_deg) <= 90.0 else ""
         raise UsageError(f"latitude is {latitude_deg:g}°: need −90° to 90°{swapped}")

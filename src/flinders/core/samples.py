@@ -67,6 +67,13 @@ class Skipped:
         return f"{self.rows:,} {self.reason} row{'s' * (self.rows != 1)} (line {lines}{example})"
 
 
+COLUMNS: Final = (
+    "field", "time", "acceleration", "rate", "temperature", "current", "strength", "throttle", "attitude",
+    "currents", "throttles",
+)  # fmt: skip
+"""What `Samples` has of each reading."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """Columns of one recording, or of a stretch of it.
@@ -184,8 +191,8 @@ class Samples:
             unit=unit,
             axes=axes,
             time=None if time is None else column(time, rows, "time"),
-            acceleration=None if acceleration is None else axes.apply(_beside(acceleration, rows, "acceleration")),
-            rate=None if rate is None else axes.apply(_beside(rate, rows, "rate")),
+            acceleration=None if acceleration is None else axes.apply(_three_axes(acceleration, rows, "acceleration")),
+            rate=None if rate is None else axes.apply(_three_axes(rate, rows, "rate")),
             temperature=None if temperature is None else column(temperature, rows, "temperature"),
             current=None if current is None else column(current, rows, "current"),
             strength=None if strength is None else column(strength, rows, "strength") * unit.scale,
@@ -202,20 +209,8 @@ class Samples:
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | Sequence[int]) -> Samples:
         """Take some rows: a slice is a view, an index or mask a copy."""
-        return replace(
-            self,
-            field=self.field[rows],
-            time=None if self.time is None else self.time[rows],
-            acceleration=None if self.acceleration is None else self.acceleration[rows],
-            rate=None if self.rate is None else self.rate[rows],
-            temperature=None if self.temperature is None else self.temperature[rows],
-            current=None if self.current is None else self.current[rows],
-            strength=None if self.strength is None else self.strength[rows],
-            throttle=None if self.throttle is None else self.throttle[rows],
-            attitude=None if self.attitude is None else self.attitude[rows],
-            currents=None if self.currents is None else self.currents[rows],
-            throttles=None if self.throttles is None else self.throttles[rows],
-        )
+        columns = {name: getattr(self, name) for name in COLUMNS}
+        return replace(self, **{name: values[rows] for name, values in columns.items() if values is not None})
 
     def driving(self, name: str) -> Floats | None:
         """(N,) values of a recorded disturbance; None where the recording lacks it.
@@ -421,7 +416,7 @@ def singles(recording: Recording) -> Iterator[Recording]:
         yield from singles(part)
 
 
-def _beside(values: ArrayLike, rows: int, name: str) -> Floats:
+def _three_axes(values: ArrayLike, rows: int, name: str) -> Floats:
     """Let through an (N, 3) column of N readings; it may have gaps of its own."""
     array = table(values, name, finite=False)
     column(array[:, 0], rows, name)

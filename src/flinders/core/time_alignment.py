@@ -123,6 +123,14 @@ def between(time: Floats, field: Floats, moments: Floats) -> Floats:
     return taken
 
 
+def affine_residuals(source: Floats, target: Floats) -> Floats:
+    """(K, 3) what the best affine map of (N, 3) readings leaves of others, where both are there."""
+    both = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    design = np.column_stack([source[both], np.ones(np.count_nonzero(both))])
+    residuals: Floats = target[both] - design @ np.linalg.lstsq(design, target[both], rcond=None)[0]
+    return residuals
+
+
 def _delay(time: Floats, field: Floats, other_time: Floats, other: Floats) -> tuple[float, float]:
     """By how much another sensor is behind, and the standard deviation of that; 0 where it is not proven."""
     first, last = max(time[0], other_time[0]), min(time[-1], other_time[-1])
@@ -135,12 +143,8 @@ def _delay(time: Floats, field: Floats, other_time: Floats, other: Floats) -> tu
 
     def misfit(delay: float) -> tuple[float, int]:
         moved = _smooth(between(other_time, other, moments + delay))
-        both = np.isfinite(still[:, 0]) & np.isfinite(moved[:, 0])
-        if np.count_nonzero(both) < FEWEST:
-            return math.inf, 1
-        design = np.column_stack([still[both], np.ones(int(both.sum()))])
-        left = moved[both] - design @ np.linalg.lstsq(design, moved[both], rcond=None)[0]
-        return float(np.mean(left**2)), int(both.sum())
+        left = affine_residuals(still, moved)
+        return (math.inf, 1) if len(left) < FEWEST else (float(np.mean(left**2)), len(left))
 
     shifts = np.arange(-math.ceil(reach / step), math.ceil(reach / step) + 1) * step
     best = float(shifts[int(np.argmin([misfit(float(shift))[0] for shift in shifts]))])

@@ -498,7 +498,7 @@ def _judged(
         aiding=aiding,
         alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip),
     )
-    result = replace(result, heading_error_deg=error.beside(result.structure_deg))
+    result = replace(result, heading_error_deg=error.combined(result.structure_deg))
     if driving is not None:
         result = _with_disturbances(result, driving)
     return replace(result, findings=judge(result, summary))

@@ -346,7 +346,7 @@ class Fit(Outcome):
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip, down = self.known_dip_deg, down_of(self.plane)
         error = tilted_error(self.ellipsoid, self.covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
-        return error.beside(self.structure_deg)
+        return error.combined(self.structure_deg)
 
     @property
     def structure_deg(self) -> float:

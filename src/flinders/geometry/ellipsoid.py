@@ -134,5 +134,6 @@ def gathered(vectors: Floats, directions: Floats) -> Floats:
 
 
 def _open(eigenvalues: Floats, method: str) -> NotAnEllipsoid:
+    """The error of a quadric that is no ellipsoid, its eigenvalues scaled to the largest."""
     largest = float(np.abs(eigenvalues).max()) or 1.0
     return NotAnEllipsoid(tuple(float(value) / largest for value in eigenvalues), method)

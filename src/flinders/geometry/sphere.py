@@ -228,10 +228,8 @@ def _corners(vertices: Floats, triangles: NDArray[np.intp]) -> Floats:
 
 
 def _fans(centres: Floats, corners: Floats) -> tuple[Floats, Floats]:
-    """(642, 6) solid angles of the triangles from a centre to two corners, and (642, 6, 3) sums of their vertices.
-
-    The angle is van Oosterom's and Strackee's: tan(Ω/2) = a·(b × c) / (1 + a·b + b·c + c·a).
-    """
+    """(642, 6) solid angles of the triangles from a centre to two corners, and (642, 6, 3) sums of their vertices."""
+    # The angle is van Oosterom's and Strackee's: tan(Ω/2) = a·(b × c) / (1 + a·b + b·c + c·a).
     following = np.roll(corners, -1, axis=1)
     spanned = np.einsum("ij,ikj->ik", centres, np.cross(corners, following))
     around = 1.0 + np.einsum("ij,ikj->ik", centres, corners + following) + np.einsum("ikj,ikj->ik", corners, following)

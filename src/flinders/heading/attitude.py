@@ -189,11 +189,13 @@ def _unit(values: ArrayLike, name: str) -> Floats:
 
 
 def _roll(down: Floats) -> Floats:
+    """(...) rad, right side down is positive."""
     roll: Floats = np.arctan2(down[..., 1], down[..., 2])
     return roll
 
 
 def _pitch(down: Floats) -> Floats:
+    """(...) rad, nose up is positive."""
     pitch: Floats = np.arctan2(-down[..., 0], np.hypot(down[..., 1], down[..., 2]))
     return pitch
 
@@ -201,5 +203,5 @@ def _pitch(down: Floats) -> Floats:
 def _heading(east: Floats, north: Floats, horizontal: Floats) -> Floats:
     """Angle of a horizontal vector, NaN where it or the field across the vertical is too short to have one."""
     heading = np.rad2deg(np.arctan2(east, north))
-    told = (horizontal > LEAST) & (np.hypot(east, north) > LEAST * horizontal)
-    return wrapped(np.where(told, heading, np.nan))
+    is_known = (horizontal > LEAST) & (np.hypot(east, north) > LEAST * horizontal)
+    return wrapped(np.where(is_known, heading, np.nan))

@@ -367,13 +367,7 @@ def magnet_moment(*, remanence: float, volume: float) -> float:
 
 
 def _known(**given: float | None) -> dict[str, float]:
-    """Let through quantities of which exactly one is left out.
-
-    Raises
-    ------
-    UsageError
-        Otherwise, or where one is not a positive finite number.
-    """
+    """Let through quantities of which exactly one is left out."""
     known = {name: float(value) for name, value in given.items() if value is not None}
     if len(known) != len(given) - 1:
         names = ", ".join(name.removesuffix("_deg") for name in given)

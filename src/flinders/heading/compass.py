@@ -169,6 +169,7 @@ class Compass:
         return unbiased
 
     def _true(self, magnetic: Floats) -> Floats | None:
+        """True headings, where the declination is known."""
         return None if self.declination_deg is None else wrapped(magnetic + self.declination_deg)
 
 
@@ -227,9 +228,9 @@ class Voyage:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        told: dict[str, Any] = {"rows": self.readings, "without_heading": self.without}
+        plain: dict[str, Any] = {"rows": self.readings, "without_heading": self.without}
         if self.frames.readings:
             dip, scatter = self.frames.dip_deg
-            told |= {"shaken": self.shaken, "tilt_deg": self.tilt_deg, "z_up": self.is_z_up}
-            told |= {"dip_seen_deg": dip, "dip_scatter_deg": scatter}
-        return told
+            plain |= {"shaken": self.shaken, "tilt_deg": self.tilt_deg, "z_up": self.is_z_up}
+            plain |= {"dip_seen_deg": dip, "dip_scatter_deg": scatter}
+        return plain

@@ -422,22 +422,15 @@ def _sigmas(sigma_deg: ArrayLike, count: int) -> Floats:
 
 
 def _refuse_few(headings: Floats) -> None:
-    """Refuse a swing that leaves coefficients open.
-
-    Raises
-    ------
-    FitError
-        With the number of different headings.
-    """
-    kept: list[float] = []
+    """Refuse a swing that leaves coefficients open."""
+    different: list[float] = []
     for heading in headings.tolist():
-        if len(kept) < LEAST and all(abs(float(folded(heading - other))) >= APART_DEG for other in kept):
-            kept.append(heading)
-    different = len(kept)
-    if different < LEAST:
+        if len(different) < LEAST and all(abs(float(folded(heading - other))) >= APART_DEG for other in different):
+            different.append(heading)
+    if len(different) < LEAST:
         raise FitError(
-            f"{counted(different, 'different heading')}, five coefficients need at least {LEAST}: "
+            f"{counted(len(different), 'different heading')}, five coefficients need at least {LEAST}: "
             f"steady the vehicle on {ADVISED} headings all round, each 45° from the last",
-            found=different,
+            found=len(different),
             needed=LEAST,
         )

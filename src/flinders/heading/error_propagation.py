@@ -23,7 +23,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
+from flinders.geometry.angles import heading_errors
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
 from flinders.geometry.sphere import fibonacci
 
@@ -78,7 +80,9 @@ class HeadingError:
     dip_deg: float
     tilt_deg: float = 0.0
 
-    def beside(self, angle_deg: float) -> HeadingError:
+    beside = renamed_attribute("beside", "combined")
+
+    def combined(self, angle_deg: float) -> HeadingError:
         """The same with another error of each heading, independent of this one."""
         rms, worst = math.hypot(self.rms, angle_deg), math.hypot(self.worst, angle_deg)
         return HeadingError(rms, worst, self.dip_deg, self.tilt_deg)
@@ -252,16 +256,14 @@ def attitude_limit_deg(
 
 
 def _worst_anywhere_deg(ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float, down: Floats | None) -> float:
-    """No less than the largest `tilted_error`, whatever the tilt: at a hundredth of its cost.
-
-    Wherever the field points, an error across it turns the heading by at most its own size over cos I; what is taken
-    off for the mounting comes on top. Between the 400 directions looked at an error grows by less than `MARGIN`.
-    """
+    """No less than the largest `tilted_error`, whatever the tilt: at a hundredth of its cost."""
+    # Wherever the field points, an error across it turns the heading by at most its own size over cos I; what is taken
+    # off for the mounting comes on top. Between the 400 directions looked at an error grows by less than `MARGIN`.
     across, directions = _level_fields(dip_deg, down)
     mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
     level = float(np.linalg.norm(across[:, 0]))
-    beside = np.rad2deg(math.sqrt(max(float(mounting @ covariance @ mounting), 0.0)))
-    return MARGIN * level * float(direction_errors_deg(ellipsoid, covariance, _EVERYWHERE).max()) + float(beside)
+    mounting_deg = np.rad2deg(math.sqrt(max(float(mounting @ covariance @ mounting), 0.0)))
+    return MARGIN * level * float(direction_errors_deg(ellipsoid, covariance, _EVERYWHERE).max()) + float(mounting_deg)
 
 
 def direction_error_deg(ellipsoid: Ellipsoid, covariance: Floats) -> DirectionError:
@@ -335,9 +337,7 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
     readings = ellipsoid.centre[:, np.newaxis] + ellipsoid.shape @ directions
     if down is not None:
         readings = upright(down).T @ readings
-    errors = np.exp(1j * (np.arctan2(-readings[1], readings[0]) - heading))
-    mean = errors.mean()
-    errors = np.angle(errors / (mean / abs(mean) if abs(mean) > 0.0 else 1.0))
+    errors, _ = heading_errors(readings, heading)
     rms, worst = np.sqrt(np.mean(errors**2)), np.abs(errors).max()
     return HeadingError(float(np.rad2deg(rms)), float(np.rad2deg(worst)), float(dip_deg))
 
@@ -368,13 +368,7 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
 
 @lru_cache(maxsize=16)
 def _turn_at(dip_deg: float) -> tuple[Floats, Floats, Floats]:
-    """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
-    """
+    """(72,) headings, (3, 72) fields and (3, 72) what a heading errs by for an error across, read-only."""
     if not abs(dip_deg) <= STEEPEST_DIP_DEG:
         raise UsageError(f"dip is {dip_deg:g}°: need −{STEEPEST_DIP_DEG:g}° to {STEEPEST_DIP_DEG:g}°")
     dip = np.deg2rad(dip_deg)

@@ -236,11 +236,12 @@ class Passed:
     ----------
     field : (N, 3) float
         In the place of a reading that was dropped stands what was expected of it.
-    kept : (N,) bool
+    accepted : (N,) bool
+        Not dropped.
     """
 
     field: Floats
-    kept: NDArray[np.bool_]
+    accepted: NDArray[np.bool_]
 
     @classmethod
     def nothing(cls) -> Passed:
@@ -250,18 +251,18 @@ class Passed:
     def of(self, samples: Samples) -> Samples:
         """What it leaves of some samples."""
         through = replace(samples, field=self.field)
-        return through if self.kept.all() else through[self.kept]
+        return through if self.accepted.all() else through[self.accepted]
 
     def __len__(self) -> int:
         return len(self.field)
 
     def __getitem__(self, rows: slice) -> Passed:
-        return Passed(self.field[rows], self.kept[rows])
+        return Passed(self.field[rows], self.accepted[rows])
 
     def __add__(self, other: Passed) -> Passed:
         if not len(other):
             return self
-        return Passed(np.concatenate([self.field, other.field]), np.concatenate([self.kept, other.kept]))
+        return Passed(np.concatenate([self.field, other.field]), np.concatenate([self.accepted, other.accepted]))
 
 
 class SmoothingStream:
@@ -298,7 +299,7 @@ class SmoothingStream:
                 through = through + self.finish()
                 self._pauses += 1
             through = through + self._run.push(field[begin:end])
-        self.dropped += int(np.count_nonzero(~through.kept))
+        self.dropped += int(np.count_nonzero(~through.accepted))
         return through
 
     def finish(self) -> Passed:
@@ -327,7 +328,7 @@ class _Clock:
 
     def pauses(self, time: Floats) -> list[int]:
         """Rows before which there is a pause, or a step back."""
-        found = []
+        rows = []
         for row, now in enumerate(time.tolist()):
             step = now - self._last
             if step != step:  # noqa: PLR0124 - the first time, or none
@@ -335,11 +336,11 @@ class _Clock:
                 continue
             usual = self._seconds / self._steps if self._steps >= STEPS else math.inf
             if step < 0.0 or step > PAUSE * usual > 0.0:
-                found.append(row)
+                rows.append(row)
             else:
                 self._steps, self._seconds = self._steps + 1, self._seconds + step
             self._last = now
-        return found
+        return rows
 
 
 class _Window:
@@ -349,15 +350,15 @@ class _Window:
         self.restarts = 0
         self._by, self._centred = by, centred
         self._reach = by.width // 2 if centred else by.width - 1
-        self._held, self._done = np.empty((0, 3)), 0
+        self._waiting, self._done = np.empty((0, 3)), 0
 
     def push(self, field: Floats) -> Passed:
-        self._held = np.concatenate([self._held, field])
-        return self._through(len(self._held) - (self._reach if self._centred else 0))
+        self._waiting = np.concatenate([self._waiting, field])
+        return self._through(len(self._waiting) - (self._reach if self._centred else 0))
 
     def finish(self) -> Passed:
-        rest = self._through(len(self._held))
-        self._held, self._done = np.empty((0, 3)), 0
+        rest = self._through(len(self._waiting))
+        self._waiting, self._done = np.empty((0, 3)), 0
         return rest
 
     def _through(self, end: int) -> Passed:
@@ -365,7 +366,7 @@ class _Window:
         rows = np.arange(self._done, max(end, self._done))
         back = np.minimum(rows, self._reach)
         if self._centred:
-            back = np.minimum(back, len(self._held) - 1 - rows)
+            back = np.minimum(back, len(self._waiting) - 1 - rows)
         out = np.empty((len(rows), 3))
         full = np.flatnonzero(back == self._reach)
         for place in np.flatnonzero(back < self._reach).tolist():
@@ -376,18 +377,18 @@ class _Window:
                 out[some] = self._middle(int(rows[some[0]]), self._reach, len(some))
         let_go = max(int(rows[-1]) + 1 - self._reach, 0) if len(rows) else 0
         self._done += len(rows) - let_go
-        self._held = self._held[let_go:]
+        self._waiting = self._waiting[let_go:]
         return Passed(out, np.ones(len(out), dtype=bool))
 
     def _middle(self, row: int, back: int, count: int) -> Floats:
         """(count, 3) mean or median of the windows of so many rows, from one on."""
         ahead = back if self._centred else 0
-        held = self._held[row - back : row + count + ahead]
-        windows = np.lib.stride_tricks.sliding_window_view(held, back + ahead + 1, axis=0)
+        near = self._waiting[row - back : row + count + ahead]
+        windows = np.lib.stride_tricks.sliding_window_view(near, back + ahead + 1, axis=0)
         with np.errstate(over="ignore", invalid="ignore"):  # numbers that large are refused, but not here
             if self._by.name == "median":
                 return np.asarray(np.median(windows, axis=2))
-            own = held[back : back + count]
+            own = near[back : back + count]
             mean: Floats = own + sum(windows[:, :, place] - own for place in range(back + ahead + 1)) / (
                 back + ahead + 1
             )  # about its own reading, so that what is constant stays so to the last bit
@@ -399,7 +400,7 @@ class _Kalman:
 
     def __init__(self, gain: float) -> None:
         self.restarts = 0
-        self._walk = gain**2 / (1.0 - gain)  # λ², from the steady state of the Riccati equation
+        self._step_variance = gain**2 / (1.0 - gain)  # λ², from the steady state of the Riccati equation
         self._state: _Vector | None = None
         self._variance = 1.0
         self._beyond: list[_Vector] = []
@@ -407,12 +408,12 @@ class _Kalman:
 
     def push(self, field: Floats) -> Passed:
         out: list[_Vector] = []
-        kept: list[bool] = []
+        accepted: list[bool] = []
         for x, y, z in field.tolist():
             state, follows = self._next((x, y, z))
             out.append(state)
-            kept.append(follows)
-        return Passed(np.array(out).reshape(-1, 3), np.array(kept, dtype=bool))
+            accepted.append(follows)
+        return Passed(np.array(out).reshape(-1, 3), np.array(accepted, dtype=bool))
 
     def finish(self) -> Passed:
         self._state, self._beyond = None, []
@@ -422,7 +423,7 @@ class _Kalman:
         """Predict, look at the innovation, and follow it or not."""
         if self._state is None:
             return self._at(reading), True
-        self._variance += self._walk
+        self._variance += self._step_variance
         innovation = tuple(seen - known for seen, known in zip(reading, self._state, strict=True))
         square = _square(innovation) / (self._variance + 1.0)
         if self._scale.is_beyond(square):
@@ -445,6 +446,7 @@ class _Kalman:
         return self._at(self._beyond[-1])
 
     def _at(self, reading: _Vector) -> _Vector:
+        """Start afresh at a reading."""
         self._state, self._variance, self._beyond = reading, 1.0, []
         return reading
 
@@ -477,4 +479,5 @@ class _Scale:
 
 
 def _square(vector: tuple[float, ...]) -> float:
+    """Squared length."""
     return sum(part * part for part in vector)

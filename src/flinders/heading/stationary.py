@@ -188,6 +188,7 @@ def _runs(mean: Floats, within_deg: float) -> list[tuple[int, int]]:
 
 
 def _apart(mean: Floats, one: tuple[int, int], other: tuple[int, int]) -> float:
+    """Angle between the means of two runs of moments, in degrees."""
     return _angle(complex(np.nansum(mean[slice(*other)])), complex(np.nansum(mean[slice(*one)])))
 
 

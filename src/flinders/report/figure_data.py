@@ -256,7 +256,7 @@ def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None,
         aiding=None,
         findings=by_severity([*fit.findings, *unstated]),
     )
-    return replace(together, heading_error_deg=expected.beside(together.structure_deg))
+    return replace(together, heading_error_deg=expected.combined(together.structure_deg))
 
 
 def doubts(calibration: Calibration, recording: Recording) -> list[str]:

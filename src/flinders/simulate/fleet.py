@@ -335,6 +335,7 @@ def _last(n: int, amount: float) -> slice:
 
 
 def _swapped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """Two axes exchanged for the last part."""
     readings = turned.read()
     first, second, _ = rng.permutation(3)
     part = _last(len(readings), amount)
@@ -343,12 +344,14 @@ def _swapped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 
 
 def _flipped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """One axis with the other sign for the last part."""
     readings = turned.read()
     readings[_last(len(readings), amount), rng.integers(3)] *= -1.0
     return readings
 
 
 def _stuck(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """One axis that holds its value for the last part."""
     readings = turned.read()
     axis, part = rng.integers(3), _last(len(readings), amount)
     readings[part, axis] = readings[part.start, axis]
@@ -356,6 +359,7 @@ def _stuck(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 
 
 def _saturated(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """One end of an axis cut off."""
     readings = turned.read()
     axis, sign = rng.integers(3), rng.choice([-1.0, 1.0])
     most = np.quantile(sign * readings[:, axis], 1.0 - amount, method="lower")
@@ -364,12 +368,14 @@ def _saturated(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 
 
 def _jumped(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """An offset that changes at once."""
     share_before, direction = rng.uniform(0.2, 0.8), uniform(rng, 1)
     after = np.arange(len(turned.time)) >= share_before * len(turned.time)
     return turned.read(shift=amount * after[:, np.newaxis] * direction)
 
 
 def _magnet(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """A magnet carried past in a straight line."""
     across, along, _ = random_attitude(rng)
     pole = uniform(rng, 1)[0]
     passed = PAST_M_S * (turned.time - rng.uniform(0.3, 0.7) * turned.time[-1])
@@ -382,18 +388,21 @@ def _magnet(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 
 
 def _level(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """A turn about the vertical, leaning a little."""
     around = turned.angles[2] + rng.uniform(0.0, 2.0 * math.pi)
     lean = math.radians(amount) * np.sin(turned.angles[:2] * 1.7)
     return replace(turned, angles=np.stack([around, *lean])).read()
 
 
 def _unturned(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """At rest, but for a little leaning."""
     rest = rng.uniform(0.0, 2.0 * math.pi, (3, 1))
     lean = math.radians(amount) * np.sin(turned.angles * 1.7)
     return replace(turned, angles=rest + lean).read()
 
 
 def _stale(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """Readings that repeat the one before."""
     readings = turned.read()
     fresh = rng.random(len(readings)) >= amount
     fresh[0] = True
@@ -401,6 +410,7 @@ def _stale(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 
 
 def _spikes(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """Single readings far off."""
     readings = turned.read()
     struck = rng.choice(len(readings), round(amount * len(readings)), replace=False)
     lengths = turned.field_strength * rng.uniform(0.5, 3.0, (len(struck), 1))
@@ -409,21 +419,25 @@ def _spikes(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
 
 
 def _warmed(turned: TurnedSensor, amount: float, rng: Generator) -> Floats:
+    """An offset that warms up and settles."""
     progress = np.arange(len(turned.time)) / len(turned.time)
     warmer = np.expm1(-progress / 0.5) / math.expm1(-2.0)
     return turned.read(shift=amount * warmer[:, np.newaxis] * uniform(rng, 1))
 
 
 def _other_unit(amount: float, rng: Generator) -> Floats:
+    """All readings times a factor."""
     factor: Floats = np.eye(3) * (amount if amount > 0.0 else rng.choice(UNITS))
     return factor
 
 
 def _gain(amount: float, rng: Generator) -> Floats:
+    """One axis that reads so many times as much."""
     return np.diag(np.where(np.arange(3) == rng.integers(3), amount, 1.0))
 
 
 def _swap(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is no half of it
+    """Two axes exchanged all the time."""
     first, second, _ = rng.permutation(3)
     order = np.arange(3)
     order[[first, second]] = second, first
@@ -432,6 +446,7 @@ def _swap(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is n
 
 
 def _flip(amount: float, rng: Generator) -> Floats:  # noqa: ARG001 - there is no half of it
+    """One axis with the other sign all the time."""
     return _gain(-1.0, rng)
 
 

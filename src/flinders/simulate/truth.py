@@ -261,5 +261,6 @@ def write(truth: Truth, path: str | os.PathLike[str], *, force: bool = False) ->
 
 
 def _triple(values: np.ndarray[Any, Any]) -> Triple:
+    """Three plain numbers."""
     x, y, z = (float(value) for value in values)
     return x, y, z

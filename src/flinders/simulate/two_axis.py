@@ -24,6 +24,7 @@ from flinders.arrays import Floats, floats
 from flinders.arrays import matrix as square
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UsageError
+from flinders.geometry.angles import heading_errors
 from flinders.simulate._checks import count, not_negative, positive
 from flinders.simulate.motions import north_and_down, posed, seen_from
 from flinders.simulate.recording import Simulated
@@ -218,11 +219,9 @@ def swing(
 
 def _polar(readings: Floats, headings: Floats) -> tuple[Floats, Floats, Floats]:
     """(N,) radius, heading and its error of (N, 3) readings, in degrees."""
-    shown = np.arctan2(-readings[:, 1], readings[:, 0])
-    off = np.exp(1j * (shown - np.radians(headings)))
-    mean = np.mean(off)
-    errors = np.degrees(np.angle(off * (np.conj(mean) / abs(mean) if abs(mean) > 0.0 else 1.0)))
-    return np.hypot(readings[:, 0], readings[:, 1]), np.degrees(shown) % 360.0, errors
+    errors, _ = heading_errors(readings.T, np.radians(headings))
+    shown = np.degrees(np.arctan2(-readings[:, 1], readings[:, 0])) % 360.0
+    return np.hypot(readings[:, 0], readings[:, 1]), shown, np.degrees(errors)
 
 
 def _pair(values: ArrayLike, name: str) -> tuple[float, float]:

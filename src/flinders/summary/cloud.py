@@ -122,9 +122,11 @@ class Cloud:
 
     @property
     def _columns(self) -> _Columns:
+        """All but the side, in the order of `_Columns`."""
         return self.keys, self.counts, self.sums, self.first, self.last
 
     def _bounded(self) -> Self:
+        """The same in as few cells as are allowed."""
         cloud = self
         while len(cloud) > MAX_CELLS:
             cloud = cloud._coarsened(2.0 * cloud.side)
@@ -188,11 +190,9 @@ def _sort_in(readings: Floats, time: Floats | None, side: float) -> _Columns:
 
 
 def _occupied(indices: Floats) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
-    """(K,) keys of the cells that (3, m) indices name, ascending; (m,) a bin for each; (K,) which bin a cell has.
-
-    Cells of a box around them all are marked one by one where the box is small: no sorting. Where it is larger than
-    the readings are many, the bins are those in use, numbered anew.
-    """
+    """(K,) keys of the cells that (3, m) indices name, ascending; (m,) a bin for each; (K,) which bin a cell has."""
+    # Cells of a box around them all are marked one by one where the box is small: no sorting. Where it is larger than
+    # the readings are many, the bins are those in use, numbered anew.
     low = indices.min(axis=1).astype(np.int64)
     deep, wide, high = (indices.max(axis=1).astype(np.int64) - low + 1).tolist()
     if deep * wide * high > _DENSE:

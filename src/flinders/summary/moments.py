@@ -225,11 +225,9 @@ def power_of_two_above(value: float) -> float:
 
 
 def _monomials(axes: Floats, unit: float, room: Floats) -> Floats:
-    """(10, m) monomials 1, x, y, z, x², y², z², xy, xz, yz of one block of readings (3, m).
-
-    They are written into `room`, (10, m or more): memory asked for anew, block by block, would cost a quarter more
-    (``python -m benchmarks.kernel``).
-    """
+    """(10, m) monomials 1, x, y, z, x², y², z², xy, xz, yz of one block of readings (3, m)."""
+    # They are written into `room`, (10, m or more): memory asked for anew, block by block, would cost a quarter more
+    # (``python -m benchmarks.kernel``).
     monomials = room[:, : axes.shape[1]]
     monomials[0] = 1.0
     scaled = np.multiply(axes, 1.0 / unit, out=monomials[1:4])  # exact: the unit is a power of two
@@ -240,10 +238,8 @@ def _monomials(axes: Floats, unit: float, room: Floats) -> Floats:
 
 
 def _block_sums(monomials: Floats, weight: Floats | None) -> Floats:
-    """(35,) sums of one block of monomials (10, m).
-
-    A 10 × 6 product holds all sums of degree two and more: monomials times the quadratic ones.
-    """
+    """(35,) sums of one block of monomials (10, m)."""
+    # A 10 × 6 product holds all sums of degree two and more: monomials times the quadratic ones.
     weighted = monomials if weight is None else monomials * weight
     sums = np.empty(35)
     sums[:4] = weighted[:4].sum(axis=1)

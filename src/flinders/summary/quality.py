@@ -76,7 +76,7 @@ class Lows:
         )
 
     @property
-    def beside(self) -> Floats:
+    def ranges(self) -> Floats:
         """(3, 3) how far each axis ranges among the readings at the end of axis i."""
         with np.errstate(over="ignore"):
             return self.most - self.least
@@ -125,7 +125,7 @@ class TimeStamps:
 
     def __add__(self, other: TimeStamps) -> TimeStamps:
         """`other` goes on where this ends: from there to its start is a step like any other."""
-        both = self.beside(other)
+        both = self.merged(other)
         step = other.start - self.end
         if np.isnan(step):
             return both
@@ -137,7 +137,7 @@ class TimeStamps:
             backward_steps=both.backward_steps + (step < 0.0),
         )
 
-    def beside(self, other: TimeStamps) -> TimeStamps:
+    def merged(self, other: TimeStamps) -> TimeStamps:
         """Both, where `other` is a recording of its own: from one to the other is no step."""
         return TimeStamps(
             start=other.start if np.isnan(self.start) else self.start,
@@ -225,11 +225,11 @@ class DataQuality:
 
     def __add__(self, other: DataQuality) -> Self:
         """`other` goes on where this ends."""
-        both = self.beside(other)
+        both = self.merged(other)
         repeats = both.repeats + int(np.array_equal(self.last, other.first))
         return replace(both, repeats=repeats, clock=self.clock + other.clock)
 
-    def beside(self, other: DataQuality) -> Self:
+    def merged(self, other: DataQuality) -> Self:
         """Both, where `other` is a recording of its own: its first reading repeats none and follows none."""
         return type(self)(
             rows=self.rows + other.rows,
@@ -238,7 +238,7 @@ class DataQuality:
             last=other.last if other.rows else self.last,
             lows=self.lows + other.lows,
             highs=self.highs + other.highs,
-            clock=self.clock.beside(other.clock),
+            clock=self.clock.merged(other.clock),
             skipped=_merged(self.skipped, other.skipped),
         )
 
@@ -251,18 +251,18 @@ class DataQuality:
     @property
     def rails(self) -> tuple[Rail, ...]:
         """Where the sensor was at its limit: many readings share the end of an axis, far apart along the others."""
-        found = []
+        rails = []
         for end, sign, ends in (("lowest", 1.0, self.lows), ("highest", -1.0, self.highs)):
             for axis in range(3):
                 share = float(ends.counts[axis]) / max(self.rows, 1)
                 if ends.counts[axis] >= RAIL_COUNT and share > RAIL_SHARE and self._is_wide(ends, axis):
-                    found.append(Rail(axis, end, sign * float(ends.values[axis]), share))
-        return tuple(found)
+                    rails.append(Rail(axis, end, sign * float(ends.values[axis]), share))
+        return tuple(rails)
 
     def _is_wide(self, ends: Lows, axis: int) -> bool:
         """Whether readings at the end of an axis that does change lie far apart along the other two, as at a rail."""
         others, extent = [other for other in range(3) if other != axis], self.extent
-        return bool(extent[axis] > 0.0 and np.all(ends.beside[axis, others] > RAIL_WIDTH * extent[others]))
+        return bool(extent[axis] > 0.0 and np.all(ends.ranges[axis, others] > RAIL_WIDTH * extent[others]))
 
 
 def _repeats(axes: Floats) -> int:

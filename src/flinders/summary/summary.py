@@ -95,7 +95,7 @@ class Summary:
 
     def beside(self, other: Summary) -> Self:
         """Both, where `other` is a recording of its own: what lies between the two says nothing."""
-        return type(self)(self.moments + other.moments, self.cloud + other.cloud, self.health.beside(other.health))
+        return type(self)(self.moments + other.moments, self.cloud + other.cloud, self.health.merged(other.health))
 
     def forget(self, factor: float) -> Self:
         """Weigh all readings so far by a factor below one: once a block, this forgets exponentially."""
