@@ -183,14 +183,15 @@ def bench(seed: int = 1) -> Samples:
     return Samples.of(field, unit="uT", time=time, current=current + rng.normal(scale=0.05, size=600))
 
 
-def test_on_the_bench_a_driver_is_found_without_a_turn() -> None:
-    nees = []
-    for seed in range(20):
+def test_on_the_bench_a_driver_is_found_without_a_turn(trials: Choose) -> None:
+    nees, claim = [], trials(20, 6)
+    for seed in claim.seeds:
         found = still([bench(seed)], ["current"])
         assert found is not None
         error = found.disturbances[0].per_unit - PER_AMPERE
         nees.append(error @ np.linalg.solve(found.covariance, error) / 3.0)
-    assert 0.5 < np.mean(nees) < 1.6
+    low, high = claim.ratios(0.5, 1.6)
+    assert low < np.mean(nees) < high
     with pytest.raises(NotTurned, match="not turned"):
         flinders.fit(bench(), disturbances=("current",))
 

@@ -22,6 +22,8 @@ from flinders.simulate import Sensor, tumble
 from flinders.simulate.truth import Truth
 
 if TYPE_CHECKING:
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
 
 MICROTESLA = Unit.of("uT")
@@ -73,15 +75,16 @@ def test_soft_iron_and_scale_are_told_apart() -> None:
 
 
 @pytest.mark.parametrize("motion", ["uniform", "tilted", "level"])
-def test_fits_are_as_wrong_as_they_claim(motion: str) -> None:
+def test_fits_are_as_wrong_as_they_claim(motion: str, trials: Choose) -> None:
     """Over 30 seeds the ratio of true to claimed error has a root mean square of one, and p is small as rarely as it
     should be."""
-    tellings = []
-    for seed in range(30):
+    tellings, claim = [], trials(30, 8)
+    for seed in claim.seeds:
         recording = tumble(seed, motion=motion, n=300)
         tellings.append(evaluate(calibrate.fit(recording.samples), Truth.of(recording)))
     ratios = np.array([told.heading_ratio for told in tellings], dtype=float)
-    assert 0.75 < np.sqrt(np.mean(ratios**2)) < 1.25
+    low, high = claim.ratios(0.75, 1.25)
+    assert low < np.sqrt(np.mean(ratios**2)) < high
     assert sum(told.verdict == "worse than claimed" for told in tellings) <= 2
 
 

@@ -15,6 +15,8 @@ from flinders.fitting.result import Fit
 from flinders.targets._autopilot import euler
 
 if TYPE_CHECKING:
+    from tests.trials import Choose
+
     from flinders.arrays import Floats
 
 SOFT = np.eye(3) + np.array([[0.06, 0.05, -0.04], [-0.05, -0.03, 0.08], [0.07, -0.02, 0.02]])
@@ -65,16 +67,17 @@ def test_a_right_calibration_agrees_with_a_level_turn(mounting: tuple[float, flo
     assert found.heading_difference_deg.dip_deg == pytest.approx(60.0, abs=0.5)
 
 
-def test_differences_are_as_large_as_they_are_claimed_to_be() -> None:
+def test_differences_are_as_large_as_they_are_claimed_to_be(trials: Choose) -> None:
     """Chi-square of 20 turns is on average its degrees of freedom: five of an ellipse less the scale."""
     mounting = (8.0, -5.0, 0.0)
-    squares = []
-    for seed in range(20):
+    squares, claim = [], trials(20, 6)
+    for seed in claim.seeds:
         samples = reading(level_turn(400), mounting, 100 + seed)
         found = compare_turned(known(mounting), turned(samples), samples)
         assert found.freedom == 4
         squares.append(found.chi_square or 0.0)
-    assert 2.2 < np.mean(squares) < 6.2
+    low, high = claim.ratios(2.2 / 4.0, 6.2 / 4.0)
+    assert low < np.mean(squares) / 4.0 < high
 
 
 def test_what_moved_in_the_plane_of_the_turn_is_found_and_what_moved_across_it_is_not() -> None:
