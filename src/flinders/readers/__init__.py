@@ -365,7 +365,7 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
         assert reader.open is not None
         recording = cast("TextRecording | TableRecording", reader.open(disk, **options))
         if isinstance(recording, TableRecording):
-            recording.file, recording.kept = file, (*recording.kept, disk)
+            recording.file, recording.temporary_files = file, (*recording.temporary_files, disk)
     recording.span = asked.span
     return recording
 
@@ -376,7 +376,7 @@ def _columns_of(table: TextRecording | TableRecording) -> Columns:
 
 def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
     """Make a magnetometer of a log out of columns of a table; one of several says which columns those are."""
-    told = table.describe().removeprefix(f"{table.source}: {table.name}, ")
+    description = table.describe().removeprefix(f"{table.source}: {table.name}, ")
     return Instrument(
         source=table.source,
         name=table.name or f"columns {', '.join(_columns_of(table).field.names)}",
@@ -385,7 +385,7 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
         axes=table.axes,
         frames=(frame_of(table), frame_of(table)),
         readings=table.readings if isinstance(table, TableRecording) else None,
-        notes=(told,) if table.name else (),
+        notes=(description,) if table.name else (),
         file=getattr(table, "original", None) or table.file,
     )
 
@@ -403,7 +403,7 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
         raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
     beginning = np.nan if asked.span.is_all else _beginning(log)
     options: dict[str, Any] = {name: getattr(asked, name) for name in ("axes", "as_logged", "span", "progress")}
-    options |= {"beginning": beginning, "file": file, "kept": (disk,)}
+    options |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
     return replace(log, instruments=tuple(replace(instrument, **options) for instrument in log.instruments))
 
 

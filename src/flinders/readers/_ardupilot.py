@@ -50,7 +50,7 @@ class History:
     changes: tuple[tuple[int, str, float], ...] = ()
 
     @classmethod
-    def of(cls, told: Iterable[tuple[int, str, float]], source: str = "log") -> History:
+    def of(cls, parameters: Iterable[tuple[int, str, float]], source: str = "log") -> History:
         """Take place, name and value of each time that a parameter was told.
 
         Raises
@@ -61,7 +61,7 @@ class History:
         first: dict[str, float] = {}
         last: dict[str, float] = {}
         changes: list[tuple[int, str, float]] = []
-        for place, name, value in told:
+        for place, name, value in parameters:
             if not (name.startswith(OF_INTEREST) and np.isfinite(value)):
                 continue
             first.setdefault(name, value)

@@ -142,9 +142,9 @@ class Columns:
 
     def remarks(self) -> list[str]:
         """Say what is left out, which other magnetometers there are, and what is named like one."""
-        told = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
-        told += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
-        return told + [f"passed over: {numbered(self.passed_over)}"] * bool(self.passed_over)
+        parts = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
+        parts += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
+        return parts + [f"passed over: {numbered(self.passed_over)}"] * bool(self.passed_over)
 
     def samples(self, values: Floats, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
         """Make samples of (N, len(cells)) values: the field, and what stands beside it in the units of `Samples`."""
@@ -447,8 +447,8 @@ def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
 
 def _are_pulses(values: Floats) -> bool:
     """Tell whether numbers are the widths of pulses that a speed controller takes, in µs."""
-    told = values[np.isfinite(values)]
-    return len(told) > 0 and bool(np.all((told >= PULSES_US[0]) & (told <= PULSES_US[1])))
+    finite = values[np.isfinite(values)]
+    return len(finite) > 0 and bool(np.all((finite >= PULSES_US[0]) & (finite <= PULSES_US[1])))
 
 
 def _numeric(values: Floats) -> bool:
@@ -494,8 +494,8 @@ def _cut_digits(values: Floats, unit: str) -> str:
     else:
         steps = [step for step in steps if step * factor >= COARSE_S]
     many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
-    told = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
-    return told.format(max(steps) * factor, many) if steps else ""
+    reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
+    return reason.format(max(steps) * factor, many) if steps else ""
 
 
 def _resolutions(values: Floats) -> list[float]:

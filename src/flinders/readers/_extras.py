@@ -79,7 +79,7 @@ def reading(name: str, kind: str) -> Iterator[None]:
         raise
     except Exception as error:  # noqa: BLE001 - other people's parsers, and bytes that anyone may have written
         said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":").removesuffix(": ")
-        told = "".join(letter if letter.isprintable() else "\ufffd" for letter in said)
+        message = "".join(letter if letter.isprintable() else "\ufffd" for letter in said)
         raise UnreadableInput(
-            f"{name} cannot be read as {kind} ({told[:LONGEST]}): it is broken or cut short; copy it again"
+            f"{name} cannot be read as {kind} ({message[:LONGEST]}): it is broken or cut short; copy it again"
         ) from None

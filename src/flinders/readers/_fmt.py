@@ -204,8 +204,8 @@ class Listed:
     def only(self, rows: slice | NDArray[Any]) -> Listed:
         """Some of them."""
         chosen = np.arange(len(self))[rows]
-        kept = {label: [values[row] for row in chosen] for label, values in self.rows.items()}
-        return Listed(self.labels, self.letters, kept, self.where[chosen])
+        columns = {label: [values[row] for row in chosen] for label, values in self.rows.items()}
+        return Listed(self.labels, self.letters, columns, self.where[chosen])
 
 
 Table: TypeAlias = Packed | Listed
@@ -251,7 +251,7 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     lengths = np.zeros(256, np.int64)
     lengths[FMT_TYPE] = FMT_LENGTH
     found: dict[int, list[Places]] = {}
-    at, told, gaps = 0, 0, 0
+    at, known, gaps = 0, 0, 0
     while at < len(raw):
         stretch = _Stretch.of(raw, at, min(at + CHUNK, len(raw)))
         for each in stretch.formats():
@@ -260,7 +260,7 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
         starts, at, broken = stretch.follow(lengths)
         gaps += broken
         types = raw[starts + 2]
-        told += int(lengths[types].sum())
+        known += int(lengths[types].sum())
         for number in [number for number, each in formats.items() if each.name in wanted]:
             found.setdefault(number, []).append(starts[types == number])
     tables: dict[str, Table] = {}
@@ -268,7 +268,7 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
         where = np.concatenate(parts)
         if formats[number].is_readable and len(where):
             tables.setdefault(formats[number].name, Packed(raw, formats[number], where))
-    return Messages(tables, len(raw) - told, gaps)
+    return Messages(tables, len(raw) - known, gaps)
 
 
 class _Stretch(NamedTuple):
@@ -378,8 +378,8 @@ def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Me
                 strays, gaps = strays + 1, gaps + (last_stray != number - 1)
                 last_stray = number
                 continue
-            kept = columns.setdefault(name, [_holder(letter) for letter in formats[name].letters])
-            for column, value in zip(kept, values, strict=False):
+            holders = columns.setdefault(name, [_holder(letter) for letter in formats[name].letters])
+            for column, value in zip(holders, values, strict=False):
                 column.append(value)
             where.setdefault(name, array("q")).append(number)
     tables: dict[str, Table] = {

@@ -6,14 +6,14 @@ numbers (``imu2.mag.x``), places (``mag_left_x``), chips (``rm3100_x``), a devic
 (``mag_a_x``, ``mag_b_x``) are instruments. Any other word, such as ``filtered``, is the same instrument again: of that
 the rawest is taken, and of equals the one with the plainest name. A reference, ``mag_ref_x``, is no instrument at all.
 
->>> def told(*sensors):
+>>> def names(*sensors):
 ...     return [each.name for each in magnetometers([f"{sensor}_{axis}" for sensor in sensors for axis in "xyz"])]
->>> told("mag1", "mag2", "mag2_cal"), told("mag", "mag_raw", "mag_ned"), told("mag_left", "mag_right")
+>>> names("mag1", "mag2", "mag2_cal"), names("mag", "mag_raw", "mag_ned"), names("mag_left", "mag_right")
 (['mag1', 'mag2'], ['mag'], ['mag_left', 'mag_right'])
->>> told("mag", "imu_mag"), told("lis3mdl", "mpu6050", "rm3100_raw"), told("mag", "mag_lis3mdl_cal")
+>>> names("mag", "imu_mag"), names("lis3mdl", "mpu6050", "rm3100_raw"), names("mag", "mag_lis3mdl_cal")
 (['mag', 'imu_mag'], ['lis3mdl', 'rm3100'], ['mag'])
->>> told("mag_ref", "mag"), told("mag_filtered", "mag_main"), told("mag_t0", "mag_t1"), told("mag_ref"), told("b", "m")
-(['mag'], ['mag_main'], ['mag_t0'], [], ['m'])
+>>> names("mag_ref", "mag"), names("mag_filtered", "mag_main"), names("mag_t0", "mag_t1"), names("b", "m")
+(['mag'], ['mag_main'], ['mag_t0'], ['m'])
 
 Of columns whose names say nothing the values are judged, which is proposed to the user and never taken: a quaternion
 has length 1, gravity 9.8 m/s² or 1 g; readings of a magnetometer lie near a sphere, off its middle by the hard iron;
@@ -151,8 +151,8 @@ def passed_over(found: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str,
     """
     least = max(BARE - 1, max((clearness(each.rank) for each in fields), default=0))
     others = [each for each in found if each not in fields and clearness(each.rank) <= least]
-    told = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
-    return tuple(f"{whole} ({what})" if what else whole for whole, what in told)
+    kinds = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
+    return tuple(f"{whole} ({what})" if what else whole for whole, what in kinds)
 
 
 def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:

@@ -122,7 +122,7 @@ class Instrument:
         What of the file could not be read, where it was cut short or is broken.
     file : Source, optional
         The bytes it was read from, as they lie on the disk.
-    kept : tuple of Source
+    temporary_files : tuple of Source
         Temporary files that it needs.
     progress : callable, optional
         Called once a block with the bytes read so far, by the share of `readings`, and those there are.
@@ -146,7 +146,7 @@ class Instrument:
     others: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()
     file: Source | None = None
-    kept: tuple[Source, ...] = ()
+    temporary_files: tuple[Source, ...] = ()
     progress: Progress | None = None
 
     @property
@@ -172,7 +172,7 @@ class Instrument:
             within = clock.within(block)
             if within.any():
                 given += 1
-                yield replace(clock.kept(block, within), source=self.source, frame=self.frame).turned(self.axes)
+                yield replace(clock.selected(block, within), source=self.source, frame=self.frame).turned(self.axes)
         clock.judge()
         if not given:
             raise UnreadableInput(
@@ -182,14 +182,14 @@ class Instrument:
 
     def describe(self) -> str:
         """Say in one line what is used, and what was un-applied."""
-        told = [f"{self.source}: {self.name} in {self.unit.name}"]
+        parts = [f"{self.source}: {self.name} in {self.unit.name}"]
         if self.stored is not None:
-            told.append(self.stored.told(as_logged=self.as_logged))
-        told += [f"axes {self.axes}"] * (self.axes != Axes()) + [str(self.span)] * (not self.span.is_all)
+            parts.append(self.stored.told(as_logged=self.as_logged))
+        parts += [f"axes {self.axes}"] * (self.axes != Axes()) + [str(self.span)] * (not self.span.is_all)
         if self.others:
-            told.append(f"also there: {numbered(self.others)} (choose with --sensor)")
-        told += self.damage
-        return "; ".join(told)
+            parts.append(f"also there: {numbered(self.others)} (choose with --sensor)")
+        parts += self.damage
+        return "; ".join(parts)
 
     def __str__(self) -> str:
         return self.describe()

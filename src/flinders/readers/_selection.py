@@ -146,7 +146,7 @@ class SpanClock:
         self._taken += int(np.count_nonzero(found))
         return found
 
-    def kept(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
+    def selected(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
         """Those readings; nothing is copied where all are taken."""
         return samples if within.all() else samples[within]
 

@@ -92,9 +92,9 @@ class Table:
         """
         columns = [column for name, array in arrays.items() for column in _columns_of(name, array)]
         if not columns:
-            held = ", ".join(f"{shown(name) or 'an array'} {a.shape} of {a.dtype}" for name, a in arrays.items())
+            shapes = ", ".join(f"{shown(name) or 'an array'} {a.shape} of {a.dtype}" for name, a in arrays.items())
             raise NoMagnetometer(
-                f"{source} holds no columns of numbers: {held or 'no arrays'}; need an array of N readings by 3, or "
+                f"{source} holds no columns of numbers: {shapes or 'no arrays'}; need an array of N readings by 3, or "
                 "arrays of equal length by name"
             )
         length = Counter(len(column) for _, column in columns).most_common(1)[0][0]
@@ -130,7 +130,7 @@ class TableRecording:
         Which part of it is read.
     skipped : tuple of Skipped
         What the last pass has left out so far.
-    kept : tuple of Source
+    temporary_files : tuple of Source
         Temporary files that it needs.
     """
 
@@ -142,7 +142,7 @@ class TableRecording:
     progress: Progress | None = None
     span: TimeSpan = field(default_factory=TimeSpan)
     skipped: tuple[Skipped, ...] = field(default=(), init=False)
-    kept: tuple[Source, ...] = field(default=(), init=False)
+    temporary_files: tuple[Source, ...] = field(default=(), init=False)
 
     @property
     def source(self) -> str:
@@ -170,7 +170,7 @@ class TableRecording:
         for columns in self.columns.magnetometers:
             settled = unit_of(columns, self.source, unit, scale)
             own = replace(self, columns=columns.with_strength_in(settled), unit=settled)
-            own.kept = self.kept
+            own.temporary_files = self.temporary_files
             found.append(own)
         return tuple(found)
 
@@ -195,7 +195,7 @@ class TableRecording:
                 self.progress(int(self.file.size * done / self.table.length), self.file.size)
             within = clock.within(samples)
             if within.any():
-                yield clock.kept(samples, within)
+                yield clock.selected(samples, within)
         if not usable:
             raise UnreadableInput(
                 f"no usable reading in {self.source}: {'; '.join(map(str, self.skipped)) or 'it has no rows'}; need "
@@ -206,12 +206,12 @@ class TableRecording:
     def describe(self) -> str:
         """Say in one line what was recognised and is used."""
         columns = self.columns
-        told = [f"{self.source}: {columns.describe(self.unit.name)}"]
-        told.append(self.table.kind + ("" if self.table.names else ", columns without names"))
-        told += [f"axes {self.axes}"] * (not self.axes.is_identity)
-        told += [str(self.span)] * (not self.span.is_all)
-        told += columns.remarks()
-        return "; ".join(told)
+        parts = [f"{self.source}: {columns.describe(self.unit.name)}"]
+        parts.append(self.table.kind + ("" if self.table.names else ", columns without names"))
+        parts += [f"axes {self.axes}"] * (not self.axes.is_identity)
+        parts += [str(self.span)] * (not self.span.is_all)
+        parts += columns.remarks()
+        return "; ".join(parts)
 
     def __str__(self) -> str:
         return self.describe()

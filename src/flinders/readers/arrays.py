@@ -93,18 +93,18 @@ def open_npz(file: File, **options: Any) -> TableRecording:
     Members are unpacked to a temporary folder, and mapped from there.
     """
     arrays: dict[str, NDArray[Any]] = {}
-    kept = []  # the temporary files go when these do
+    unpacked_files = []  # the temporary files go when these do
     for member in members(file):
         if member.filename.endswith(".npy"):
             unpacked = spooled(file.name, member_chunks(file, member, ratio=False))
-            kept.append(unpacked)
+            unpacked_files.append(unpacked)
             array = _mapped(unpacked, f"{member.filename} in {file.name}")
             if array is not None:
                 arrays[member.filename.removesuffix(".npy")] = array
     unnamed = len(arrays) == 1 and next(iter(arrays)) == "arr_0"
     table = Table.of_arrays(file.name, "NumPy", {"": arrays["arr_0"]} if unnamed else arrays)
     recording = open_table(file, table, **options)
-    recording.kept = tuple(kept)
+    recording.temporary_files = tuple(unpacked_files)
     return recording
 
 
@@ -122,17 +122,17 @@ def open_mat(file: File, **options: Any) -> TableRecording:
     with reading(file.name, "a MATLAB file"):
         if _is_beyond(file, MOST_BYTES):
             raise _too_much(file, f"{MOST_BYTES >> 30} GB")
-        held = [variable for variable in io.whosmat(file.path) if variable[2] in COLUMNS]
-        if any(kind == "struct" for _, _, kind in held) and _is_beyond(file, MOST_NESTED):
+        variables = [variable for variable in io.whosmat(file.path) if variable[2] in COLUMNS]
+        if any(kind == "struct" for _, _, kind in variables) and _is_beyond(file, MOST_NESTED):
             raise _too_much(file, f"{MOST_NESTED >> 20} MB, with structures in it")
-        if sum(math.prod(shape) for _, shape, _ in held) > MOST_VALUES:
+        if sum(math.prod(shape) for _, shape, _ in variables) > MOST_VALUES:
             raise _too_much(file, f"{MOST_VALUES:,} values")
         content = io.loadmat(
             file.path,
             squeeze_me=True,
             struct_as_record=True,
             verify_compressed_data_integrity=True,
-            variable_names=[name for name, _, _ in held],
+            variable_names=[name for name, _, _ in variables],
         )
     return open_table(file, Table.of_arrays(file.name, "MATLAB", dict(_variables(content))), **options)
 

@@ -325,12 +325,12 @@ def _instrument(
         device_id=device_id(history.last, known) if known else None,
         beginning=np.nan if clock is None else float(clock[0]),
         readings=len(mag),
-        notes=tuple(_told(compass, in_force, history.last, number, ill)),
+        notes=tuple(_remarks(compass, in_force, history.last, number, ill)),
         file=file,
     )
 
 
-def _told(
+def _remarks(
     compass: _Compass, in_force: ArduPilotParameters, values: dict[str, float], number: int, ill: int
 ) -> Iterator[str]:
     """What to know about a compass."""
@@ -486,8 +486,8 @@ def _of_primary(quaternions: Table, state: Table | None) -> Table:
     core = quaternions.column("C")
     used = np.full(len(core), core.min())
     if state is not None and "PI" in state.labels:
-        told = state.column("PI")
-        used = told[np.maximum(np.searchsorted(state.where, quaternions.where, side="right") - 1, 0)]
+        cores = state.column("PI")
+        used = cores[np.maximum(np.searchsorted(state.where, quaternions.where, side="right") - 1, 0)]
     return quaternions.only(core == used) if (core == used).any() else quaternions.only(core == core.min())
 
 
@@ -524,8 +524,8 @@ def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime 
     if not fixed.any():
         return None
     row = int(np.argmax(fixed))
-    told = GPS_EPOCH + timedelta(weeks=float(weeks[row]), milliseconds=float(of_week[row]))
-    utc = told - timedelta(seconds=next((leap for day, leap in LEAPS if told >= day), EARLIER_LEAP))
+    gps_time = GPS_EPOCH + timedelta(weeks=float(weeks[row]), milliseconds=float(of_week[row]))
+    utc = gps_time - timedelta(seconds=next((leap for day, leap in LEAPS if gps_time >= day), EARLIER_LEAP))
     at = float(clock[row]) * (1e-6 if own == "TimeUS" else 1e-3)
     first = min((one.beginning for one in instruments), default=np.nan)
     return utc - timedelta(seconds=at - first) if abs(at - first) < WEEK_MS else utc
@@ -533,9 +533,9 @@ def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime 
 
 def _notes(messages: Messages) -> Iterator[str]:
     """What to know about the file."""
-    told = messages.get("MSG")
-    if told is not None and "Message" in told.labels:
-        yield f"firmware: {told.texts('Message')[0]}"
+    texts = messages.get("MSG")
+    if texts is not None and "Message" in texts.labels:
+        yield f"firmware: {texts.texts('Message')[0]}"
     if messages.get("PARM") is None:
         yield "no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered"
 

@@ -209,11 +209,11 @@ def _beginning(file: File, error: Exception, expected: int | None) -> _Bag:
 
 def _unfinished(path: Path) -> str:
     """Tell what lies beside a database that was not closed, and what to do; empty where nothing does."""
-    beside = path.with_name(f"{path.name}-wal")
-    if not beside.is_file() or not beside.stat().st_size:
+    log = path.with_name(f"{path.name}-wal")
+    if not log.is_file() or not log.stat().st_size:
         return ""
     return (
-        f"{beside.name} holds messages that are not yet in it: copy both, and run "
+        f"{log.name} holds messages that are not yet in it: copy both, and run "
         f"sqlite3 {path.name} 'PRAGMA wal_checkpoint(TRUNCATE)'"
     )
 

@@ -140,8 +140,8 @@ def _columns(name: str, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, in
             known[kind] = place
     for pair in PAIRS:
         if set(pair) <= known.keys():
-            kept: dict[str, int] = {kind: known[kind] for kind in (*pair, "sigma") if kind in known}
-            return kept, rows[1:]
+            columns: dict[str, int] = {kind: known[kind] for kind in (*pair, "sigma") if kind in known}
+            return columns, rows[1:]
     raise UnreadableInput(f"columns of {name} are {', '.join(first)} (line {line}): {NEED}")
 
 

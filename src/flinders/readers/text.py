@@ -125,7 +125,7 @@ class TextRecording:
             for lines, samples in self._samples(stretch):
                 within = clock.within(samples)
                 if within.any():
-                    yield lines[within], replace(clock.kept(samples, within), skipped=pending)
+                    yield lines[within], replace(clock.selected(samples, within), skipped=pending)
                     pending = ()
         clock.judge()
 
@@ -183,9 +183,9 @@ class TextRecording:
         """Say in one line what was recognised and is used."""
         columns = self.layout.columns
         unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
-        told = [f"{self.source}: {columns.describe(unit)}", str(self.layout)]
-        told += [f"axes {self.axes}"] * (not self.axes.is_identity)
-        return "; ".join(told + columns.remarks())
+        parts = [f"{self.source}: {columns.describe(unit)}", str(self.layout)]
+        parts += [f"axes {self.axes}"] * (not self.axes.is_identity)
+        return "; ".join(parts + columns.remarks())
 
     def __str__(self) -> str:
         return self.describe()

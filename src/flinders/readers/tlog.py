@@ -233,7 +233,7 @@ class _Heard:
         pymavlink's.
     rows : dict of array
         By system and number of the message: its numbers as `ROWS` takes them, one message after the other.
-    told : dict of list
+    parameters : dict of list
         By system: place, name and value of each parameter that was told.
     autopilots : dict of int
         By system.
@@ -245,7 +245,7 @@ class _Heard:
 
     dialect: Any
     rows: dict[tuple[int, int], array[float]] = field(default_factory=dict)
-    told: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
+    parameters: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
     autopilots: dict[int, int] = field(default_factory=dict)
     position: Position | None = None
     fix: Position | None = None
@@ -283,7 +283,7 @@ class _Heard:
         elif number == HEARTBEAT and message.type != GROUND_STATION:
             self.autopilots.setdefault(system, message.autopilot)
         elif number == PARAM_VALUE:
-            self.told.setdefault(system, []).append((packet.start, message.param_id, message.param_value))
+            self.parameters.setdefault(system, []).append((packet.start, message.param_id, message.param_value))
         elif number == GPS_RAW_INT and message.fix_type >= FIX:
             self.fix = self.fix or _position(message)
         elif number == GLOBAL_POSITION_INT:
@@ -410,15 +410,15 @@ class _Compass:
         return raw
 
 
-def _alone(beside: TimeSeries | None, rows: Floats) -> Floats | None:
+def _alone(series: TimeSeries | None, rows: Floats) -> Floats | None:
     """(N,) of what was sent by itself, at the readings of a table."""
-    return None if beside is None else beside.at(rows[:, SINCE])[:, 0]
+    return None if series is None else series.at(rows[:, SINCE])[:, 0]
 
 
 def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bool) -> Instrument:
     """Make an instrument of the readings in one kind of message."""
     system, (name, number) = each[0], COMPASS_MESSAGES[each[1]]
-    table, history = heard.table(each), History.of(heard.told.get(system, ()), file.name)
+    table, history = heard.table(each), History.of(heard.parameters.get(system, ()), file.name)
     version = history.change(table[:, PLACE])
     known = number in compasses(history.last)
     parameters = (
@@ -428,11 +428,11 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     is_ardupilot = known or autopilot == ARDUPILOT
     is_turned = is_ardupilot or (autopilot == PX4 and each[1] == HIGHRES_IMU)
     units = IN_SI if each[1] == HIGHRES_IMU else WHOLE
-    beside = heard.current(system), heard.throttle(system), heard.of_motors(system)
+    series = heard.current(system), heard.throttle(system), heard.of_motors(system)
     attitude = heard.attitude(system, table) if is_turned else (None, SINCE)
-    compass = _Compass(file.name, table, version, parameters, *beside, *attitude, units)
+    compass = _Compass(file.name, table, version, parameters, *series, *attitude, units)
     in_force = parameters[int(version[-1])] if parameters else None
-    told = _told(compass, in_force, history.last, each[1]) if in_force else _unknown(autopilot, each[1])
+    remarks = _remarks(compass, in_force, history.last, each[1]) if in_force else _unknown(autopilot, each[1])
     return Instrument(
         file.name,
         f"{name} (system {system})" if several else name,
@@ -445,12 +445,12 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
         device_id=device_id(history.last, number) if is_ardupilot else None,
         beginning=float(table[0, CLOCK]),
         readings=len(table),
-        notes=(*told, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),
+        notes=(*remarks, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),
         file=file,
     )
 
 
-def _told(compass: _Compass, in_force: ArduPilotParameters, values: dict[str, float], message: int) -> Iterator[str]:
+def _remarks(compass: _Compass, in_force: ArduPilotParameters, values: dict[str, float], message: int) -> Iterator[str]:
     """What to know about a compass whose parameters are in the log."""
     number, changes = COMPASS_MESSAGES[message][1], len(compass.parameters) - 1
     yield mounting_told(in_force, values, number)

@@ -281,15 +281,15 @@ def _stages(log: Any) -> tuple[tuple[float, Mapping[str, float]], ...]:  # noqa:
     def matters(name: str, value: object) -> bool:
         return name.startswith(("CAL_MAG", "SENS_BOARD")) and isinstance(value, (int, float))
 
-    held: dict[str, float] = {name: value for name, value in log.initial_parameters.items() if matters(name, value)}
-    stages: list[tuple[float, Mapping[str, float]]] = [(-np.inf, dict(held))]
+    values: dict[str, float] = {name: value for name, value in log.initial_parameters.items() if matters(name, value)}
+    stages: list[tuple[float, Mapping[str, float]]] = [(-np.inf, dict(values))]
     for stamp, name, value in log.changed_parameters:
-        if matters(name, value) and held.get(name) != value:
-            held[name] = value
+        if matters(name, value) and values.get(name) != value:
+            values[name] = value
             if 1e-6 * stamp - stages[-1][0] < 1:
-                stages[-1] = (stages[-1][0], dict(held))
+                stages[-1] = (stages[-1][0], dict(values))
             elif len(stages) < MOST_STAGES:
-                stages.append((1e-6 * stamp, dict(held)))
+                stages.append((1e-6 * stamp, dict(values)))
     return tuple(stages)
 
 
