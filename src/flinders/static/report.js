@@ -1,7 +1,7 @@
 /**
  * What moves in a report: the 3-D view, the choice of theme, buttons that copy. All else is there without a script.
  *
- * It is joined with the modules it imports into one script (`flinders.report.script`), and a report without the bundle
+ * It is joined with the modules it imports into one script (`flinders.report.html_file`), and a report without the bundle
  * of three.js has `plain.js` in its place.
  */
 
