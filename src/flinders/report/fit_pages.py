@@ -16,7 +16,7 @@ from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.report.formatting import degrees, p_value, written_time
 from flinders.report.sections import mounting
-from flinders.report.terminal import COLOURS, notes, numbers, page, styled, table, verdict
+from flinders.report.terminal import COLOURS, graded, notes, numbers, page, styled, table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -56,12 +56,7 @@ def of_merged(merged: Merged) -> RenderableType:
 def of_extremes(extremes: Extremes) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
     unknown = np.full(3, np.nan)
-    said = verdict(
-        extremes.verdict.upper(),
-        extremes.verdict,
-        "how good it is nobody knows, with these limits:",
-        "six typed numbers; minmax",
-    )
+    said = graded(extremes.verdict, "how good it is nobody knows, with these limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, unknown, None)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
@@ -133,19 +128,25 @@ def good_to(error: HeadingError, target_deg: float) -> str:
     return f"worst heading good to {degrees(error.worst)} (1 σ; the target is {target_deg:g}°)"
 
 
-def _fit_verdict(fit: Fit) -> Table:
-    """What a fit is good for, and for whom the number holds."""
-    is_refused, within = fit.verdict == "refused", good_to(fit.heading_error_deg, fit.target_deg)
+def _quality(outcome: Fit | Merged, good: str, refused: str, basis: str, *more: Text) -> Table:
+    """The verdict of a calibration, for whom its number holds, and what it rests on."""
+    error, within = outcome.heading_error_deg, good_to(outcome.heading_error_deg, outcome.target_deg)
     words = {
-        "good": f"{within}, {_reach(fit)}",
+        "good": f"{within}{good}",
         "limited": f"{within}, with these limits:",
-        "refused": "not fit for use, no calibration was written",
-    }[fit.verdict]
+        "refused": f"not fit for use, {refused}",
+    }[outcome.verdict]
+    if outcome.verdict == "refused":
+        return graded(outcome.verdict, words, basis)
+    return graded(outcome.verdict, words, f"{basis}; held level, dip {error.dip_deg:.3g}°", *more)
+
+
+def _fit_verdict(fit: Fit) -> Table:
     seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
-    level = "" if is_refused else f"; held level, dip {fit.heading_error_deg.dip_deg:.3g}°"
-    adds = "" if is_refused else mounting(fit)
-    basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}{level}"
-    return verdict(fit.verdict.upper(), fit.verdict, words, basis, *([Text(adds)] if adds else []))
+    basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
+    reach = "" if fit.verdict != "good" else f", {_reach(fit)}"
+    adds = "" if fit.verdict == "refused" else mounting(fit)
+    return _quality(fit, reach, "no calibration was written", basis, *([Text(adds)] if adds else []))
 
 
 def _reach(fit: Fit) -> str:
@@ -173,17 +174,10 @@ def _merged_parts(merged: Merged) -> Table:
 
 
 def _merged_verdict(merged: Merged) -> Table:
-    within = good_to(merged.heading_error_deg, merged.target_deg)
-    words = {
-        "good": within,
-        "limited": f"{within}, with these limits:",
-        "refused": "not fit for use, nothing was written",
-    }[merged.verdict]
     readings = f" of {counted(merged.samples, 'reading')}" if merged.samples else ""
     chance = f"; chance scatters them as far with {p_value(merged.repeats.p_value)}"
-    level = "" if merged.verdict == "refused" else f"; held level, dip {merged.heading_error_deg.dip_deg:g}°"
-    basis = f"{counted(len(merged.repeats.parts), 'calibration')}{readings}{chance}{level}"
-    return verdict(merged.verdict.upper(), merged.verdict, words, basis)
+    basis = f"{counted(len(merged.repeats.parts), 'calibration')}{readings}{chance}"
+    return _quality(merged, "", "nothing was written", basis)
 
 
 def extremes_table(extremes: Extremes) -> Table:

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
+    from flinders.findings import Verdict
     from flinders.fitting.result import Fit
     from flinders.heading.deviation import Deviation
     from flinders.report.figure_data import FigureData
@@ -118,6 +119,11 @@ def verdict(title: str, colour: str, words: str, *more: str | Text) -> Table:
     for text in more:
         grid.add_row("", Text(text, "dim") if isinstance(text, str) else text)
     return grid
+
+
+def graded(quality: Verdict, words: str, *more: str | Text) -> Table:
+    """The verdict of a calibration, with what it means and what that rests on."""
+    return verdict(quality.upper(), quality, words, *more)
 
 
 def notes(said: Iterable[tuple[str, str]]) -> RenderableType:

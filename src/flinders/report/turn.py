@@ -34,7 +34,7 @@ from flinders.report import charts
 from flinders.report.charts import Axis, Plot, circle, segment, text, thinned
 from flinders.report.fit_pages import findings, good_to, of_fit
 from flinders.report.formatting import degrees, minus
-from flinders.report.terminal import numbers, page, table, verdict
+from flinders.report.terminal import graded, numbers, page, table
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -126,12 +126,8 @@ def _composed(composed: Composed, after: str | None) -> RenderableType:
     error = composed.heading_error_deg
     good = good_to(error, composed.fit.target_deg)
     words = good if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    said = verdict(
-        composed.verdict.upper(),
-        composed.verdict,
-        f"{words}, with these limits:",
-        f"{in_words(composed.turns)}; held level, dip {error.dip_deg:g}°",
-    )
+    basis = f"{in_words(composed.turns)}; held level, dip {error.dip_deg:g}°"
+    said = graded(composed.verdict, f"{words}, with these limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.fit.noise))
     return Group(page(result, said), findings(composed.findings))

@@ -20,8 +20,7 @@ readings are drawn, so that the picture gets better while the sensor is being tu
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, Self
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from msgspec import Struct
@@ -258,9 +257,9 @@ def view(
     goal, frame : str
         As in `flinders.heading.guidance`.
     """
-    rejected = Rejected.of(fit, samples)
+    is_rejected, runs = _rejected(fit, samples)
     numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)
-    corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.at().apply(samples.field[~rejected.rows])
+    corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.at().apply(samples.field[~is_rejected])
     is_known = fit.states_uncertainty and not fit.is_flat
     errors = tile_errors_deg(fit) if is_known else np.full(len(tiles().centres), np.nan)
     claims = _claimed(fit, errors, goal, frame) if is_known else {}
@@ -273,7 +272,7 @@ def view(
         findings=tuple(FindingView(**finding.as_dict()) for finding in fit.findings),
         tiles_deg=tuple(round(angle, 4) if angle < LOST_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
-        rejected=_numbered(rejected.runs, numbered),
+        rejected=_numbered(runs, numbered),
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=sentence(fit, claims.get("attitude_limit_deg")),
         **({} if fit.is_flat else _drawn(fit, corrected)),
@@ -316,30 +315,14 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
     }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Rejected:
-    """Readings that a fit left out.
-
-    Attributes
-    ----------
-    rows : (N,) bool
-        Outliers, and what sits at the end of an axis.
-    runs : list of (first, last)
-        Places in what was fitted; a run of outliers may bridge good ones.
-    """
-
-    rows: NDArray[np.bool_]
-    runs: list[tuple[int, int]]
-
-    @classmethod
-    def of(cls, fit: Fit, samples: Samples) -> Self:
-        """Find them among the readings that were fitted."""
-        is_at_rail = np.zeros(len(samples), bool)
-        for rail in DataQuality.of(samples).rails:
-            is_at_rail |= samples.field[:, rail.axis] == rail.value
-        runs = _runs_left_out(fit, is_at_rail)
-        rows = is_at_rail | _are_outliers(fit, samples, is_at_rail, runs)
-        return cls(rows, [*runs, *_runs(np.flatnonzero(is_at_rail))])
+def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
+    """(N,) which readings a fit left out, outliers and what sits at the end of an axis; and the runs of these."""
+    is_at_rail = np.zeros(len(samples), bool)
+    for rail in DataQuality.of(samples).rails:
+        is_at_rail |= samples.field[:, rail.axis] == rail.value
+    runs = _outlier_runs(fit, is_at_rail)
+    rows = is_at_rail | _are_outliers(fit, samples, is_at_rail, runs)
+    return rows, [*runs, *_runs(np.flatnonzero(is_at_rail))]
 
 
 def rotation_of(fit: Fit) -> Floats:
@@ -478,7 +461,7 @@ def _guide(fit: Fit, goal: Goal) -> Guidance:
     )
 
 
-def _runs_left_out(fit: Fit, is_at_rail: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _outlier_runs(fit: Fit, is_at_rail: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Runs of outliers as places in what was fitted; the fit counts them among the readings that are at no rail."""
     free = np.flatnonzero(~is_at_rail)
     return [(int(free[outlier.first - 1]), int(free[outlier.last - 1])) for outlier in fit.outliers]
