@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
 
 ROOT: Final = Path(flinders.__file__).parent
 PASSING: Final = {"<module>", "__getattr__"}
@@ -59,21 +60,27 @@ def entered(run: Callable[[Path], None]) -> list[str]:
         finally:
             sys.setprofile(None)
             threading.setprofile(None)
-    return [file for file in files if not file.startswith("simulate")]  # which made the readings
+    return list(files)
 
 
 def a_reading(folder: Path) -> None:
     """From a CSV file to the exported header."""
     log, result, header = folder / "tumble.csv", folder / "calibration.json", folder / "calibration.h"
-    field = simulate.tumble(seed=1, n=600).samples.field
+    field = _tumble().field
     log.write_text("mx_uT,my_uT,mz_uT\n" + "".join(f"{x:.2f},{y:.2f},{z:.2f}\n" for x, y, z in field.tolist()))
     _command("calibrate", str(log), "-o", str(result))
     _command("export", str(result), "--to", "arduino", "-o", str(header))
 
 
 @functools.cache
+def _tumble() -> Samples:
+    """600 readings; made in the run that is not traced, as no part of the walk."""
+    return simulate.tumble(seed=1, n=600).samples
+
+
+@functools.cache
 def _three_tumbles() -> Floats:
-    """(900, 3) readings; made in the run that is not traced, as no part of the walk."""
+    """(900, 3) readings, in the same way."""
     return np.concatenate([simulate.tumble(seed=seed, n=300).samples.field for seed in range(3)])
 
 
@@ -100,7 +107,7 @@ def a_line(_: Path) -> None:
     from flinders.live.session import Arrived, Evaluated, FitDone, Session, begin_fit, snapshot, step
     from flinders.live.transcript import Transcript
 
-    field = simulate.tumble(seed=1, n=600).samples.field
+    field = _tumble().field
     transcript, session, timeline = Transcript("the board"), Session(), Timeline()
     for number, (x, y, z) in enumerate(field.tolist()):
         line = f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n"
@@ -119,7 +126,7 @@ def a_live_fit(_: Path) -> None:
     from flinders.live.evaluation import evaluate
     from flinders.live.session import Snapshot
 
-    evaluate(Snapshot(key=1, samples=simulate.tumble(seed=1, n=600).samples, is_followed=True))
+    evaluate(Snapshot(key=1, samples=_tumble(), is_followed=True))
 
 
 def _command(*words: str) -> None:
