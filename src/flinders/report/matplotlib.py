@@ -50,9 +50,6 @@ INK, FAINT, LINE, RAW, CORRECTED, REJECT = (
 WIDTH: Final = 10.0
 """Of a figure, in inches."""
 
-HEIGHTS: Final = {"projections": 6.7, "deviation": 4.2, "residuals": 2.9, "coverage": 3.2}
-"""Of each part."""
-
 DOTS_PER_INCH: Final = 160
 
 RC: Final = {
@@ -84,7 +81,7 @@ def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
     fit : Fit
         Good or limited.
     what : str
-        ``all`` or a key of `HEIGHTS`.
+        ``all`` or a key of `PARTS`.
 
     Returns
     -------
@@ -103,14 +100,14 @@ def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
     names = [name for name in (PARTS if what == "all" else (what,)) if _is_known(drawn, name)]
     if not names:
         raise UsageError(f"nothing is known to draw {what} from: the calibration states no uncertainty")
-    heights = [HEIGHTS[name] for name in names]
+    heights = [PARTS[name][0] for name in names]
     with matplotlib.rc_context(RC):
         from matplotlib import figure as drawable
 
         figure = drawable.Figure(figsize=(WIDTH, sum(heights)), layout="constrained")
         parts = figure.subfigures(len(names), 1, height_ratios=heights, squeeze=False)[:, 0]
         for name, part in zip(names, parts, strict=True):
-            PARTS[name](part, drawn, fit)
+            PARTS[name][1](part, drawn, fit)
     return figure
 
 
@@ -268,10 +265,10 @@ def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
         part.legend(handles=patches, ncols=len(patches), **LEGEND | {"loc": place})
 
 
-PARTS: Final[dict[str, Callable[[SubFigure, FigureData, Fit], None]]] = {
-    "projections": _projections,
-    "deviation": _deviation,
-    "residuals": _residuals,
-    "coverage": _coverage,
+PARTS: Final[dict[str, tuple[float, Callable[[SubFigure, FigureData, Fit], None]]]] = {
+    "projections": (6.7, _projections),
+    "deviation": (4.2, _deviation),
+    "residuals": (2.9, _residuals),
+    "coverage": (3.2, _coverage),
 }
-"""By name, in the order in which they are drawn."""
+"""Height in inches and drawing of each part, in their order."""

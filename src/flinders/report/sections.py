@@ -21,6 +21,7 @@ import numpy as np
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import figures
+from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.likelihood.parameters import TERMS
 from flinders.report.formatting import degrees, minus, with_uncertainty
 
@@ -34,9 +35,6 @@ if TYPE_CHECKING:
 
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 """What each aiding sensor is called."""
-
-LOST_DEG: Final = 90.0
-"""An error from which on a heading says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +58,7 @@ def mounting(fit: Fit) -> str:
     if fit.calibration.rotation != "estimated":
         return f"the mounting adds {degrees(error)} (1 σ), which no magnetometer can see"
     who = sources(fit)
-    if not error < LOST_DEG:
+    if not error < ANY_ANGLE_DEG:
         return f"how the axes sit in the body is not told by {who}: no heading of the body is known"
     return f"how the axes sit in the body, as {who} tell{'' if ' and ' in who else 's'} it, adds {degrees(error)} (1 σ)"
 

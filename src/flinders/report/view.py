@@ -27,6 +27,7 @@ from msgspec import Struct
 
 from flinders.core.units import label
 from flinders.errors import figures
+from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.advice import UPSIDE_DOWN, WORTH_IT, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
@@ -55,9 +56,6 @@ WIDEST: Final = 4.0
 UNSTATED: Final = (
     "The calibration states no uncertainty, so that nobody knows how good headings are: calibrate from a recording."
 )
-
-LOST_DEG: Final = 90.0
-"""An error from which on a direction says nothing: the tile counts as not known."""
 
 
 class HeadingErrorView(Struct, frozen=True):
@@ -270,7 +268,7 @@ def view(
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.samples,
         findings=tuple(FindingView(**finding.as_dict()) for finding in fit.findings),
-        tiles_deg=tuple(round(angle, 4) if angle < LOST_DEG else None for angle in errors.tolist()),
+        tiles_deg=tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=_numbered(runs, numbered),
         **({} if fit.verdict == "refused" else _copied(fit)),
@@ -370,7 +368,7 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
     worst, target = fit.heading_error_deg.worst, f"The target is {fit.target_deg:g}°."
     if fit.verdict == "refused":
         if worst > fit.target_deg:
-            much = f"up to {figures(worst)}°" if worst < LOST_DEG else "any angle"
+            much = f"up to {figures(worst)}°" if worst < ANY_ANGLE_DEG else "any angle"
             return f"Headings may be off by {much} (1 σ, worst heading). {target}"
         return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
