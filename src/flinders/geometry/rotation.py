@@ -7,7 +7,7 @@ True
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+
+
+NEAR_HALF_A_TURN: Final = -0.999
+"""Trace of a rotation below which the axis is taken from its quaternion, as R − Rᵀ vanishes."""
 
 
 def in_pieces(array: Floats, axes: int = 1) -> Floats:
@@ -66,14 +70,21 @@ def rotations(vectors: ArrayLike) -> Floats:
 def rotation_vectors(matrices: Floats) -> Floats:
     """(..., 3) axis times angle, in rad up to half a turn, of (..., 3, 3) rotations: the inverse of `rotations`.
 
-    >>> rotation_vectors(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])).round(4)
-    array([0.    , 0.    , 1.5708])
+    >>> rotation_vectors(rotations([[0.0, 0.0, 1.5708], [0.0, 3.1416, 0.0], [0.0, 0.0, 0.0]])).round(4) + 0.0
+    array([[ 0.    ,  0.    ,  1.5708],
+           [ 0.    , -3.1416,  0.    ],
+           [ 0.    ,  0.    ,  0.    ]])
     """
-    quaternion = of_matrix(matrices)
-    sine = lengths(quaternion[..., 1:])
-    angle = 2.0 * np.arctan2(sine, quaternion[..., 0])
-    factor = np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)
-    vectors: Floats = quaternion[..., 1:] * factor[..., np.newaxis]
+    swapped = np.swapaxes(matrices, -1, -2)
+    twice = (matrices - swapped)[..., [2, 0, 1], [1, 2, 0]]  # 2 sin of the angle, along the axis
+    trace, sine = np.trace(matrices, axis1=-2, axis2=-1), np.linalg.norm(twice, axis=-1)
+    factor = np.where(sine > 1e-12, np.arctan2(sine, trace - 1.0) / np.maximum(sine, 1e-12), 0.5)
+    vectors: Floats = twice * factor[..., np.newaxis]
+    is_large = trace < NEAR_HALF_A_TURN
+    if np.any(is_large):
+        quaternion = of_matrix(matrices[is_large])
+        half = np.arccos(np.clip(quaternion[..., :1], -1.0, 1.0))
+        vectors[is_large] = 2.0 * half / np.sin(half) * quaternion[..., 1:]
     return vectors
 
 

@@ -55,7 +55,6 @@ from __future__ import annotations
 import numpy as np  # noqa: F401  for the examples above
 
 from flinders.geometry.rotation import rotation_vectors as rotation_vectors
-from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import clump as clump
 from flinders.geometry.sphere import clumped as clumped
 from flinders.geometry.sphere import fibonacci as fibonacci
@@ -92,6 +91,7 @@ from flinders.simulate.motions import rocked as rocked
 from flinders.simulate.motions import seen_from as seen_from
 from flinders.simulate.motions import swayed as swayed
 from flinders.simulate.motions import tilted as tilted
+from flinders.simulate.motions import turns as turns
 from flinders.simulate.recording import ACCELERATION_NOISE as ACCELERATION_NOISE
 from flinders.simulate.recording import RATE_NOISE as RATE_NOISE
 from flinders.simulate.recording import Imu as Imu
@@ -104,5 +104,3 @@ from flinders.simulate.sensor import soft_iron as soft_iron
 from flinders.simulate.table import write_csv as write_csv
 from flinders.simulate.two_axis import TwoAxis as TwoAxis
 from flinders.simulate.two_axis import swing as swing
-
-turns = rotations

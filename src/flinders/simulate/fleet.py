@@ -27,10 +27,9 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import count, share
-from flinders.simulate.motions import north_and_down, random_attitude
+from flinders.simulate.motions import north_and_down, random_attitude, turns
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -299,7 +298,7 @@ def in_room(body: Floats, angles: Floats) -> Floats:
 
 def _turned(rng: Generator, n: int) -> TurnedSensor:
     """Draw a sensor and how it is turned."""
-    axes = rotations(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
+    axes = turns(uniform(rng, 1) * rng.uniform(0.0, math.pi))[0]
     matrix = axes @ np.diag(1.0 + rng.uniform(-SOFT, SOFT, 3)) @ axes.T
     offset = uniform(rng, 1)[0] * rng.uniform(0.0, HARD_UT)
     noise = math.exp(rng.uniform(*np.log(NOISE_UT)))

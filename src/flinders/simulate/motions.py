@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.arrays import table
 from flinders.errors import UsageError
-from flinders.geometry.rotation import rotation_vectors, rotations
+from flinders.geometry.rotation import cross_matrices, rotation_vectors
 from flinders.geometry.sphere import clumped, hemisphere, uniform
 from flinders.simulate._checks import count
 
@@ -144,8 +145,8 @@ def tilted(rng: Generator, n: int, *, tilt_deg: float = 35.0) -> Floats:
     """
     heading, axis = rng.uniform(0, 2 * np.pi, n), rng.uniform(0, 2 * np.pi, n)
     tilt = np.radians(rng.uniform(0, tilt_deg, n))
-    tilts = rotations(np.stack([np.cos(axis) * tilt, np.sin(axis) * tilt, np.zeros(n)], axis=1))
-    return rotations(np.outer(heading, [0.0, 0.0, 1.0])) @ tilts
+    tilts = turns(np.stack([np.cos(axis) * tilt, np.sin(axis) * tilt, np.zeros(n)], axis=1))
+    return turns(np.outer(heading, [0.0, 0.0, 1.0])) @ tilts
 
 
 def level_turn(rng: Generator, n: int) -> Floats:
@@ -154,7 +155,7 @@ def level_turn(rng: Generator, n: int) -> Floats:
     >>> level_turn(np.random.default_rng(0), 3)[:, 2].tolist()
     [[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]
     """
-    return rotations(np.outer(rng.uniform(0, 2 * np.pi, n), [0.0, 0.0, 1.0]))
+    return turns(np.outer(rng.uniform(0, 2 * np.pi, n), [0.0, 0.0, 1.0]))
 
 
 def hand_tumble(
@@ -183,7 +184,7 @@ def hand_tumble(
     n = count(round(seconds * rate_hz))
     rate = _wandering(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
     rate *= speed / np.sqrt(np.mean(rate**2))
-    attitudes = integrated(random_attitude(rng), rotations(rate * (1 / rate_hz)))
+    attitudes = integrated(random_attitude(rng), turns(rate * (1 / rate_hz)))
     return Trajectory(_clock(n, rate_hz), attitudes, rate)
 
 
@@ -320,7 +321,7 @@ def swayed(
     far = np.hypot(smooth[:, 0], smooth[:, 1])
     lean = smooth * (math.radians(tilt_deg) * np.tanh(far / 2) / np.maximum(far, 1e-12))[:, np.newaxis]
     heading = rng.uniform(0, 2 * np.pi) + 2 * np.pi * turns_each * _clock(n, rate_hz) / seconds + 0.3 * smooth[:, 2]
-    attitudes = rotations(np.outer(heading, [0.0, 0.0, 1.0])) @ rotations(lean * [1.0, 1.0, 0.0])
+    attitudes = turns(np.outer(heading, [0.0, 0.0, 1.0])) @ turns(lean * [1.0, 1.0, 0.0])
     return _trajectory(attitudes, rate_hz)
 
 
@@ -463,6 +464,22 @@ MOTIONS: Final[Mapping[str, Motion]] = {
 """What `tumble` knows, by name."""
 
 
+def turns(vectors: ArrayLike) -> Floats:
+    """(N, 3, 3) rotations by (N, 3) rotation vectors in rad (Rodrigues).
+
+    As `flinders.geometry.rotation.rotations` but for the last bit, which recordings of a seed keep.
+
+    >>> turns([[0.0, 0.0, np.pi / 2]]).round(3)[0].tolist()
+    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    vector = table(vectors, "rotation vectors")
+    angle = np.linalg.norm(vector, axis=1)
+    cross = cross_matrices(vector / np.where(angle < 1e-12, 1.0, angle)[:, np.newaxis])
+    sine, cosine = np.sin(angle)[:, np.newaxis, np.newaxis], np.cos(angle)[:, np.newaxis, np.newaxis]
+    rotations: Floats = np.eye(3) + sine * cross + (1 - cosine) * (cross @ cross)
+    return rotations
+
+
 def north_and_down(dip_deg: float) -> Floats:
     """(3,) unit direction of a field that dips by `dip_deg`: north, east, down.
 
@@ -481,8 +498,8 @@ def posed(heading: ArrayLike, pitch: ArrayLike, roll: ArrayLike) -> Floats:
     """
     headings, pitches, rolls = np.broadcast_arrays(*(np.atleast_1d(angle) for angle in (heading, pitch, roll)))
     x, y, z = np.eye(3)
-    turned: Floats = rotations(np.outer(headings, z)) @ rotations(np.outer(pitches, y))
-    return turned @ rotations(np.outer(rolls, x))
+    turned: Floats = turns(np.outer(headings, z)) @ turns(np.outer(pitches, y))
+    return turned @ turns(np.outer(rolls, x))
 
 
 def seen_from(attitudes: Floats, world: Floats) -> Floats:
@@ -552,7 +569,7 @@ def _between(first: Floats, last: Floats, n: int) -> Floats:
     """(n, 3, 3) attitudes on the shortest way from one (3, 3) to another, both left out."""
     way = rotation_vectors((first.T @ last)[np.newaxis])
     steps = np.arange(1, n + 1)[:, np.newaxis] / (n + 1)
-    between: Floats = first @ rotations(steps * way)
+    between: Floats = first @ turns(steps * way)
     return between
 
 
