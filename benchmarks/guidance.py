@@ -32,7 +32,7 @@ from flinders.geometry.rotation import rotations as turns
 from flinders.heading import path_planning
 from flinders.heading.error_propagation import direction_errors_deg
 from flinders.heading.guidance import guide
-from flinders.live.guidance import believe
+from flinders.live.evaluation import believe
 from flinders.simulate import Sensor
 from flinders.simulate.motions import north_and_down, seen_from
 

@@ -19,8 +19,7 @@ from tests.sketches import DOCS, SHAPES, printed
 
 import flinders
 from flinders import simulate
-from flinders.live.recorder import Recorder
-from flinders.live.sinks import ToFile
+from flinders.live.recorder import Recorder, ToFile
 from flinders.live.transports import Serial
 
 if TYPE_CHECKING:

@@ -14,9 +14,8 @@ from tests.trials import examples
 from flinders import simulate
 from flinders.core.units import Unit
 from flinders.errors import UsageError
-from flinders.live.buffer import SHOWN, ReadingBuffer, Timeline, rows_of, stride_for
+from flinders.live.buffer import SHOWN, Exclusions, ReadingBuffer, Timeline, rows_of, stride_for
 from flinders.live.evaluation import evaluate
-from flinders.live.exclusions import Exclusions
 from flinders.live.messages import Clear, Exclude, FitMessage, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
 from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (

@@ -18,11 +18,10 @@ from flinders import fit, simulate
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, OutputError, UsageError
 from flinders.live.feeds import AT_ONCE, Feed, RecordedFeed, Replay
-from flinders.live.mavlink import ARDUPILOT, PX4, Vehicle
+from flinders.live.mavlink import ARDUPILOT, PX4, Telemetry, Vehicle
 from flinders.live.readings import FeedEvent, Reading, samples_of
+from flinders.live.recorder import Resumed, ToFile
 from flinders.live.simulated import SimulatedFeed
-from flinders.live.sinks import Resumed, ToFile
-from flinders.live.telemetry import Telemetry
 from flinders.live.transports import Udp
 from flinders.readers import open_recording, read
 from flinders.targets.ardupilot import ArduPilotParameters as Parameters

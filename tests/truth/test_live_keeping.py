@@ -13,10 +13,9 @@ import pytest
 from tests.waiting import wait_until
 
 from flinders.errors import OutputError
-from flinders.live.feed_thread import FeedThread
+from flinders.live.feeds import FeedThread
 from flinders.live.readings import FeedEvent
-from flinders.live.recorder import Recorder
-from flinders.live.sinks import AGAIN_S, Patient, ToFile
+from flinders.live.recorder import AGAIN_S, Patient, Recorder, ToFile
 from flinders.live.transports import Udp
 
 if TYPE_CHECKING:

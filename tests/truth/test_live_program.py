@@ -39,7 +39,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="programs are fo
 NURSERY = """
 import os, sys
 sys.dont_write_bytecode = True  # a module that is imported while the disk is full would be cut short for all who follow
-import flinders.live.server, flinders.live.recorder, flinders.live.simulated, flinders.live.finish
+import flinders.live.server, flinders.live.recorder, flinders.live.simulated, flinders.live.evaluation
 from flinders.cli import main
 for line in sys.stdin:
     out, err, *words = line.rstrip("\\n").split("\\x1f")

@@ -29,16 +29,15 @@ from flinders.core.units import Unit
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit
 from flinders.live import motioncal
-from flinders.live.access import HEADERS, Gate, Tokens, cookie_name
+from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
 from flinders.live.feeds import RecordedFeed, Replay
 from flinders.live.hub import UPLOAD_BYTES, Hub, Supply
-from flinders.live.listener import listening, server_of
 from flinders.live.messages import MAGIC, SourceState, typescript
 from flinders.live.page_state import session_state
+from flinders.live.recorder import ToFile
 from flinders.live.server import STATIC, application
 from flinders.live.session import Session
 from flinders.live.session_file import Edits, default_path
-from flinders.live.sinks import ToFile
 from flinders.live.transports import Scripted
 from flinders.targets import registry
 
@@ -439,8 +438,8 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
 @pytest.fixture
 def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """A server at a real port, which waits half a second for a head and takes ten connections."""
-    monkeypatch.setattr("flinders.live.listener.HEAD_S", 0.5)
-    monkeypatch.setattr("flinders.live.listener.MOST_CONNECTIONS", 10)
+    monkeypatch.setattr("flinders.live.access.HEAD_S", 0.5)
+    monkeypatch.setattr("flinders.live.access.MOST_CONNECTIONS", 10)
     opened = listening("127.0.0.1", 0)
     number = int(opened.getsockname()[1])
     bench = Bench(tmp_path, simulate.tumble(seed=1, n=100).samples)

@@ -22,8 +22,7 @@ from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput
-from flinders.live.recorder import Recorder
-from flinders.live.sinks import ToFile
+from flinders.live.recorder import Recorder, ToFile
 from flinders.live.transcript import RecordingStatistics, escaped, settle
 from flinders.live.transports import Gone, Quiet, Scripted, Serial, Tcp, Udp
 from flinders.readers import read

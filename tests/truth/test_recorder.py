@@ -20,8 +20,7 @@ from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UnitError
 from flinders.live.readings import FeedEvent, Reading, readings_of, samples_of
-from flinders.live.recorder import Recorder
-from flinders.live.sinks import Resumed, ToFile
+from flinders.live.recorder import Recorder, Resumed, ToFile
 from flinders.live.transcript import LONGEST, Transcript
 from flinders.live.transports import Gone, Quiet, Scripted
 from flinders.readers import read
@@ -291,7 +290,7 @@ def test_a_full_disk_leaves_no_half_line() -> None:
     """Under a limit on the size of a file: the last row that fits is whole, and nothing of the next is there."""
     code = (
         "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
-        "from flinders.live.sinks import ToFile\n"
+        "from flinders.live.recorder import ToFile\n"
         "with ToFile('out.csv') as sink:\n"
         "    for n in range(1000): sink.write(f'{n},217,4,-586\\n')\n"
     )

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from flinders.live.feeds import Feed
     from flinders.live.hub import Supply
     from flinders.live.messages import Kind
+    from flinders.live.recorder import Patient, Resumed, Sink
     from flinders.live.session import Session
     from flinders.live.session_file import Edits
-    from flinders.live.sinks import Patient, Resumed, Sink
     from flinders.live.transports import ByteSource
 
 ANY_PORT: Final = "?"
@@ -113,9 +113,8 @@ def command(
     sys.setswitchinterval(SWITCH_S)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
     from flinders.core.axes import Axes
-    from flinders.live.access import Gate, Tokens
+    from flinders.live.access import Gate, Tokens, listening, serve
     from flinders.live.hub import Hub
-    from flinders.live.listener import listening, serve
     from flinders.live.server import application
 
     turned = Axes.of(axes)
@@ -212,8 +211,8 @@ def _begun(
     """Open source and file, and take up what a session that is continued holds."""
     from flinders.live.hub import Supply
     from flinders.live.messages import SourceState
+    from flinders.live.recorder import Patient, Resumed, ToFile
     from flinders.live.session_file import Edits, default_path
-    from flinders.live.sinks import Patient, Resumed, ToFile
 
     resumed = None if resume is None else Resumed.of(resume)
     edits = Edits() if resume is None else Edits.read(resume)
@@ -335,7 +334,7 @@ def _only_port(*, is_asked: bool) -> str | None:
 def _vehicle(source: dict[str, Any], stack: contextlib.ExitStack) -> _Source:
     from flinders.cli.send import opened as link_of
     from flinders.live.feeds import RecordedFeed
-    from flinders.live.telemetry import Telemetry
+    from flinders.live.mavlink import Telemetry
 
     link = link_of(source["mavlink"], source["baud"])
     stack.callback(link.close)
@@ -362,13 +361,12 @@ def _simulation() -> _Source:
 
 def _continued(path: Path | None, edits: Edits, axes: Axes, reading: dict[str, Any]) -> tuple[Session, Timeline]:
     """A new session, or the one that a file holds."""
-    from flinders.live.buffer import Timeline
-    from flinders.live.exclusions import Exclusions
+    from flinders.live.buffer import Exclusions, Timeline
     from flinders.live.session import Series, Session
 
     live, timeline = Series(axes=axes), Timeline()
     if path is not None:
-        from flinders.live.finish import load
+        from flinders.live.evaluation import load
 
         before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
         read, _, timeline = load(path, path.name, before, **reading)

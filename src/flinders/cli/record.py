@@ -107,8 +107,7 @@ def command(
     describes any other. A line that is not understood is kept as a comment. A crash loses at most a second; a
     port that goes away is waited for.
     """
-    from flinders.live.recorder import Recorder
-    from flinders.live.sinks import Resumed, ToFile, ToStandardOutput
+    from flinders.live.recorder import Recorder, Resumed, ToFile, ToStandardOutput
 
     wire.check()
     if not output:

@@ -1,4 +1,4 @@
-"""One fit of what a session holds: from a snapshot to all that follows from it, without a clock or a side effect.
+"""Fits of a session: of a snapshot while readings arrive, and of all readings in the end.
 
 >>> from flinders import simulate
 >>> from flinders.live.session import Snapshot
@@ -8,36 +8,53 @@
 >>> [reason.code for reason in evaluate(Snapshot(key=8, samples=Samples.of(np.ones((50, 3))))).reasons]
 ['stuck-axis', 'stale']
 
-The same snapshot gives the same, in whichever thread, so that the server may run it while readings arrive.
+The same snapshot gives the same, in whichever thread, so that the server may run it while readings arrive. Guidance
+begins at the present attitude of the sensor: `flinders.report.view` knows a fit and nothing of where the field points
+now, so it names the best single direction; `guided` puts the first waypoint of `flinders.heading.path_planning` in its
+place, on a sphere through the readings before any fit has a surface.
+
+The calibration in the end (`finished`) is made from the file of the session, and not from the readings in memory, which
+are fewer in a long one.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+import hashlib
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
 
 from flinders.comparison.comparison import compare
-from flinders.core.samples import Samples  # noqa: TC001 - the example above makes some
-from flinders.core.units import EARTH_UT, MICROTESLA
-from flinders.errors import FitError, FlindersError, counted, figures
+from flinders.core.calibration_file import SourceFile
+from flinders.core.samples import Samples, Wrapped, frame_of
+from flinders.core.units import EARTH_UT, MICROTESLA, Unit
+from flinders.errors import FitError, FlindersError, UnreadableInput, counted, figures
 from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit as fit_samples
 from flinders.fitting.result import Refused
-from flinders.live.guidance import guided
+from flinders.heading import path_planning
+from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.messages import PreviousState, Reason
-from flinders.live.session import Evaluated
-from flinders.report.view import view
+from flinders.live.session import Evaluated, Series, snapshot
+from flinders.live.session_file import Edits, TrimmedRecording
+from flinders.readers import open_recording
+from flinders.report.view import GuidanceView, Shown, view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
-    from flinders.live.session import Snapshot
-    from flinders.report.view import View
+    from flinders.heading.guidance import Frame, Goal
+    from flinders.live.buffer import Span, Timeline
+    from flinders.live.session import Session, Snapshot
+    from flinders.report.view import Triple, View
 
 STALE_S: Final = 2.0
 """Seconds of equal readings after which a sensor is said to have stopped."""
@@ -245,3 +262,245 @@ def _compared(fit: Fit | None, snapshot: Snapshot) -> PreviousState | None:
     }[apart.verdict]
     difference = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
     return PreviousState(previous.name, worst, f"{said} ({difference} of heading at the worst)")
+
+
+KNOWN_DEG: Final = 10.0
+"""A fit that is farther off than this in some direction is asked for none."""
+SPEED_DEG: Final = 90.0
+"""Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""
+
+
+def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
+    """Put the path from the newest reading into a view; no path is shown where it would gain nothing.
+
+    Parameters
+    ----------
+    view : View
+        Of this fit.
+    fit : Fit
+        Also that of a `Refused`.
+    samples : Samples
+        All so far, the newest last.
+    goal, frame : str
+        As in `flinders.heading.guidance`.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> samples = simulate.tumble(seed=1, motion="tilted").samples
+    >>> fit = fit_samples(samples, target_deg=0.1)
+    >>> guided(view(fit, samples), fit, samples).guidance.words
+    'follow the arrow: turn it about x (y towards z), then about z (x towards y)'
+    """
+    if fit.plane or not len(samples):
+        return view
+    belief = believe(fit, samples.field)
+    if belief is None:
+        return view
+    here = belief.direction(samples.field[-1])
+    if not here.any():
+        return view
+    is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
+    path = path_planning.plan(
+        belief,
+        here,
+        target_deg=fit.target_deg,
+        goal=goal,
+        dip_deg=fit.dip_deg,
+        down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
+        readings_per_deg=_readings_per_deg(samples),
+    )
+    if path.worst_deg <= fit.target_deg and not belief.is_rough:
+        return view
+    words = f"follow the arrow: {path.words(frame)}"
+    leads = GuidanceView(_triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal)
+    return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
+
+
+def believe(fit: Fit | None, readings: ArrayLike) -> path_planning.Belief | None:
+    """What is known after a fit, also a refused one: what it claims where that makes sense, else a sphere.
+
+    Parameters
+    ----------
+    fit : Fit, optional
+    readings : (N, 3) array-like
+        Those that it was made of.
+    """
+    if fit is None or fit.is_flat or fit.direction_error_deg.worst > KNOWN_DEG:
+        return path_planning.rough(readings)
+    return path_planning.Belief.of_fit(fit)
+
+
+def _readings_per_deg(samples: Samples) -> float:
+    """What the sensor gives for each degree that it is turned by."""
+    time = samples.time
+    if time is None or len(time) < 2 or not time[-1] > time[0]:
+        return path_planning.READINGS_PER_DEG
+    return (len(time) - 1) / float(time[-1] - time[0]) / SPEED_DEG
+
+
+def _round(belief: path_planning.Belief) -> Shown:
+    """A sphere to draw readings on that no fit has a surface for."""
+    radius = belief.ellipsoid.radius
+    return Shown(_triple(belief.ellipsoid.centre), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), radius)
+
+
+def _triple(vector: Floats) -> Triple:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+CHUNK: Final = 1 << 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finished:
+    """What a session comes to.
+
+    Attributes
+    ----------
+    key : int
+        Of what was shown, as in `flinders.live.session`.
+    name : str
+        What it was made from.
+    recording : Recording
+        The readings.
+    outcome : Fit or FlindersError
+    files : tuple of SourceFile
+    """
+
+    key: int
+    name: str
+    recording: Recording
+    outcome: Fit | FlindersError
+    files: tuple[SourceFile, ...] = ()
+
+    @property
+    def fit(self) -> Fit:
+        """The fit, good or limited.
+
+        Raises
+        ------
+        FlindersError
+            Why there is none, or none that may be used.
+        """
+        if isinstance(self.outcome, FlindersError):
+            raise self.outcome
+        return self.outcome
+
+    @property
+    def limits(self) -> list[str]:
+        """What it is not good for."""
+        return [finding.advice for finding in self.fit.findings if finding.severity == "limits"]
+
+    @property
+    def about(self) -> list[str]:
+        """Where the numbers come from and what is claimed of them, for the head of an export."""
+        worst = f"worst heading good to {figures(self.fit.heading_error_deg.worst)}° (1 σ)"
+        return [
+            f"from {self.name}",
+            f"the calibration is {self.fit.verdict}: {worst}",
+            *(f"limited: {limit}" for limit in self.limits),
+        ]
+
+
+@dataclass(slots=True, eq=False)
+class _CountedRecording(Wrapped):
+    """A recording that knows how many readings its last pass gave."""
+
+    recording: Recording
+    rows: int = 0
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        self.rows = 0
+        for block in self.recording.blocks():
+            self.rows += len(block)
+            yield block
+
+
+def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Finished:
+    """Fit all readings of what is shown, but for those taken out.
+
+    Parameters
+    ----------
+    session : Session
+    path : Path, optional
+        The file of the session; without it, and of a log, what is in memory is all.
+    reading : dict
+        How it is read, as `flinders.open_recording` takes it.
+
+    Examples
+    --------
+    >>> from flinders import simulate
+    >>> from flinders.live.session import Arrived, Session, step
+    >>> session, _ = step(Session(), Arrived(0.0, rows_of(simulate.tumble(seed=1).samples), Unit.of("uT")))
+    >>> finished(session, None, {}).fit.verdict
+    'good'
+    """
+    key, name = session.shown.key, session.opened_name or session.source.name
+    if session.opened is not None or path is None:
+        samples = snapshot(session, None).samples
+        return Finished(key, name, samples, _outcome(session, samples))
+    try:
+        file = open_recording(path, **reading)
+    except FlindersError as error:
+        return Finished(key, path.name, snapshot(session, None).samples, _nothing_yet(error))
+    counting = _CountedRecording(TrimmedRecording(file, Edits.of(session).left_out))
+    outcome = _outcome(session, counting)
+    return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows),))
+
+
+def _nothing_yet(error: FlindersError) -> FlindersError:
+    """What cannot be read of a recording that has just begun is no fault of its file."""
+    if isinstance(error, UnreadableInput):
+        return UnreadableInput("there are no readings yet to make a calibration from: turn the sensor first")
+    return error
+
+
+def _outcome(session: Session, recording: Recording) -> Fit | FlindersError:
+    try:
+        return fit_samples(recording, target_deg=session.target_deg, dip_deg=session.dip_deg)
+    except Refused as refused:
+        return refused
+    except FlindersError as error:
+        return error
+
+
+def _source_file(path: Path, rows: int) -> SourceFile:
+    """The file as it is now; of one that grows, its beginning."""
+    digest, size = hashlib.sha256(), 0
+    with path.open("rb") as file:
+        while chunk := file.read(CHUNK):
+            digest.update(chunk)
+            size += len(chunk)
+    return SourceFile(name=path.name, sha256=digest.hexdigest(), bytes=size, rows=rows)
+
+
+def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Series, str, Timeline]:
+    """Read a recording as a series of readings, as many as a buffer holds, how it was read, and where its time ends.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        For messages, in place of its own.
+    spans : tuple of (start, end), s
+        Stretches of time to leave out.
+    **reading
+        As `flinders.open_recording` takes it.
+
+    Raises
+    ------
+    InputError
+        For what cannot be read.
+    """
+    recording = open_recording(path, **reading)
+    trimmed = TrimmedRecording(recording, spans)
+    buffer = ReadingBuffer.empty()
+    for block in trimmed.blocks():
+        buffer = buffer.extended(rows_of(block))
+    words = str(recording).replace(str(path), name).replace(path.name, name)
+    words = words if words.startswith(name) else f"{name}: {words}"
+    series = Series(buffer, getattr(recording, "unit", Unit.of()), recording.axes, frame_of(recording))
+    return series, f"{words}; {counted(buffer.total, 'reading')}", trimmed.timeline

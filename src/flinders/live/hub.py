@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.units import Unit
 from flinders.live.buffer import Timeline, rows_of_readings
-from flinders.live.feed_thread import FeedThread
+from flinders.live.feeds import FeedThread
 from flinders.live.messages import FitMessage, Hello, Limits, Notice, TargetInfo
 from flinders.live.page_state import Cursor, session_state
 from flinders.live.readings import FeedEvent
@@ -47,12 +47,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.core.axes import Axes
+    from flinders.live.evaluation import Finished
     from flinders.live.feeds import Feed
-    from flinders.live.finish import Finished
     from flinders.live.messages import Link
     from flinders.live.readings import Reading
+    from flinders.live.recorder import Sink
     from flinders.live.session import Evaluated
-    from flinders.live.sinks import Sink
     from flinders.live.transports import ByteSource
 
 SOONEST_S: Final = 0.04
@@ -218,7 +218,7 @@ class Hub:
 
         From the file; where that has a hole, from what is in memory.
         """
-        from flinders.live.finish import finished
+        from flinders.live.evaluation import finished
 
         async with self._finishing:
             session = self.session

@@ -1,4 +1,4 @@
-"""A vehicle on MAVLink: who it is, whether it is armed, and its parameters, one by one.
+"""A vehicle on MAVLink: who it is, whether it is armed, its parameters, one by one, and its compass as a feed.
 
 ::
 
@@ -18,17 +18,23 @@ from __future__ import annotations
 import contextlib
 import struct
 import time
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.errors import LinkError, NotSent, UsageError
+from flinders.core.samples import Samples
+from flinders.errors import ArrayError, LinkError, NotSent, UsageError
+from flinders.live.readings import FeedEvent, Reading, readings_of
 from flinders.readers._extras import needs
+from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
+from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from flinders.arrays import Floats
     from flinders.live.transports import ByteSource
 
 ARDUPILOT, PX4 = 3, 12
@@ -361,3 +367,213 @@ def _note(heard: dict[int, Heartbeat], message: Any) -> None:  # noqa: ANN401
 def same(one: float, other: float) -> bool:
     """Tell whether two values are one float32; a value that is no number is the same as another such."""
     return bool(np.array_equal(np.float32(one), np.float32(other), equal_nan=True))
+
+
+RATE_HZ: Final = 20.0
+"""Readings a second that the vehicle is asked for."""
+ASK_AGAIN_S: Final = 3.0
+"""Seconds without a reading after which it is asked again, and advice is given."""
+TOGETHER_S: Final = 0.03
+"""Seconds of readings that are handed on together."""
+FETCH_TRIES: Final = 4
+"""Questions for each parameter."""
+REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
+"""Of the calibration in force; SCALE came later."""
+LOOK_S: Final = 1.0
+"""Seconds that a better message is waited for."""
+GRAVITY: Final = 9.80665
+BACK_S: Final = 0.5
+"""Seconds that a lost vehicle is waited for at a time."""
+
+
+class Telemetry:
+    """A compass of a vehicle on a link, as the vehicle sends it to a ground station: a `Feed`.
+
+    RAW_IMU and SCALED_IMU hold the first compass, SCALED_IMU2 and SCALED_IMU3 the second and the third, in whole mG.
+    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and taken off, unless
+    `as_logged`. Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
+    A RAW_IMU that is not ArduPilot's is in counts, as the protocol has it. Whether PX4's SCALED_IMU is corrected is
+    **unverified**. Sources and messages are those of `flinders.readers.tlog`.
+
+    Parameters
+    ----------
+    source : ByteSource
+    compass : int
+        1 to 3, as ArduPilot counts.
+    system : int, optional
+        Which vehicle, where there are several.
+    as_logged : bool
+        Leave ArduPilot's correction on.
+    rate_hz : float
+        Readings a second to ask for.
+    vehicle : Vehicle, optional
+        A vehicle that has answered.
+
+    Attributes
+    ----------
+    name : str
+
+    Raises
+    ------
+    MissingExtra, LinkError, UsageError, NotSent
+        As `Vehicle.find`, and for another compass.
+    """
+
+    def __init__(
+        self,
+        source: ByteSource,
+        *,
+        compass: int = 1,
+        system: int | None = None,
+        as_logged: bool = False,
+        rate_hz: float = RATE_HZ,
+        vehicle: Vehicle | None = None,
+    ) -> None:
+        if compass not in COMPASSES:
+            raise UsageError(f"compass {compass}: MAVLink has messages for compass 1, 2 and 3")
+        self._source, self._compass, self._as_logged, self._rate = source, compass, as_logged, rate_hz
+        self._vehicle = Vehicle.find(source, system=system) if vehicle is None else vehicle
+        self.name = f"compass {compass} of {self._vehicle.name}"
+        self._messages = _ranked(self._vehicle.autopilot, compass)
+        self._start = self._heard = time.monotonic()
+        self._parameters: ArduPilotParameters | None = None
+        self._kinds: dict[int, float] = {}
+        self._kind: int | None = None
+        self._last: tuple[float, ...] = ()
+        self._is_gone = self._is_over = self._is_advised = False
+        self._waiting: deque[FeedEvent] = deque([FeedEvent("connected", 0.0, f"{self.name}: {self._fetch()}")])
+        self._ask()
+
+    def next(self, timeout: float) -> list[Reading] | FeedEvent:
+        """As `Feed.next`."""
+        if self._waiting:
+            return self._waiting.popleft()
+        if self._is_over:
+            time.sleep(timeout)
+            return []
+        if self._is_gone:
+            return self._come_back(timeout)
+        readings: list[Reading] = []
+        try:
+            for message in self._vehicle.messages(min(timeout, TOGETHER_S)):
+                readings += self._taken(message)
+        except LinkError as error:
+            self._is_gone = True
+            self._waiting.append(FeedEvent("gone", self._now(), str(error)))
+        else:
+            self._remind(bool(readings))
+        return readings
+
+    def close(self) -> None:
+        """As `Feed.close`."""
+        self._is_over = True
+        self._source.close()
+
+    def _now(self) -> float:
+        return time.monotonic() - self._start
+
+    def _fetch(self) -> str:
+        """Fetch the calibration that is in force, and say what becomes of the readings."""
+        if self._vehicle.autopilot != ARDUPILOT:
+            return "readings as they are sent; whether they are raw or corrected is not known for this autopilot"
+        if self._as_logged:
+            return "corrected readings, as they are sent"
+        values: dict[str, float] = {}
+        for name in (*REPORTED, "SCALE"):
+            group, _, axis = name.partition("_")
+            known = names(group, self._compass, f"_{axis}" if axis else "")
+            parameter = self._vehicle.get(*known, tries=FETCH_TRIES)
+            if parameter is None and name in REPORTED:
+                return f"corrected readings: the vehicle does not tell its {known[0]}, by which that is taken off"
+            if parameter is not None:
+                values[known[0]] = parameter.value
+        self._parameters = ArduPilotParameters.read(values, self._compass)
+        return f"its correction is taken off: {self._parameters.words()}"
+
+    def _ask(self) -> None:
+        """Ask for the messages; a vehicle that sends them already does no more than that."""
+        self._heard = time.monotonic()
+        with contextlib.suppress(LinkError):
+            for message in self._messages:
+                self._vehicle.ask_for(message, self._rate)
+
+    def _remind(self, heard: bool) -> None:
+        """Ask again where nothing comes, and say so once."""
+        if heard:
+            self._heard = time.monotonic()
+        elif time.monotonic() - self._heard > ASK_AGAIN_S:
+            self._ask()
+            if not self._is_advised:
+                self._is_advised = True
+                wanted = " or ".join(COMPASS_MESSAGES[number][0] for number in self._messages)
+                self._waiting.append(
+                    FeedEvent(
+                        "nothing",
+                        self._now(),
+                        f"{self.name} sends no {wanted} though it was asked: see that it has this compass, and set its "
+                        "stream RAW_SENSORS (SRn_RAW_SENS)",
+                    )
+                )
+
+    def _come_back(self, timeout: float) -> list[Reading] | FeedEvent:
+        if not self._vehicle.come_back(min(timeout, BACK_S)):
+            return []
+        self._is_gone = False
+        self._ask()
+        return FeedEvent("back", self._now(), f"{self.name} is back")
+
+    def _taken(self, message: Any) -> list[Reading]:  # noqa: ANN401 - pymavlink has no types
+        """Make a reading of a message of the kind that is taken; one that repeats, and zeros, are none."""
+        number = message.get_msgId()
+        if number not in self._messages or (number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED):
+            return []
+        field = (message.xmag, message.ymag, message.zmag)
+        in_micros = number in (RAW_IMU, HIGHRES_IMU)
+        clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
+        if not any(field) or number != self._chosen(number) or (clock, *field) == self._last:
+            return []
+        self._last = (clock, *field)
+        return readings_of(self._samples(message, clock, np.array([field], float)))
+
+    def _chosen(self, number: int) -> int | None:
+        """Which kind of message is taken: the best of those that came within a second."""
+        if self._kind is None:
+            self._kinds.setdefault(number, self._now())
+            if number == self._messages[0] or self._now() - min(self._kinds.values()) > LOOK_S:
+                self._kind = min(self._kinds, key=self._messages.index)
+        return self._kind
+
+    def _samples(self, message: Any, clock: float, field: Floats) -> Samples:  # noqa: ANN401
+        force = np.array([[message.xacc, message.yacc, message.zacc]], float)
+        rate = np.array([[message.xgyro, message.ygyro, message.zgyro]], float)
+        warm = getattr(message, "temperature", 0)  # 0 where it is not known
+        units = IN_SI if self._kind == HIGHRES_IMU else WHOLE
+        is_raw = self._kind == RAW_IMU and self._vehicle.autopilot != ARDUPILOT
+        return Samples.of(
+            self._raw(field),
+            unit="counts" if is_raw else units.field,
+            time=[clock],
+            acceleration=force if is_raw or units is IN_SI else 1e-3 * GRAVITY * force,
+            rate=None if is_raw else units.rate * rate,
+            temperature=[units.temperature * warm] if warm else None,
+            source=self.name,
+        )
+
+    def _raw(self, field: Floats) -> Floats:
+        """(1, 3) what the compass read, in mG."""
+        if self._parameters is None:
+            return field
+        try:
+            return self._parameters.unapply(field, motor_offset=np.zeros(3))
+        except ArrayError as error:
+            self._parameters = None
+            self._waiting.append(FeedEvent("garbage", self._now(), f"{error}; readings are taken as they are sent"))
+            return field
+
+
+def _ranked(autopilot: int, compass: int) -> tuple[int, ...]:
+    """Messages that hold a compass, the best first: ArduPilot's RAW_IMU, what is in gauss of others."""
+    known = [number for number, (_, which) in COMPASS_MESSAGES.items() if which == compass]
+    if autopilot == ARDUPILOT:
+        return tuple(number for number in known if number != HIGHRES_IMU)
+    return tuple(sorted(known, key=lambda number: (number != HIGHRES_IMU, number == RAW_IMU)))

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from starlette.websockets import WebSocket
 
     from flinders.core.calibration_file import Provenance
-    from flinders.live.finish import Finished
+    from flinders.live.evaluation import Finished
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
 SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"app.js": (), "views/scene.js": ("Scene",)}
@@ -274,7 +274,7 @@ def _download(content: bytes, filename: str, kind: str) -> Response:
 
 async def _open(request: Request) -> Response:
     """Open a log that was dropped on the page: its bytes go to a file of our own, which is read and deleted."""
-    from flinders.live.finish import load
+    from flinders.live.evaluation import load
 
     hub: Hub = request.app.state.hub
     name = shown_name(request.query_params.get("name", ""))

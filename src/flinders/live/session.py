@@ -36,8 +36,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.live.buffer import ReadingBuffer
-from flinders.live.exclusions import Exclusions, Span, merged
+from flinders.live.buffer import Exclusions, ReadingBuffer, Span, merged
 from flinders.live.messages import (
     BackToLive,
     Clear,

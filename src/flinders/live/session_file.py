@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from flinders.core.samples import Recording, Samples
-    from flinders.live.exclusions import Span
+    from flinders.live.buffer import Span
     from flinders.live.session import Session
 
 FOLDER: Final = "flinders-sessions"
