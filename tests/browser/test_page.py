@@ -337,13 +337,13 @@ INK = """text => {
 """How far a number reaches to the right of the middle, and how far the arc is there, in units of the gauge."""
 
 
-@pytest.mark.parametrize("text", ["12.3", "0.043", "0.0043", "> 90", "–"])
 @pytest.mark.parametrize("width", [360, 1280])
-def test_no_number_covers_the_arc(visitor: Visitor, text: str, width: int) -> None:
+def test_no_number_covers_the_arc(visitor: Visitor, width: int) -> None:
     page = done(visitor.page(viewport={"width": width, "height": 800}))
-    room = page.evaluate("async text => String((await import('/static/views/gauge.js')).ems(text))", text)
-    reach, arc = page.evaluate(INK.replace("EMS(text)", f"'{room}'"), text)
-    assert 8.0 < reach < arc - 2.0
+    for text in ("12.3", "0.043", "0.0043", "> 90", "–"):
+        room = page.evaluate("async text => String((await import('/static/views/gauge.js')).ems(text))", text)
+        reach, arc = page.evaluate(INK.replace("EMS(text)", f"'{room}'"), text)
+        assert 8.0 < reach < arc - 2.0, text
 
 
 # files

@@ -71,7 +71,7 @@ def heading_error(fit: flinders.Fit, shape: Floats) -> float:
 
 
 @ANY
-@pytest.mark.parametrize("height", [0.0, 0.5, 0.8])
+@pytest.mark.parametrize("height", [0.0, 0.5])
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_one_ring_is_refused(method: str, height: float, noise: float) -> None:
     """But by what knows a level turn, and is right there."""
@@ -138,7 +138,7 @@ def test_a_small_cap_is_refused(method: str) -> None:
 
 
 @ANY
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_handful_of_readings_is_too_few_or_limited(method: str, seed: int) -> None:
     field = read(np.random.default_rng(seed).permutation(simulate.fibonacci(60)), 50.0 * np.eye(3), 0.3)
     for n in range(1, 13):

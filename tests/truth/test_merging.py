@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -330,15 +331,26 @@ def run(words: str) -> Ended:
     return Ended(ended.exit_code, ended.stdout, ended.stderr)
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recordings of a sensor and their calibrations, the last after its battery moved; files that are not sound."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as context:
+        context.chdir(folder)
+        for name, seed, by in RECORDINGS:
+            field = simulate.tumble(seed=seed, motion="uniform", sensor=moved(by)).samples.field
+            rows = [",".join(f"{value:.3f}" for value in row) for row in field]
+            Path(f"{name}.csv").write_text("\n".join([HEADER, *rows, ""]), encoding="utf-8")
+            assert run(f"calibrate {name}.csv -o {name}.json").code == 0
+        assert run("calibrate friday.csv tuesday.csv -o both.json").code == 0
+        spoil()
+    return folder
+
+
 @pytest.fixture
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Recordings of a sensor and their calibrations, the last after its battery moved."""
+def home(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    for name, seed, by in RECORDINGS:
-        field = simulate.tumble(seed=seed, motion="uniform", sensor=moved(by)).samples.field
-        rows = [",".join(f"{value:.3f}" for value in row) for row in field]
-        Path(f"{name}.csv").write_text("\n".join([HEADER, *rows, ""]), encoding="utf-8")
-        assert run(f"calibrate {name}.csv -o {name}.json").code == 0
 
 
 def edit(source: str, target: str, **parts: dict[str, object] | None) -> None:
@@ -424,6 +436,18 @@ COVARIANCES = {
 """Of what a file may say."""
 
 
+def spoil() -> None:
+    """Write calibration files that cannot be merged."""
+    edit("monday.json", "copy.json", provenance=None)
+    edit("monday.json", "again.json", calibration={"offset": [1.0, 2.0, 3.0]})
+    edit("tuesday.json", "bare.json", fit=None)
+    for name, numbers in CORRECTIONS.items():
+        edit("tuesday.json", f"{name}.json", calibration=numbers)
+    for name, covariance in COVARIANCES.items():
+        edit("tuesday.json", f"{name}.json", fit={"covariance": covariance.tolist()})
+    Path("broken.json").write_text("{", encoding="utf-8")
+
+
 @pytest.mark.usefixtures("home")
 @pytest.mark.parametrize(
     ("words", "code", "message"),
@@ -458,15 +482,6 @@ COVARIANCES = {
     ],
 )
 def test_bad_input_is_one_line(words: str, code: int | None, message: str) -> None:
-    edit("monday.json", "copy.json", provenance=None)
-    edit("monday.json", "again.json", calibration={"offset": [1.0, 2.0, 3.0]})
-    edit("tuesday.json", "bare.json", fit=None)
-    for name, numbers in CORRECTIONS.items():
-        edit("tuesday.json", f"{name}.json", calibration=numbers)
-    for name, covariance in COVARIANCES.items():
-        edit("tuesday.json", f"{name}.json", fit={"covariance": covariance.tolist()})
-    Path("broken.json").write_text("{", encoding="utf-8")
-    assert run("calibrate friday.csv tuesday.csv -o both.json").code == 0
     ended = run(words)
     assert ended.code in ((code,) if code else (0, 3, 4)), ended
     assert message in ended.err
