@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.errors import UnreadableInput
+from flinders.errors import ArrayError, UnreadableInput
 from flinders.readers._log import Stored
 from flinders.targets.ardupilot import names, orientation_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
+    from flinders.arrays import Floats
     from flinders.targets.ardupilot import ArduPilotParameters
 
 IN_VEHICLE_AXES: Final = ("vehicle", "vehicle")
@@ -87,6 +88,24 @@ class History:
     def last(self) -> dict[str, float]:
         """What was in force at the end."""
         return self.at(len(self.changes))
+
+
+def unapplied(
+    source: str,
+    field: Floats,
+    version: NDArray[np.intp],
+    parameters: Mapping[int, ArduPilotParameters],
+    motor_offset: Floats,
+) -> Floats:
+    """(N, 3) mG that a compass read: each reading without the parameters and the motor offset of its time."""
+    raw = field.copy()
+    for each in set(version.tolist()):
+        rows = version == each
+        try:
+            raw[rows] = parameters[each].unapply(field[rows], motor_offset=motor_offset[rows])
+        except ArrayError as error:
+            raise ArrayError(f"{source}: {error}; take the readings --as-logged") from None
+    return raw
 
 
 def stored(parameters: ArduPilotParameters) -> Stored | None:

@@ -42,9 +42,9 @@ import numpy as np
 
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
+from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unused
+from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unapplied, unused
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
@@ -211,15 +211,9 @@ class _Compass:
 
     def _raw(self, part: Table, version: NDArray[np.intp]) -> Floats:
         """(N, 3) what the compass read, in mG and in the axes of the vehicle."""
-        field, motor, offsets = _triple(part, "Mag"), self.motor_offsets(part), self.offsets(part, version)
-        for each in set(version.tolist()):
-            rows = version == each
-            without = replace(self.parameters[each], offset=np.zeros(3))
-            try:
-                field[rows] = without.unapply(field[rows], motor_offset=motor[rows])
-            except ArrayError as error:
-                raise ArrayError(f"{self.source}: {error}; take the readings --as-logged") from None
-        return field - offsets
+        without = {each: replace(own, offset=np.zeros(3)) for each, own in self.parameters.items()}
+        centred = unapplied(self.source, _triple(part, "Mag"), version, without, self.motor_offsets(part))
+        return centred - self.offsets(part, version)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,9 +37,9 @@ import numpy as np
 
 from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, NoMagnetometer, UnreadableInput, counted
+from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unused
+from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unapplied, unused
 from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._names import CURRENT, THROTTLE
@@ -397,17 +397,15 @@ class _Compass:
 
     def _raw(self, table: Floats, version: NDArray[np.intp]) -> Floats:
         """(N, 3) what the compass read, in the axes of the vehicle; NaN where its motor compensation is not known."""
-        raw = table[:, MAG].copy()
-        for each in set(version.tolist()) if self.parameters else ():
+        if not self.parameters:
+            return table[:, MAG]
+        motor = np.zeros((len(table), 3))
+        for each in set(version.tolist()):
             rows, parameters = version == each, self.parameters[each]
-            drive = _alone(self.drive(parameters), table[rows])
-            motor = np.zeros(3) if drive is None else drive[:, np.newaxis] * parameters.motor
-            try:
-                corrected = raw[rows] * self.units.in_mg
-                raw[rows] = parameters.unapply(corrected, motor_offset=motor) / self.units.in_mg
-            except ArrayError as error:
-                raise ArrayError(f"{self.source}: {error}; take the readings --as-logged") from None
-        return raw
+            if (drive := _alone(self.drive(parameters), table[rows])) is not None:
+                motor[rows] = drive[:, np.newaxis] * parameters.motor
+        in_mg = self.units.in_mg
+        return unapplied(self.source, table[:, MAG] * in_mg, version, self.parameters, motor) / in_mg
 
 
 def _alone(series: TimeSeries | None, rows: Floats) -> Floats | None:
