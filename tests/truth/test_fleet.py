@@ -454,9 +454,9 @@ def test_sums_alone_say_what_they_cost(logs: Path, tmp_path: Path, monkeypatch: 
     ended = CliRunner().invoke(main, words, prog_name="flinders")
     assert ended.exit_code == 0, ended.output
     assert "from sums alone" in ended.output
-    assert "10 times with 1 % of strays" in " ".join(ended.output.split())
+    assert "10 times with 1 % of outliers" in " ".join(ended.output.split())
     told = json.loads(CliRunner().invoke(main, [*words, "--force", "--json"], prog_name="flinders").stdout)
-    assert (told["polish"], "10 times with 1 % of strays" in told["sums_alone"]) == (False, True)
+    assert (told["polish"], "10 times with 1 % of outliers" in told["sums_alone"]) == (False, True)
     assert set(UnitResults.read("out.parquet").method.tolist()) == {"consistent"}
 
 

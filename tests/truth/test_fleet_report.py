@@ -73,7 +73,7 @@ def test_batches_are_shown_where_the_table_has_them(tmp_path: Path) -> None:
 
 def test_sums_alone_say_what_they_cost(tmp_path: Path) -> None:
     text = told(tmp_path, [good("A", method="consistent"), good("B")])
-    assert "1 recording fitted from sums alone: strays, drift" in text
+    assert "1 recording fitted from sums alone: outliers, drift" in text
     assert "fitted from sums alone" not in told(tmp_path, [good("B")])
 
 
@@ -85,7 +85,7 @@ def test_what_sums_alone_cost_is_what_was_measured() -> None:
     assert too_small["by hand, correlated noise (ρ = 0.8)"] == pytest.approx(3.0, abs=0.5)
     assert too_small["500 random directions"] == pytest.approx(1.0, abs=0.05)
     assert "3 times" in SUMS_ALONE
-    assert "10 times with 1 % of strays" in SUMS_ALONE
+    assert "10 times with 1 % of outliers" in SUMS_ALONE
 
 
 def test_every_event_of_the_log_is_in_the_docs() -> None:

@@ -249,7 +249,7 @@ class Composed(Outcome):
         }
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
-        """The calibration file: without a covariance, as offset and matrix of several turns hang together."""
+        """The calibration file: without a covariance, as offset and matrix of several turns are correlated."""
         own = self.fit.to_document().fit
         before = self.before.method if self.before.is_described else "a calibration"
         record = msgspec.structs.replace(

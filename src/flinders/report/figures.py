@@ -564,7 +564,7 @@ def _runs(angle: Floats) -> list[slice]:
 
 
 def correlation(fit: Fit) -> str:
-    """How the errors of the nine parameters hang together: a square for each pair, the number in hundredths."""
+    """How the errors of the nine parameters are correlated: a square for each pair, the number in hundredths."""
     sigma = np.sqrt(np.diag(fit.covariance).clip(min=0.0))
     is_free = sigma > 0.0
     scale = np.where(is_free, sigma, 1.0)

@@ -31,8 +31,8 @@ STATES: Final = {
 }
 """What each state of a unit means, in the order of urgency."""
 SUMS_ALONE: Final = (
-    "strays, drift and residuals that hang together went unseen: headings are as good where there are none, but 3 "
-    "times further off than claimed where residuals hang together, and 10 times with 1 % of strays"
+    "outliers, drift and correlated residuals went unnoticed: headings are as good where there are none, but 3 "
+    "times further off than claimed where residuals are correlated, and 10 times with 1 % of outliers"
 )
 """What fits from sums alone cost; measured by ``python -m benchmarks.moments_only``, docs/fleet.md has the table."""
 
