@@ -26,7 +26,7 @@ import numpy as np
 from flinders.core.units import MICROTESLA
 from flinders.errors import FlindersError, OutputError, UsageError
 from flinders.live.readings import FeedEvent, Reading, readings_of
-from flinders.live.recorder import title
+from flinders.live.recorder import SYNC_S, title
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -41,8 +41,6 @@ ASSUMED_HZ: Final = 50.0
 """Readings a second of a recording without times."""
 LONGEST_GAP_S: Final = 2.0
 """Seconds that a pause of a recording takes when it is played back, at most."""
-SYNC_S: Final = 1.0
-"""Seconds after which what was received is forced to the disk."""
 SHORTEST_S: Final = 1e-4
 """Least wait."""
 
@@ -111,7 +109,7 @@ class Replay:
         self._due: Floats = np.zeros(0)
         self._played, self._last, self._count = 0.0, np.nan, 0
         self._start = clock()
-        self._is_told = self._is_over = False
+        self._is_announced = self._is_over = False
 
     def next(self, timeout: float) -> list[Reading] | FeedEvent:
         """As `Feed.next`.
@@ -121,8 +119,8 @@ class Replay:
         InputError
             Where the recording cannot be read to its end.
         """
-        if not self._is_told:
-            self._is_told, self._start = True, self._clock()
+        if not self._is_announced:
+            self._is_announced, self._start = True, self._clock()
             how = "as fast as possible" if self._speed is None else f"at {self._speed:g} times its speed"
             return FeedEvent("connected", 0.0, f"{self.name}, played back {how}")
         if not self._readings and not self._is_over:

@@ -154,7 +154,7 @@ class Hub:
         self._fits: set[asyncio.Task[None]] = set()
         self._final: Finished | None = None
         self._finishing = asyncio.Lock()
-        self._is_asked = False
+        self._is_hinted = False
         self._came = asyncio.Event()
 
     @property
@@ -197,7 +197,7 @@ class Hub:
         if self.session is not before:
             for page in self.pages:
                 page.is_urgent = True
-        self._keep_edits()
+        self._record_edits()
 
     def hello(self) -> Hello:
         """The first message to a page."""
@@ -254,8 +254,8 @@ class Hub:
         self.take(Ticked(self.now))
         if (why := self.supply.unrecorded()) != self.session.unrecorded:
             self.take(Unrecorded(self.now, why))
-        if not self._is_asked and self.now > UNCLEAR_S and not self.session.live.buffer.total:
-            self._is_asked = True
+        if not self._is_hinted and self.now > UNCLEAR_S and not self.session.live.buffer.total:
+            self._is_hinted = True
             if words := self.supply.hint():
                 self.take(Linked(self.now, "waiting", words))
 
@@ -275,7 +275,7 @@ class Hub:
         else:
             self.take(Linked(self.now, link, event.words))
 
-    def _keep_edits(self) -> None:
+    def _record_edits(self) -> None:
         """Write down what a person did, between the readings."""
         edits, sink = Edits.of(self.session), self.supply.sink
         if edits == self._edits:

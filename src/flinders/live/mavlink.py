@@ -217,7 +217,7 @@ class Vehicle:
                     self._dialect.MAVLink_param_request_read_message(self.system, self.component, name.encode(), -1)
                 )
             for message in self.messages(self._patience(attempt)):
-                name = self._told_of(message, names)
+                name = self._parameter_name(message, names)
                 if name and message.get_type() == "PARAM_VALUE":
                     return Parameter(name, self._decoded(message), message.param_type)
                 if name:
@@ -245,7 +245,7 @@ class Vehicle:
                 )
             )
             for message in self.messages(self._patience(attempt)):
-                if not self._told_of(message, (parameter.name,)):
+                if not self._parameter_name(message, (parameter.name,)):
                     continue
                 if message.get_type() == "PARAM_ERROR":
                     return answered
@@ -312,7 +312,7 @@ class Vehicle:
             for _ in self._messages(content):
                 pass
 
-    def _told_of(self, message: Any, names: Sequence[str]) -> str:  # noqa: ANN401 - pymavlink has no types
+    def _parameter_name(self, message: Any, names: Sequence[str]) -> str:  # noqa: ANN401 - pymavlink has no types
         """Which of these parameters a message is about; empty where it is about none."""
         if message.get_type() not in ("PARAM_VALUE", "PARAM_ERROR"):
             return ""

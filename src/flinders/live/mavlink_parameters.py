@@ -204,12 +204,7 @@ class ParameterPlan:
             raise
 
     def _verify(self, vehicle: Vehicle) -> None:
-        """Ask for each parameter again.
-
-        Raises
-        ------
-        NotConfirmed
-        """
+        """Ask for each parameter again."""
         for change in self.changes:
             parameter = None
             for _ in range(READS):  # a late answer may be to an earlier question
@@ -259,13 +254,7 @@ def _identity(autopilot: int, compass: int) -> Sequence[str]:
 
 
 def _numbered(vehicle: Vehicle, compass: int | None) -> int:
-    """Let through the number of a compass; the first where none is given.
-
-    Raises
-    ------
-    UsageError
-        For one that the autopilot does not count.
-    """
+    """Let through the number of a compass; the first where none is given."""
     numbers = COMPASSES[vehicle.autopilot]
     if compass is not None and compass not in numbers:
         name = AUTOPILOTS[vehicle.autopilot]
@@ -274,13 +263,7 @@ def _numbered(vehicle: Vehicle, compass: int | None) -> int:
 
 
 def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
-    """Which scheme of names the vehicle has, and the device id of a compass, 0 where there is none.
-
-    Raises
-    ------
-    NotSent
-        Where the vehicle does not tell.
-    """
+    """Which scheme of names the vehicle has, and the device id of a compass, 0 where there is none."""
     names = _identity(vehicle.autopilot, compass)
     parameter = vehicle.get(*names)
     if parameter is not None and math.isfinite(parameter.value):
@@ -292,13 +275,7 @@ def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
 
 
 def _find_compass(vehicle: Vehicle, meant: int) -> int:
-    """Which compass has this device id.
-
-    Raises
-    ------
-    NotSent
-        Where none has.
-    """
+    """Which compass has this device id."""
     there: dict[int, int] = {}
     for compass in COMPASSES[vehicle.autopilot]:
         with contextlib.suppress(NotSent):  # a vehicle with fewer
@@ -313,12 +290,7 @@ def _find_compass(vehicle: Vehicle, meant: int) -> int:
 
 
 def _refuse_another(vehicle: Vehicle, compass: int, there: int, meant: int | None) -> tuple[str, ...]:
-    """See that the compass is the one that is meant.
-
-    Raises
-    ------
-    NotSent
-    """
+    """See that the compass is the one that is meant."""
     if there == 0:
         raise NotSent(
             f"{vehicle.name} has no compass {compass} ({_identity(vehicle.autopilot, compass)[0]} is 0), nothing was "
@@ -335,12 +307,7 @@ def _refuse_another(vehicle: Vehicle, compass: int, there: int, meant: int | Non
 
 
 def _set(vehicle: Vehicle, new: Parameter) -> None:
-    """Set a parameter.
-
-    Raises
-    ------
-    NotConfirmed
-    """
+    """Set a parameter."""
     answered = vehicle.set(new)
     if answered is None:
         raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}: it does not answer")
@@ -351,12 +318,7 @@ def _set(vehicle: Vehicle, new: Parameter) -> None:
 
 
 def _refuse_stopped(stopped: Callable[[], bool]) -> None:
-    """Give up where that was asked for.
-
-    Raises
-    ------
-    NotConfirmed
-    """
+    """Give up where that was asked for."""
     if stopped():
         raise NotConfirmed("stopped before all was sent")
 

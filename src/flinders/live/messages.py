@@ -321,9 +321,9 @@ def typescript() -> str:
     for kind in (Hello, SessionState, FitMessage, Notice, *typing.get_args(Command)):
         _declare(kind, declared)
     sent = " | ".join(kind.__name__ for kind in (Hello, SessionState, FitMessage, Notice))
-    asked = " | ".join(kind.__name__ for kind in typing.get_args(Command))
+    commands = " | ".join(kind.__name__ for kind in typing.get_args(Command))
     head = "// Generated from flinders/live/messages.py: python -m flinders.live.messages > messages.d.ts\n"
-    unions = f"export type FromServer = {sent};\n\nexport type ToServer = {asked};\n"
+    unions = f"export type FromServer = {sent};\n\nexport type ToServer = {commands};\n"
     return "\n".join([head, *declared.values(), unions])
 
 

@@ -290,13 +290,7 @@ class _EchoListener:
 
 
 def _reopen(source: ByteSource, seconds: float) -> None:
-    """Open a port again that may be back in so many seconds.
-
-    Raises
-    ------
-    LinkError
-        Where it is not.
-    """
+    """Open a port again that may be back in so many seconds."""
     until = time.monotonic() + seconds
     while True:
         try:

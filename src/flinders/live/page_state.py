@@ -64,10 +64,8 @@ def session_state(session: Session) -> SessionState:
 
 
 def _rate_hz(session: Session) -> float | None:
-    """Readings a second by their own times, over the last two seconds; None where none came.
-
-    From the last reading of the first arrival to the last of all, so that it does not matter how many came together.
-    """
+    """Readings a second by their own times, over the last two seconds; None where none came."""
+    # from the last reading of the first arrival to the last of all: it does not matter how many came together
     arrivals = session.arrivals
     if len(arrivals) < 2:
         return None
@@ -124,10 +122,8 @@ def _as_far_as(view: View) -> str:
 
 
 def _is_sure(session: Session) -> bool:
-    """Whether it takes no further fit to say that the target is reached: several did, or there will be no other.
-
-    What grows gets further fits. A log, a pause and a sensor that is silent do not.
-    """
+    """Whether it takes no further fit to say that the target is reached: several did, or there will be no other."""
+    # what grows gets further fits; a log, a pause and a silent sensor do not
     shown, within = session.shown, session.shown.within
     if len(within) >= ENOUGH_FITS or (within and within[-1] - within[0] >= SURE_S):
         return True

@@ -229,7 +229,7 @@ class Recorder:
         try:
             content = self._read(timeout)
         except LinkError as error:
-            self._keep(self._transcript.lost(self._now()))
+            self._record(self._transcript.lost(self._now()))
             self._sink.sync()
             self._retry = (self._clock() + FIRST_RETRY_S, FIRST_RETRY_S)
             self._waiting.append(FeedEvent("gone", self._now(), f"{error}; what was recorded is saved"))
@@ -237,7 +237,7 @@ class Recorder:
         if content and self._title:
             self._sink.write(self._title)
             self._title = ""
-        self._keep(self._transcript.take(content, self._now()))
+        self._record(self._transcript.take(content, self._now()))
 
     def _read(self, timeout: float) -> bytes:
         """Wait for what comes; of datagrams take all that wait, for there is only so much room for them."""
@@ -262,7 +262,7 @@ class Recorder:
             FeedEvent("lost", self._now(), f"{words}: send several readings in one, or fewer a second")
         )
 
-    def _keep(self, taken: Taken) -> None:
+    def _record(self, taken: Taken) -> None:
         """Write the text, and put in line what follows from it: what was recognised, the readings, what is amiss."""
         if taken.text:
             self._sink.write(taken.text)
@@ -284,11 +284,11 @@ class Recorder:
         with contextlib.suppress(LinkError):
             self._source.reopen()
             self._retry = None
-            self._keep(self._transcript.back(self._now()))
+            self._record(self._transcript.back(self._now()))
             self._waiting.append(FeedEvent("back", self._now(), f"{self.name} is back"))
 
     def _end(self) -> None:
-        self._keep(self._transcript.end(self._now()))
+        self._record(self._transcript.end(self._now()))
         self._note_lost()
         self._sink.sync()
 
@@ -464,12 +464,7 @@ class ToFile:
             os.close(self._file)
 
     def _lock(self) -> None:
-        """See that nobody else records into the file.
-
-        Raises
-        ------
-        OutputError
-        """
+        """See that nobody else records into the file."""
         try:
             import fcntl
         except ImportError:  # Windows keeps others out by itself

@@ -293,13 +293,7 @@ async def _open(request: Request) -> Response:
 
 
 async def _saved(request: Request, path: Path) -> int | None:
-    """Write a body to a file as it comes; None where it is too large.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be written.
-    """
+    """Write a body to a file as it comes; None where it is too large."""
     size = 0
     try:
         with path.open("wb") as file:
@@ -355,13 +349,7 @@ async def _send(request: Request) -> Response:
 
 
 def _refuse_a_log(session: Session) -> None:
-    """See that what is shown is the calibration of the board, and not of the sensor that a log is of.
-
-    Raises
-    ------
-    NotSent
-        While a log is open.
-    """
+    """See that what is shown is the calibration of the board, and not of the sensor that a log is of."""
     if session.opened is not None:
         raise NotSent(
             f"{session.opened_name} is shown, and its calibration is not this board's: go back to live, and send then"

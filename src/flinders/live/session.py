@@ -406,7 +406,7 @@ def _ticked(session: Session, _: Ticked) -> Stepped:
     return session, []
 
 
-def _asked(session: Session, event: Requested) -> Stepped:
+def _requested(session: Session, event: Requested) -> Stepped:
     """Carry out a command of a page; one that changes nothing is no step."""
     return _ANSWERS[type(event.command)](session, event.command)
 
@@ -511,24 +511,24 @@ _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Linked: _linked,
     Announced: _said,
     Unrecorded: _unrecorded,
-    Requested: _asked,
+    Requested: _requested,
     FitDone: _fitted,
     Opened: _opened,
     GotPrevious: _got_previous,
     Ticked: _ticked,
 }
 _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
-    SetTarget: lambda session, asked: _with_goal(session, target_deg=asked.deg),
-    SetDip: lambda session, asked: _with_goal(session, dip_deg=asked.deg),
-    SetGoal: lambda session, asked: _with_goal(session, goal=asked.goal),
+    SetTarget: lambda session, command: _with_goal(session, target_deg=command.deg),
+    SetDip: lambda session, command: _with_goal(session, dip_deg=command.deg),
+    SetGoal: lambda session, command: _with_goal(session, goal=command.goal),
     PreviousClear: lambda session, _: _with_goal(session, previous=None),
-    Exclude: lambda session, asked: _excluded(session, asked.start_s, asked.end_s),
-    Restore: lambda session, asked: _edited(
-        session, lambda exclusions: exclusions.restoring((asked.start_s, asked.end_s))
+    Exclude: lambda session, command: _excluded(session, command.start_s, command.end_s),
+    Restore: lambda session, command: _edited(
+        session, lambda exclusions: exclusions.restoring((command.start_s, command.end_s))
     ),
     Undo: lambda session, _: _edited(session, Exclusions.undone),
     Redo: lambda session, _: _edited(session, Exclusions.redone),
-    Pause: lambda session, asked: _paused(session, paused=asked.paused),
+    Pause: lambda session, command: _paused(session, paused=command.paused),
     Clear: lambda session, _: _cleared(session),
     BackToLive: lambda session, _: _back_to_live(session),
 }

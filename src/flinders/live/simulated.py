@@ -132,7 +132,7 @@ class SimulatedFeed:
         self._lock = threading.Lock()
         self._wanted: Floats | None = None
         self._count, self._start = 0, clock()
-        self._is_told = self._is_over = False
+        self._is_announced = self._is_over = False
 
     @property
     def attitude(self) -> Floats:
@@ -166,8 +166,8 @@ class SimulatedFeed:
 
     def next(self, timeout: float) -> list[Reading] | FeedEvent:
         """As `Feed.next`."""
-        if not self._is_told:
-            self._is_told, self._start = True, self._clock()
+        if not self._is_announced:
+            self._is_announced, self._start = True, self._clock()
             return FeedEvent("connected", 0.0, f"a simulated sensor, {1 / self._step:g} readings a second")
         if self._is_over:
             self._sleep(timeout)
