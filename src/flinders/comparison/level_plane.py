@@ -168,10 +168,10 @@ class _Turn:
         rows = np.zeros((5, 9))
         rows[:2, :3] = turn[:2]
         for place, entry in enumerate(_ENTRIES):
-            bent = turn @ entry @ levelling.T
-            bent = (bent + bent.T) / 2.0
-            rows[:2, 3 + place] = 2.0 * math.sin(dip) * bent[:2, 2]
-            rows[2:, 3 + place] = math.cos(dip) * np.array([bent[0, 0], bent[1, 1], bent[0, 1]])
+            change = turn @ entry @ levelling.T
+            change = (change + change.T) / 2.0
+            rows[:2, 3 + place] = 2.0 * math.sin(dip) * change[:2, 2]
+            rows[2:, 3 + place] = math.cos(dip) * np.array([change[0, 0], change[1, 1], change[0, 1]])
         covariance: Floats = rows @ self.known.covariance @ rows.T
         return covariance
 

@@ -285,9 +285,9 @@ class _Field:
         if self.is_known:
             return ellipsoid, covariance
         factor = self.strength / ellipsoid.radius
-        settled = Ellipsoid(ellipsoid.centre, factor * ellipsoid.shape)
-        scale = np.concatenate([np.zeros(3), upper(settled.shape)])
-        return settled, rescaled(covariance, factor) + self.log_variance * np.outer(scale, scale)
+        sized = Ellipsoid(ellipsoid.centre, factor * ellipsoid.shape)
+        scale = np.concatenate([np.zeros(3), upper(sized.shape)])
+        return sized, rescaled(covariance, factor) + self.log_variance * np.outer(scale, scale)
 
 
 def _refuse(parts: Sequence[Fit]) -> None:

@@ -198,10 +198,10 @@ class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     acceleration_bias_sigma: Triple | UnsetType = UNSET
 
 
-def beside_record(**found: Floats | None) -> BesideRecord | UnsetType:
+def beside_record(**columns: Floats | None) -> BesideRecord | UnsetType:
     """Keep what was found, by the names of `BesideRecord`; nothing where nothing was, or no number came out."""
-    kept = {name: value.tolist() for name, value in found.items() if value is not None}
-    finite = {name: value for name, value in kept.items() if not any(gaps(value))}
+    known = {name: value.tolist() for name, value in columns.items() if value is not None}
+    finite = {name: value for name, value in known.items() if not any(gaps(value))}
     return msgspec.convert(finite, BesideRecord) if finite else UNSET
 
 
@@ -428,15 +428,15 @@ def _parse(text: bytes, source: str) -> object:
 
 def _refuse_other_schemas(content: dict[str, Any], source: str) -> None:
     """Raise `DocumentError` unless the schema is one that this release reads."""
-    found = content.get("schema")
-    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-        raise DocumentError(f"{source}: schema is {_text(found)}, need a version from 1 to {VERSION}")
-    if found > VERSION:
+    version = content.get("schema")
+    if not isinstance(version, int) or isinstance(version, bool) or version < 1:
+        raise DocumentError(f"{source}: schema is {_text(version)}, need a version from 1 to {VERSION}")
+    if version > VERSION:
         provenance = content.get("provenance")
         writer = provenance.get("flinders") if isinstance(provenance, dict) else None
-        needed = f"Flinders {writer} or newer" if isinstance(writer, str) else f"a Flinders that knows schema {found}"
+        needed = f"Flinders {writer} or newer" if isinstance(writer, str) else f"a Flinders that knows schema {version}"
         raise DocumentError(
-            f"{source}: written in schema {found}, this Flinders reads up to {VERSION}: install {needed}"
+            f"{source}: written in schema {version}, this Flinders reads up to {VERSION}: install {needed}"
         )
 
 
@@ -454,10 +454,10 @@ def in_words(error: Exception) -> str:
     >>> in_words(ValueError("Expected `array` of length 3, got 2 - at `$.calibration.offset`"))
     'calibration.offset: expected array of length 3, got 2'
     """
-    found, _, place = str(error).replace("JSON is malformed: ", "").partition(" - at `$")
-    found = (found[:1].lower() + found[1:]).replace("`", "")
+    message, _, place = str(error).replace("JSON is malformed: ", "").partition(" - at `$")
+    message = (message[:1].lower() + message[1:]).replace("`", "")
     place = place.rstrip("`").removeprefix(".")
-    return f"{place}: {found}" if place else found
+    return f"{place}: {message}" if place else message
 
 
 def _plain(value: object) -> object:

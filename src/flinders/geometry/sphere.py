@@ -154,11 +154,11 @@ def clump(rng: Generator, n: int, *, half_angle_deg: float = 3.0) -> Floats:
     True
     """
     pole = uniform(rng, 1)[0]
-    near = around_z(rng.uniform(math.cos(math.radians(half_angle_deg)), 1, n), rng.uniform(0, 2 * np.pi, n))
+    cap = around_z(rng.uniform(math.cos(math.radians(half_angle_deg)), 1, n), rng.uniform(0, 2 * np.pi, n))
     aside = np.array([1.0, 0.0, 0.0]) if abs(pole[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     east = np.cross(pole, aside)
     east /= np.linalg.norm(east)
-    turned: Floats = near @ np.stack([east, np.cross(pole, east), pole])
+    turned: Floats = cap @ np.stack([east, np.cross(pole, east), pole])
     return turned
 
 
@@ -178,9 +178,9 @@ def icosahedron() -> tuple[Floats, NDArray[np.intp]]:
     rectangle = np.array([[0.0, a, b * golden] for a in (1.0, -1.0) for b in (1.0, -1.0)])
     vertices = np.concatenate([np.roll(rectangle, turn, axis=1) for turn in range(3)])
     vertices /= np.linalg.norm(vertices[0])
-    near = vertices @ vertices.T > 0.4
+    adjacent = vertices @ vertices.T > 0.4
     triangles = np.array(
-        [three for three in combinations(range(12), 3) if all(near[pair] for pair in combinations(three, 2))]
+        [three for three in combinations(range(12), 3) if all(adjacent[pair] for pair in combinations(three, 2))]
     )
     inward = np.linalg.det(vertices[triangles]) < 0.0
     triangles[inward] = triangles[inward][:, [0, 2, 1]]

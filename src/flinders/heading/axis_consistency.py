@@ -155,9 +155,7 @@ class Frames:
         """
         seen = [(axes, *self.dip(axes)) for axes in EVERY]
         back = next(axes for axes in EVERY if _after(axes, applied) == EVERY[0])
-        allowed = [
-            found for found in seen if (found[1] * sign > 0.0 if sign else not found[0].is_mirror or found[0] == back)
-        ]
+        allowed = [one for one in seen if (one[1] * sign > 0.0 if sign else not one[0].is_mirror or one[0] == back)]
         if not allowed:
             return ()
         limit = max(TIED * min(scatter for _, _, scatter in allowed), WANDERS / CLEARER / TIED)
@@ -188,39 +186,39 @@ class Frames:
         site = 0.0 if site_dip_deg is None else float(np.sin(np.deg2rad(site_dip_deg)))
         sign = float(np.sign(site)) if abs(site) > TELLING else 0.0
         upended = mean * sign < 0.0 and abs(mean) > max(TELLING, scatter)
-        found = self.fitting(sign, applied=applied)
-        best = self.dip(found[0])[1] if found else scatter
+        fitting = self.fitting(sign, applied=applied)
+        best = self.dip(fitting[0])[1] if fitting else scatter
         wanders = scatter > WANDERS and best < scatter / CLEARER
-        if not (found and found[0] != EVERY[0] and (upended or wanders)):
+        if not (fitting and fitting[0] != EVERY[0] and (upended or wanders)):
             return
-        seen = self._in_degrees(mean, scatter)
-        told = (
-            f"the dip of the field wanders by {seen:.0f}° (rms) with the attitude"
+        scatter_deg = self._in_degrees(mean, scatter)
+        evidence = (
+            f"the dip of the field wanders by {scatter_deg:.0f}° (rms) with the attitude"
             if wanders
             else f"the field is seen to dip by {self.dip_deg[0]:.0f}°, where the site has {site_dip_deg:.0f}°"
         )
         raise ForeignAxes(
-            f"accelerometer and magnetometer do not share their axes: {told}; {_advice(found, applied)}",
-            axes=_after(found[0], applied),
-            scatter_deg=seen,
-            fitting_deg=self._in_degrees(self.dip(found[0])[0], best),
+            f"accelerometer and magnetometer do not share their axes: {evidence}; {_advice(fitting, applied)}",
+            axes=_after(fitting[0], applied),
+            scatter_deg=scatter_deg,
+            fitting_deg=self._in_degrees(self.dip(fitting[0])[0], best),
         )
 
 
-def _advice(found: tuple[Axes, ...], applied: Axes) -> str:
+def _advice(fitting: tuple[Axes, ...], applied: Axes) -> str:
     """Say what is wrong with the axes, and with which option it comes right."""
-    ways = [str(_after(axes, applied)) for axes in found[:3]]
-    mistake = Axes.of(ways[0])
+    names = [str(_after(axes, applied)) for axes in fitting[:3]]
+    mistake = Axes.of(names[0])
     advice = f"{_named(mistake)}: {remedy(mistake)}"
     if mistake == EVERY[0]:
         advice = f"as they were recorded they do: {remedy(mistake)}"
-    elif mistake.is_mirror and ways[0] != OPPOSITE:
+    elif mistake.is_mirror and names[0] != OPPOSITE:
         advice += (
             "; one of the two is left-handed, and if that is the magnetometer, calibrate it again with --axes instead"
         )
-    if len(found) > 1:
+    if len(fitting) > 1:
         advice += (
-            f"; or {' or '.join(ways[1:])}{' and others' if len(found) > len(ways) else ''}, "
+            f"; or {' or '.join(names[1:])}{' and others' if len(fitting) > len(names) else ''}, "
             "which these attitudes do not tell apart: turn the sensor about more axes"
         )
     return advice

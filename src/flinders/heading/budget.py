@@ -93,12 +93,12 @@ class UnitValue:
         >>> UnitValue.of("field", "0.5 mG"), UnitValue.of("length", "15 mm"), UnitValue.of("moment", "20 mA·m²")
         (UnitValue(value=0.05, unit='mG'), UnitValue(value=0.015, unit='mm'), UnitValue(value=0.02, unit='mAm2'))
         """
-        found = NUMBER.fullmatch(text.strip())
-        if not found or found[2].startswith((",", ".")):
+        match = NUMBER.fullmatch(text.strip())
+        if not match or match[2].startswith((",", ".")):
             comma = f"; write {text.strip().replace(',', '.')}" if re.match(r"\d*,\d+\D", text.strip()) else ""
             raise UsageError(f"{kind} {text!r}: need a number and a unit, such as {EXAMPLES[kind]}{comma}")
-        unit = _unit(kind, found[2], text)
-        value = float(found[1]) * UNITS[kind][unit]
+        unit = _unit(kind, match[2], text)
+        value = float(match[1]) * UNITS[kind][unit]
         if not (math.isfinite(value) and value > 0):
             limit = "below 1e300" if value > 0 else "above 0"
             raise UsageError(f"{kind} {text!r}: need a number {limit}")

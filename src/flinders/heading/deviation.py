@@ -92,8 +92,8 @@ class Deviation:
 
     def at(self, compass_deg: ArrayLike) -> Floats:
         """Deviation at compass headings: (...,) degrees to (...,) degrees."""
-        found: Floats = design(compass_deg) @ self.coefficients_deg
-        return found
+        deviation: Floats = design(compass_deg) @ self.coefficients_deg
+        return deviation
 
     def sigma_at(self, compass_deg: ArrayLike) -> Floats | None:
         """1 σ of the curve at compass headings, or None where it is not known."""
@@ -246,14 +246,14 @@ class Expected:
 
     def as_dict(self, deviation: Deviation | None) -> dict[str, Any]:
         """JSON-ready, held against a swing if there is one."""
-        found = None if deviation is None else self.chance(deviation)
+        chance = None if deviation is None else self.chance(deviation)
         return {
             "sigma_deg": dict(zip(NAMES[1:], self.sigmas_deg.tolist(), strict=True)),
             "covariance": self.covariance.tolist(),
             "dip_deg": self.dip_deg,
             "dip_from": self.dip_from,
-            "chi_square": None if found is None else found[0],
-            "p_value": None if found is None else found[2],
+            "chi_square": None if chance is None else chance[0],
+            "p_value": None if chance is None else chance[2],
         }
 
 
@@ -377,14 +377,14 @@ def of_iron(soft: ArrayLike, hard: ArrayLike, *, horizontal: float, down: float)
     K, b = matrix(soft, "soft"), vectors(hard, "hard")
     if not horizontal > 0.0:
         raise UsageError(f"horizontal field is {horizontal:g}: need a positive number")
-    found = [
+    radians = [
         (K[1, 0] - K[0, 1]) / 2.0,
         (b[0] + K[0, 2] * down) / horizontal,
         (b[1] + K[1, 2] * down) / horizontal,
         (K[0, 0] - K[1, 1]) / 2.0,
         (K[1, 0] + K[0, 1]) / 2.0,
     ]
-    coefficients: Floats = np.rad2deg(np.array(found))
+    coefficients: Floats = np.rad2deg(np.array(radians))
     return coefficients
 
 

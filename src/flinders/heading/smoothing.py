@@ -383,12 +383,12 @@ class _Window:
     def _middle(self, row: int, back: int, count: int) -> Floats:
         """(count, 3) mean or median of the windows of so many rows, from one on."""
         ahead = back if self._centred else 0
-        near = self._waiting[row - back : row + count + ahead]
-        windows = np.lib.stride_tricks.sliding_window_view(near, back + ahead + 1, axis=0)
+        around = self._waiting[row - back : row + count + ahead]
+        windows = np.lib.stride_tricks.sliding_window_view(around, back + ahead + 1, axis=0)
         with np.errstate(over="ignore", invalid="ignore"):  # numbers that large are refused, but not here
             if self._by.name == "median":
                 return np.asarray(np.median(windows, axis=2))
-            own = near[back : back + count]
+            own = around[back : back + count]
             mean: Floats = own + sum(windows[:, :, place] - own for place in range(back + ahead + 1)) / (
                 back + ahead + 1
             )  # about its own reading, so that what is constant stays so to the last bit

@@ -567,9 +567,9 @@ def _to_the_right(heading: Floats, acceleration: Floats) -> Floats:
 
 def _between(first: Floats, last: Floats, n: int) -> Floats:
     """(n, 3, 3) attitudes on the shortest way from one (3, 3) to another, both left out."""
-    way = rotation_vectors((first.T @ last)[np.newaxis])
+    vector = rotation_vectors((first.T @ last)[np.newaxis])
     steps = np.arange(1, n + 1)[:, np.newaxis] / (n + 1)
-    between: Floats = first @ turns(steps * way)
+    between: Floats = first @ turns(steps * vector)
     return between
 
 
