@@ -128,25 +128,25 @@ def bench(recording: Recording, disturbances: tuple[str, ...], previous: str, ou
     from flinders.fitting.verdict import of_alike, of_column, of_noisy
 
     parts = list(singles(recording))
-    found = still(parts, disturbances)
-    if found is None or not found.disturbances:
-        raise NotTurned(0.0 if found is None else found.noise, " and ".join(disturbances))
+    result = still(parts, disturbances)
+    if result is None or not result.disturbances:
+        raise NotTurned(0.0 if result is None else result.noise, " and ".join(disturbances))
     unit = label(recording.unit.inside)
-    say(described(found, unit))
+    say(described(result, unit))
     known = Fit.load(previous)
     refuse_other_axes(known.calibration, parts, previous)
-    calibration = found.onto(known.calibration)
-    alone = "; it alone running" if len(found.disturbances) > 1 else ""
-    for disturbance in found.disturbances:
+    calibration = result.onto(known.calibration)
+    alone = "; it alone running" if len(result.disturbances) > 1 else ""
+    for disturbance in result.disturbances:
         cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
-        left = figures(_left_deg(found, calibration, disturbance.name))
+        left = figures(_left_deg(result, calibration, disturbance.name))
         far = disturbance.amount(disturbance.farthest)
         say(f"{disturbance} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°{alone})")
     findings = [
-        *found.findings,
-        *of_alike(found.estimates),
-        *of_noisy(found.estimates),
-        *(finding for estimate in found.estimates for finding in of_column(estimate)),
+        *result.findings,
+        *of_alike(result.estimates),
+        *of_noisy(result.estimates),
+        *(finding for estimate in result.estimates for finding in of_column(estimate)),
     ]
     for finding in findings:
         say(f"! {finding.advice}")
@@ -155,9 +155,9 @@ def bench(recording: Recording, disturbances: tuple[str, ...], previous: str, ou
         print_json(
             {
                 "calibration": calibration.as_dict(),
-                "noise": found.noise,
+                "noise": result.noise,
                 "turned": False,
-                "driven": [estimate.as_dict() for estimate in found.estimates],
+                "driven": [estimate.as_dict() for estimate in result.estimates],
                 "findings": [finding.as_dict() for finding in findings],
             }
         )
@@ -179,13 +179,13 @@ def refuse_other_axes(calibration: Calibration, parts: Sequence[Recording], path
             )
 
 
-def _left_deg(found: Still, calibration: Calibration, name: str) -> float:
+def _left_deg(still: Still, calibration: Calibration, name: str) -> float:
     """Heading error (1 σ) that the uncertainty of a disturbance leaves at the far end of its range, at the worst."""
     import numpy as np
 
-    place = [disturbance.name for disturbance in found.disturbances].index(name)
-    disturbance = found.disturbances[place]
-    block = found.covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]
+    place = [disturbance.name for disturbance in still.disturbances].index(name)
+    disturbance = still.disturbances[place]
+    block = still.covariance[3 * place : 3 * place + 3, 3 * place : 3 * place + 3]
     sigma = float(np.sqrt(np.linalg.eigvalsh(calibration.matrix @ block @ calibration.matrix.T)[-1]))
     away = abs(disturbance.farthest - disturbance.reference) * sigma / calibration.field_strength
     return float(np.rad2deg(away / np.cos(np.deg2rad(60.0))))

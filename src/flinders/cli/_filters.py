@@ -54,28 +54,28 @@ def fit_filtered(parts: Sequence[Recording], by: Filter, options: dict[str, Any]
     plain = _tried(parts, options)
     passed = through(parts, by)
     try:
-        found, is_refused = fit(passed, **options), False
+        result, is_refused = fit(passed, **options), False
     except Refused as refused:
-        found, is_refused = refused.fit, True
+        result, is_refused = refused.fit, True
     except FitError:
         if plain is not None and plain.verdict != "refused":
             say("without the filter there is a calibration: leave --filter out")
         raise
     dropped = sum(_rows(_within_range(part)) for part in parts) - _rows(passed) if by.name == "kalman" else 0
-    judged = _with_findings(found, plain, filtered_finding(found, plain, by, dropped))
+    judged = _with_findings(result, plain, filtered_finding(result, plain, by, dropped))
     if is_refused:
         raise Refused(judged)
     return judged
 
 
-def _with_findings(found: Fit, plain: Fit | None, filtered: Finding) -> Fit:
+def _with_findings(fit: Fit, plain: Fit | None, filtered: Finding) -> Fit:
     """Add what the filter did, and state of single readings what was recorded, by severity."""
-    fitted = [finding for finding in found.findings if finding.code not in HIDDEN]
+    fitted = [finding for finding in fit.findings if finding.code not in HIDDEN]
     recorded = [] if plain is None else [finding for finding in plain.findings if finding.code in HIDDEN]
-    return replace(found, findings=by_severity([*fitted, *recorded, filtered]))
+    return replace(fit, findings=by_severity([*fitted, *recorded, filtered]))
 
 
-def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:
+def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> Finding:
     """By how much a filter moved a calibration, and how much smaller it made its field.
 
     A note while that is within what is claimed; a limit beyond, and where the filter alone is why it is refused.
@@ -88,9 +88,9 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
     dropped : int
         Readings that it dropped.
     """
-    claimed = found.heading_error_deg.worst
-    moved, effect = (UNKNOWN_DEG, UNCOMPARED) if plain is None else _effect(found, plain)
-    is_to_blame = plain is None or found.verdict == "refused" != plain.verdict
+    claimed = fit.heading_error_deg.worst
+    moved, effect = (UNKNOWN_DEG, UNCOMPARED) if plain is None else _effect(fit, plain)
+    is_to_blame = plain is None or fit.verdict == "refused" != plain.verdict
     allowed = -1.0 if is_to_blame else claimed  # nothing is
     if plain is not None and is_to_blame:
         effect += f"; without the filter the verdict is {plain.verdict}: leave --filter out, or turn more slowly"
@@ -101,15 +101,15 @@ def filtered_finding(found: Fit, plain: Fit | None, by: Filter, dropped: int) ->
     return CATALOGUE["filtered"].certain(Record(numbers, by=f"{by}{out}", effect=effect))
 
 
-def _effect(found: Fit, plain: Fit) -> tuple[float, str]:
+def _effect(fit: Fit, plain: Fit) -> tuple[float, str]:
     """Degrees by which a filter moved the heading at the worst, and what it did in words."""
     from flinders.geometry.ellipsoid import upper
     from flinders.geometry.plane import down_of
     from flinders.heading.error_propagation import level_error
 
-    ours, theirs = found.ellipsoid, plain.ellipsoid
+    ours, theirs = fit.ellipsoid, plain.ellipsoid
     apart = np.concatenate([ours.centre - theirs.centre, upper(ours.shape - theirs.shape)])
-    dip, down = found.heading_error_deg.dip_deg, down_of(found.plane)
+    dip, down = fit.heading_error_deg.dip_deg, down_of(fit.plane)
     moved = level_error(theirs, np.outer(apart, apart), dip_deg=dip, down=down).worst
     smaller = 1.0 - ours.radius / theirs.radius
     size = f"{figures(abs(100 * smaller))}% {'smaller' if smaller > 0 else 'larger'}"

@@ -41,8 +41,8 @@ def sha256(recording: Recording) -> str:
 
 def file_of(recording: Recording) -> File:
     """The file that a recording was read from, also where a table was made of what a board printed."""
-    found: File = getattr(recording, "original", None) or recording.file  # type: ignore[attr-defined]
-    return found
+    file: File = getattr(recording, "original", None) or recording.file  # type: ignore[attr-defined]
+    return file
 
 
 @contextlib.contextmanager

@@ -245,8 +245,8 @@ class Budget:
     @property
     def known(self) -> dict[str, float]:
         """All that is known by now."""
-        found = {name: value for name, value in self.found.items() if value is not None}
-        return {name: quantity.value for name, quantity in self.given.items()} | found
+        solved = {name: value for name, value in self.found.items() if value is not None}
+        return {name: quantity.value for name, quantity in self.given.items()} | solved
 
     def find_heading(self) -> None:
         """Find the third of field, stray field and error where two are known; the error is None where it is any."""

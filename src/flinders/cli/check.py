@@ -79,7 +79,7 @@ def command(
         )
         recording = cast("Joined", compensated(as_recorded, settler.calibration))
         extrapolated = _disturbances.say_beyond(_disturbances.seen(as_recorded, settler))
-        found = _strength(known.calibration, recording)
+        strength = _strength(known.calibration, recording)
         if not known.states_uncertainty:
             say(f"{calibration} states no uncertainty: it is taken as exact")
         try:
@@ -87,8 +87,8 @@ def command(
                 fresh = fit(recording, target_deg=target_deg, dip_deg=dip_deg)
         except Refused as refused:
             say(
-                f"under {calibration} the strength is {found.mean:.3f} of its field, with a spread of "
-                f"{found.spread:.1%}; the recording does not tell more:"
+                f"under {calibration} the strength is {strength.mean:.3f} of its field, with a spread of "
+                f"{strength.spread:.1%}; the recording does not tell more:"
             )
             walk = _walked_anyhow(recording, known, dip_deg) if is_followed else None
             if walk is None:
@@ -100,7 +100,7 @@ def command(
     own = made_from(calibration, as_recorded.recordings)
     walk = _walked(recording, fresh) if is_followed else None
     if as_json:
-        residual = {"calibration": found.as_dict(), "fresh": renewed.as_dict()}
+        residual = {"calibration": strength.as_dict(), "fresh": renewed.as_dict()}
         walked = {} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip))}
         print_json(
             {
@@ -113,7 +113,7 @@ def command(
             }
         )
     else:
-        show(of_comparison(comparison, fresh=fresh, strengths=(found, renewed), own=own))
+        show(of_comparison(comparison, fresh=fresh, strengths=(strength, renewed), own=own))
         if walk is not None:
             unit, dip = fresh.calibration.unit, fresh.heading_error_deg.dip_deg
             click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip))

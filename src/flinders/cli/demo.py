@@ -39,14 +39,14 @@ def command(seed: int, path: str | None, target_deg: float, dip_deg: float, forc
     if path:
         _write(path, simulated, force=force)
     say(f"simulated: {len(simulated.samples):,} readings in a minute of tumbling, hard and soft iron, 0.5 µT of noise")
-    found = fit(simulated.samples, target_deg=target_deg, dip_deg=dip_deg)
-    error = angle_error_deg(found.calibration.matrix, found.calibration.offset, simulated)
+    result = fit(simulated.samples, target_deg=target_deg, dip_deg=dip_deg)
+    error = angle_error_deg(result.calibration.matrix, result.calibration.offset, simulated)
     if as_json:
-        print_json({**found.as_dict(), "true_direction_error_deg": error})
+        print_json({**result.as_dict(), "true_direction_error_deg": error})
     else:
-        print_fit(found)
+        print_fit(result)
         say(f"\nThe truth is known here: over all directions the corrected field is off by {error:.2g}° rms.")
-    return GOOD if found.verdict == "good" else LIMITED
+    return GOOD if result.verdict == "good" else LIMITED
 
 
 def _write(path: str, simulated: Simulated, *, force: bool) -> None:

@@ -47,10 +47,10 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     from flinders.comparison.evaluation import evaluate
     from flinders.report.comparison_pages import of_evaluation
 
-    found, known = _load(calibration, truth)
-    _disturbances.say_references(found)
-    evaluation = evaluate(found, known, dip_deg=dip_deg, target_deg=target_deg)
-    if not found.states_uncertainty:
+    fit, known = _load(calibration, truth)
+    _disturbances.say_references(fit)
+    evaluation = evaluate(fit, known, dip_deg=dip_deg, target_deg=target_deg)
+    if not fit.states_uncertainty:
         say(f"{calibration} states no uncertainty: there is no claim to hold against the truth")
     if as_json:
         print_json(evaluation.as_dict())
@@ -78,5 +78,5 @@ def _load(calibration: str, truth: str) -> tuple[Fit, Truth]:
         with contextlib.suppress(UnreadableInput):
             read(calibration)
             raise UsageError(f"the calibration comes first: flinders evaluate {truth} {calibration}")
-    found = load("evaluate", calibration, [])
-    return found, read(truth)
+    fit = load("evaluate", calibration, [])
+    return fit, read(truth)

@@ -164,10 +164,15 @@ def summary(
 ) -> dict[str, Any]:
     """JSON-ready."""
 
-    def error(found: Any) -> dict[str, float] | None:  # noqa: ANN401 - a HeadingError or nothing
-        if found is None:
+    def error(heading_error: Any) -> dict[str, float] | None:  # noqa: ANN401 - a HeadingError or nothing
+        if heading_error is None:
             return None
-        return {"rms": found.rms, "worst": found.worst, "dip_deg": found.dip_deg, "tilt_deg": found.tilt_deg}
+        return {
+            "rms": heading_error.rms,
+            "worst": heading_error.worst,
+            "dip_deg": heading_error.dip_deg,
+            "tilt_deg": heading_error.tilt_deg,
+        }
 
     return {
         **voyage.as_dict(),

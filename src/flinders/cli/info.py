@@ -231,8 +231,8 @@ def _fit(summary: Summary) -> Fit | None:
     try:
         return fit(summary, method="consistent")
     except FitError as refusal:
-        found: Fit | None = getattr(refusal, "fit", None)
-        return found
+        refused: Fit | None = getattr(refusal, "fit", None)
+        return refused
 
 
 class _Watched:

@@ -316,12 +316,12 @@ def _only_port(*, is_asked: bool) -> str | None:
     from flinders.live.transports import ports, ports_in_words
 
     try:
-        found = ports()
+        there = ports()
     except MissingExtra:
         if is_asked:
             raise
         return None
-    plugged = [port for port in found if "(" in port] or (found if is_asked else [])
+    plugged = [port for port in there if "(" in port] or (there if is_asked else [])
     if len(plugged) == 1:
         return plugged[0].partition(" (")[0]
     if not plugged and not is_asked:

@@ -86,17 +86,17 @@ def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
         For an option that the method has not, one given twice, or a value of another kind.
     """
     defaults = {field.name: field.default for field in _fields(method)}
-    found: dict[str, Any] = {}
+    options: dict[str, Any] = {}
     for word in words:
         name, equals, value = word.partition("=")
         name = name.strip().replace("-", "_")
         if not equals or name not in defaults:
             takes = ", ".join(f"{option}={'|'.join(values)}" for option, values in listed(method).items()) or "none"
             raise UsageError(f"--option {word}: {method.name} takes {takes}")
-        if name in found:
+        if name in options:
             raise UsageError(f"--option {name} is given twice: give it once")
-        found[name] = _value(word, value.strip(), defaults[name])
-    return found
+        options[name] = _value(word, value.strip(), defaults[name])
+    return options
 
 
 def _fields(method: type[Estimator]) -> list[dataclasses.Field[Any]]:

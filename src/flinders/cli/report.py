@@ -230,7 +230,7 @@ def listings(fit: Fit) -> list[Listing]:
 
     if fit.verdict == "refused":
         return []
-    found = []
+    listed = []
     for name in sorted(registry(), key=lambda name: name not in FIRST):
         row = registry()[name]
         try:
@@ -239,8 +239,8 @@ def listings(fit: Fit) -> list[Listing]:
             continue
         if export.data is None:
             notes = () if export.has_comments else tuple(about(fit))
-            found.append(Listing(row.use, f"{name}{row.suffix}", export.text, (*notes, *export.warnings)))
-    return found
+            listed.append(Listing(row.use, f"{name}{row.suffix}", export.text, (*notes, *export.warnings)))
+    return listed
 
 
 def plot(fit: Fit, recording: Recording, *, err: bool = False) -> None:
@@ -278,13 +278,13 @@ def browser() -> str:
     OutputError
         Where there is none.
     """
-    found = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if found is None:
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
         raise OutputError(
             f"a PDF is printed by a browser, and none of {', '.join(BROWSERS[:3])}, chrome, microsoft-edge is on the "
             "PATH: install one, or open the HTML report in any browser and print it"
         )
-    return found
+    return program
 
 
 def printed(page: str, program: str) -> bytes:

@@ -49,12 +49,12 @@ def _several(count: int, what: str) -> Callable[[object], tuple[float, ...]]:
 
     def numbers(value: object) -> tuple[float, ...]:
         try:
-            found = tuple(float(part) for part in (value if isinstance(value, tuple) else str(value).split(",")))
+            parts = tuple(float(part) for part in (value if isinstance(value, tuple) else str(value).split(",")))
         except ValueError:
-            found = ()
-        if len(found) != count or not all(map(math.isfinite, found)):
+            parts = ()
+        if len(parts) != count or not all(map(math.isfinite, parts)):
             raise click.BadParameter(f"{str(value)!r}: need {what}")
-        return found
+        return parts
 
     return numbers
 
@@ -241,17 +241,17 @@ def two_axis(output: str, truth: str | None, polar: str | None, *, force: bool, 
     if polar and Path(polar).suffix.lower() == ".svg":
         raise UsageError(f"--polar {polar}: a table is written, name it .csv; flinders two-axis --polar draws")
     _check(output, truth, None, polar, force=force, as_json=False)
-    found = _Swung(**options)
+    swung = _Swung(**options)
     if output:
-        _write(found.simulated, output, truth, force=force, bare=False)
+        _write(swung.simulated, output, truth, force=force, bare=False)
     if polar:
-        _write_polar(found, polar, force=force)
+        _write_polar(swung, polar, force=force)
     if as_json:
-        print_json(found.as_dict())
+        print_json(swung.as_dict())
     else:
-        show(of_recovery(found.compass, found.recovered, found.polar))
-    if found.refusal is not None:
-        say(f"refused: this would be no calibration to use; {found.refusal}")
+        show(of_recovery(swung.compass, swung.recovered, swung.polar))
+    if swung.refusal is not None:
+        say(f"refused: this would be no calibration to use; {swung.refusal}")
         return REFUSED
     return GOOD
 
@@ -273,17 +273,17 @@ class _Swung:
         self.simulated = swing(self.compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
         self.refusal: FitError | None = None
         try:
-            found = fit(self.simulated.samples, method="level", field_strength=field_strength, dip_deg=dip_deg)
+            result = fit(self.simulated.samples, method="level", field_strength=field_strength, dip_deg=dip_deg)
         except FitError as refusal:
             if getattr(refusal, "fit", None) is None:
                 raise
-            found, self.refusal = refusal.fit, refusal  # type: ignore[attr-defined]
-        calibration, dip = found.calibration, math.radians(dip_deg)
+            result, self.refusal = refusal.fit, refusal  # type: ignore[attr-defined]
+        calibration, dip = result.calibration, math.radians(dip_deg)
         shape = field_strength * np.linalg.inv(calibration.matrix)
         centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
         horizontal = field_strength * math.cos(dip)
         ellipse = math.cos(dip) * shape[:2, :2]
-        self.recovered: TwoAxis = TwoAxis.from_ellipse(centre, ellipse, horizontal, noise=found.noise or 0.0)
+        self.recovered: TwoAxis = TwoAxis.from_ellipse(centre, ellipse, horizontal, noise=result.noise or 0.0)
         self.polar = Polar.of(self.simulated, calibration.matrix, calibration.offset)
 
     def as_dict(self) -> dict[str, Any]:
@@ -292,8 +292,8 @@ class _Swung:
 
         names = ("scale_x", "scale_y", "offset_x", "offset_y", "skew_deg", "noise")
         pairs = {
-            name: {"true": true, "found": found}
-            for name, (_, true, found, _) in zip(names, recovery_rows(self.compass, self.recovered), strict=True)
+            name: {"true": true, "found": estimate}
+            for name, (_, true, estimate, _) in zip(names, recovery_rows(self.compass, self.recovered), strict=True)
         }
         verdict = "limited" if self.refusal is None else "refused"
         return {"verdict": verdict, "recovery": pairs, "polar": self.polar.as_dict(), "unit": "uT"}
@@ -418,11 +418,11 @@ def _print_truth(simulated: Simulated, output: str, truth: str | None) -> None:
     print_json({"recording_file": output, "truth_file": truth or truth_path(output), **Truth.of(simulated).as_dict()})
 
 
-def _write_polar(found: _Swung, path: str, *, force: bool) -> None:
+def _write_polar(swung: _Swung, path: str, *, force: bool) -> None:
     """Write a swing in polar coordinates."""
     from flinders.core.files import replacing
 
-    columns: dict[str, Iterable[float]] = found.polar.as_dict()  # type: ignore[assignment]
+    columns: dict[str, Iterable[float]] = swung.polar.as_dict()  # type: ignore[assignment]
     with replacing(path, force=force) as file:
         file.write(",".join(columns) + "\n")
         file.writelines(

@@ -224,24 +224,24 @@ def _of_log(calibration: str, recording: str, asked: KnownHeadings, place: Place
     known = None if asked.headings is None else _known(asked.headings)
     if place.place is not None and known is None:
         raise UsageError("--at turns known headings from true into magnetic: give --headings too, or leave it out")
-    log, found, expected = _rests(calibration, recording, asked.stationary_s, place=place, **options)
-    halves = half_turns(found)
+    log, rests, expected = _rests(calibration, recording, asked.stationary_s, place=place, **options)
+    halves = half_turns(rests)
     if known is None:
         if not halves:
             raise FitError(
-                f"no turn by 180° in {recording}, {_listed(found)}: rest on a heading, turn by 180°, rest again; or "
+                f"no turn by 180° in {recording}, {_listed(rests)}: rest on a heading, turn by 180°, rest again; or "
                 "name the known headings with --headings"
             )
-        return Swing(None, log.site, found, halves, expected)
-    if len(found) != len(known):
+        return Swing(None, log.site, rests, halves, expected)
+    if len(rests) != len(known):
         raise FitError(
-            f"--headings names {len(known)}, and {recording} holds {_listed(found)}: name one for each, in order, or "
+            f"--headings names {len(known)}, and {recording} holds {_listed(rests)}: name one for each, in order, or "
             "change the shortest --stationary"
         )
-    seen = np.array([rest.heading_deg for rest in found])
+    seen = np.array([rest.heading_deg for rest in rests])
     magnetic = np.array(known) - (0.0 if log.site is None else log.site.declination_deg)
     deviation = fit(seen, folded(magnetic - seen), sigma_deg=asked.sigma_deg)
-    return Swing(deviation, log.site, found, halves, expected)
+    return Swing(deviation, log.site, rests, halves, expected)
 
 
 def _rests(
@@ -314,13 +314,13 @@ def _refuse_no_heading(angles: Iterable[float], places: Iterable[str]) -> None:
             raise UsageError(f"{place} is {angle:g}°: need degrees from −360 to 360")
 
 
-def _listed(found: tuple[Rest, ...]) -> str:
+def _listed(rests: tuple[Rest, ...]) -> str:
     """Say which rests there are."""
     from flinders.errors import counted
     from flinders.geometry.angles import shown_heading
 
-    shown = ", ".join(shown_heading(rest.heading_deg, 0) for rest in found[:12]) + ", …" * (len(found) > 12)
-    return f"{counted(len(found), 'rest')}{f' on {shown}' if found else ''}"
+    shown = ", ".join(shown_heading(rest.heading_deg, 0) for rest in rests[:12]) + ", …" * (len(rests) > 12)
+    return f"{counted(len(rests), 'rest')}{f' on {shown}' if rests else ''}"
 
 
 def _write(deviation: Deviation | None, card: Card, outputs: Outputs) -> None:

@@ -104,11 +104,11 @@ def show(*, as_json: bool) -> None:
 
 def _unverified(rows: Iterable[Target]) -> dict[str, list[str]]:
     """What nobody could verify, and of which targets."""
-    found: dict[str, list[str]] = {}
+    by_clause: dict[str, list[str]] = {}
     for row in rows:
         for clause in row.unverified:
-            found.setdefault(clause, []).append(row.name)
-    return found
+            by_clause.setdefault(clause, []).append(row.name)
+    return by_clause
 
 
 def _as_dict(row: Target) -> dict[str, Any]:

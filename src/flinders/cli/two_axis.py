@@ -285,15 +285,15 @@ def _fit(source: Recording, turn: Turn, first: Fit | None, options: dict[str, An
     given = {name: options[name] for name in ("method", "plane", "target_deg", "dip_deg", "sensor")}
     strength = options["field_strength"] if first is None else first.calibration.field_strength
     try:
-        found = fit(source, field_strength=strength, **given)
+        result = fit(source, field_strength=strength, **given)
     except FitError:
         if not as_json:
             say(spacing_words(turn, options["target_deg"], is_mean=options["method"] == "two-axis"))
         raise
     if first is None:
-        return found
+        return result
     known = first.calibration.field_strength_known
-    return replace(found, calibration=replace(found.calibration, field_strength_known=known))
+    return replace(result, calibration=replace(result.calibration, field_strength_known=known))
 
 
 def _draw(turn: Turn, fit: Fit, files: PlaneFiles) -> None:

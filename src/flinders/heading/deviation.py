@@ -237,9 +237,9 @@ class Expected:
         """
         if deviation.covariance is None:
             return None
-        found, own = deviation.coefficients_deg[1:], deviation.covariance[1:, 1:]
-        square, freedom = chi_square_of(found, own + self.covariance)
-        along = np.linalg.pinv(own + self.covariance, hermitian=True) @ found
+        rms, own = deviation.coefficients_deg[1:], deviation.covariance[1:, 1:]
+        square, freedom = chi_square_of(rms, own + self.covariance)
+        along = np.linalg.pinv(own + self.covariance, hermitian=True) @ rms
         share = float(along @ own @ along) / square if deviation.chi_square is None and square > 0.0 else 0.0
         others = deviation.freedom / share**2 if share > 0.0 else math.inf
         return square, freedom, chance_of(square, freedom, others)

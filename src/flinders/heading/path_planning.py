@@ -262,8 +262,11 @@ def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:
     if len(plane) < 2:
         return None
     flat = (points - mean) @ plane.T
-    found, *_ = np.linalg.lstsq(np.c_[2.0 * flat, np.ones(len(flat))], np.sum(flat**2, axis=1))
-    centre, radius = mean + found[:-1] @ plane, math.sqrt(max(found[-1] + found[:-1] @ found[:-1], 0.0))
+    sphere, *_ = np.linalg.lstsq(np.c_[2.0 * flat, np.ones(len(flat))], np.sum(flat**2, axis=1))
+    centre, radius = (
+        mean + sphere[:-1] @ plane,
+        math.sqrt(max(sphere[-1] + sphere[:-1] @ sphere[:-1], 0.0)),
+    )
     lengths = np.linalg.norm(points - centre, axis=1)
     if radius == 0.0 or not lengths.all():
         return None

@@ -140,7 +140,7 @@ def rests(
     return tuple(_rest(headings, (start + 1) * size, (stop - 1) * size) for start, stop in joined)
 
 
-def half_turns(found: Sequence[Rest], *, slack_deg: float = SLACK_DEG) -> tuple[HalfTurn, ...]:
+def half_turns(rests: Sequence[Rest], *, slack_deg: float = SLACK_DEG) -> tuple[HalfTurn, ...]:
     """Pair each rest with the next that is half a turn away, within `slack_deg`.
 
     >>> north, south = Rest(0, 100, 1.0, 0.5, 0.1), Rest(200, 300, 178.0, 0.5, 0.1)
@@ -148,8 +148,8 @@ def half_turns(found: Sequence[Rest], *, slack_deg: float = SLACK_DEG) -> tuple[
     [-3.0]
     """
     halves = []
-    for place, first in enumerate(found):
-        for second in found[place + 1 :]:
+    for place, first in enumerate(rests):
+        for second in rests[place + 1 :]:
             off = float(folded(second.heading_deg - first.heading_deg - 180.0))
             if abs(off) <= slack_deg:
                 halves.append(HalfTurn(first, second, off, float(np.hypot(first.sigma_deg, second.sigma_deg))))
