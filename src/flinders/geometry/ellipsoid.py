@@ -82,7 +82,15 @@ class Ellipsoid:
     @property
     def radius(self) -> float:
         """Geometric mean of the semi-axes."""
-        return float(np.cbrt(np.linalg.det(self.shape)))
+        determinant = float(np.linalg.det(self.shape))
+        if 1e-200 < determinant < 1e200:
+            return float(np.cbrt(determinant))
+        return float(np.cbrt(np.linalg.det(self.shape / self.scale)) * self.scale)
+
+    @property
+    def scale(self) -> float:
+        """The power of two above the largest entry of the shape: products of three of them stay within range."""
+        return float(2.0 ** np.frexp(np.abs(self.shape).max())[1].clip(-1000, 1000))
 
     @property
     def semi_axes(self) -> Floats:

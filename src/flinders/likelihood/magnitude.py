@@ -77,11 +77,12 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
 
     On the surface ∇²s = (tr K − k₁)/√k₁ − 2 (k₂ − k₁²)/k₁^{3/2} with K = S⁻², k₁ = uᵀKu, k₂ = |Ku|².
     """
-    inverse = np.linalg.inv(ellipsoid.shape)
-    metric = inverse @ inverse
+    inverse, scale = np.linalg.inv(ellipsoid.shape), ellipsoid.scale
     u = inverse @ centred(readings, ellipsoid.centre)
     u = u[:, np.any(u != 0.0, axis=0)]  # a reading at the centre has no direction
     u /= _lengths(u)
+    inverse = inverse * scale  # a power of two: powers of K stay within range, and no digit changes
+    metric = inverse @ inverse
     normal = inverse @ u
     bent = metric @ u
     k1, k2 = _dot(normal, normal), _dot(bent, bent)
@@ -89,7 +90,7 @@ def curvature(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     laplacian = (np.trace(metric) - k1) / steepness - 2.0 * (k2 - k1 * k1) / (k1 * steepness)
     normal *= 0.5 * laplacian / steepness
     gradient: Floats = np.concatenate([normal.sum(axis=1), (normal @ u.T).ravel()]) @ GATHER
-    return gradient
+    return gradient / scale
 
 
 def information(directions: Floats, ellipsoid: Ellipsoid) -> Floats:
