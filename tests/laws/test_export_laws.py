@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import asdict
 from typing import Any
 
@@ -63,7 +64,7 @@ def test_whatever_is_left_out_of_a_heading_comes_back(field: float, error: float
 @pytest.mark.parametrize("kind", [Heading, Wire, Pair, Magnet])
 @given(numbers=st.lists(st.none() | everything, min_size=4, max_size=4))
 def test_any_numbers_are_solved_or_refused_with_a_message(kind: Any, numbers: list[float | None]) -> None:  # noqa: ANN401
-    names = [name for name in kind.__dataclass_fields__ if name != "position"]
+    names = [field.name for field in dataclasses.fields(kind) if field.name != "position"]
     try:
         solved = kind.solve(**dict(zip(names, numbers, strict=False)))
     except UsageError:
