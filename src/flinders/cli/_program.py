@@ -94,6 +94,7 @@ class Program(click.Group):
         """Run a command line and exit; without `standalone_mode`, return the code."""
         words = list(sys.argv[1:] if args is None else args)
         as_json = "--json" in words[: words.index("--") if "--" in words else None]
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
         _make_streams_forgiving()
         try:
             with _stopped_cleanly():

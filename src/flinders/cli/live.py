@@ -111,7 +111,6 @@ def command(
     """
     _refuse_unclear(source, output, resume, host)
     sys.setswitchinterval(SWITCH_S)
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
     from flinders.core.axes import Axes
     from flinders.live.access import Gate, Tokens, listening, serve
     from flinders.live.hub import Hub
