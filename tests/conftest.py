@@ -47,6 +47,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--regenerate", action="store_true", help="rewrite the golden files instead of comparing")
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Two workers more than cores: those that drive a browser or a serial port wait for most of their time."""
+    return (os.cpu_count() or 1) + 2
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A test with a number of trials is a claim: ``pytest -m claims`` runs these, each with all its trials."""
