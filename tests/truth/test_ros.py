@@ -251,6 +251,16 @@ def test_an_imu_that_has_no_acceleration_says_so_by_its_covariance(tmp_path: Pat
     assert (found.acceleration, found.rate) == (None, None)
 
 
+def test_a_gap_in_the_acceleration_leaves_the_rate(tmp_path: Path) -> None:
+    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    rows: Rows = [("/mag", ros.FIELD, BEGUN, messages.make(ros.FIELD, BEGUN, "a", (1e-5, 0.0, 4e-5)))]
+    gap = (np.nan, np.nan, np.nan, 0.0, 0.0, 0.5)
+    rows.append(("/imu", ros.IMU, BEGUN, messages.make(ros.IMU, BEGUN, "a", gap)))
+    samples = only(opened(second(tmp_path, rows=rows)).instruments[0])
+    assert samples.rate is not None
+    close(samples.rate, [[0.0, 0.0, 0.5]])
+
+
 @pytest.mark.parametrize(("length", "told"), [(1.0, "readings are about 1 T long"), (4e-5, "")])
 def test_a_driver_that_writes_no_tesla_is_noted(tmp_path: Path, length: float, told: str) -> None:
     messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
