@@ -320,7 +320,7 @@ def grouped(
     samples: Samples, terms: Sequence[str], disturbances: Disturbances | None, window_s: float
 ) -> tuple[list[ObservationGroup], float]:
     """Put readings that share a direction together, and say how far apart those of a window are, in s."""
-    auxiliary = _Auxiliary.of(samples, terms)
+    auxiliary = _Attitudes.of(samples, terms)
     every = np.arange(len(samples), dtype=np.intp)
     if "rate" not in terms or samples.rate is None or samples.time is None:
         return [_group(samples, every[:, np.newaxis], auxiliary, disturbances)], 0.0
@@ -339,7 +339,7 @@ def grouped(
     return groups, interval
 
 
-class _Auxiliary(NamedTuple):
+class _Attitudes(NamedTuple):
     """What stands beside each reading: an attitude (N, 3, 3), or a vertical (N, 3), and how far it is trusted (N,)."""
 
     attitudes: Floats | None = None
@@ -362,7 +362,7 @@ class _Auxiliary(NamedTuple):
 
 
 def _group(
-    samples: Samples, rows: NDArray[np.intp], auxiliary: _Auxiliary, disturbances: Disturbances | None
+    samples: Samples, rows: NDArray[np.intp], auxiliary: _Attitudes, disturbances: Disturbances | None
 ) -> ObservationGroup:
     """Take what belongs to (W, n) readings."""
     return ObservationGroup(

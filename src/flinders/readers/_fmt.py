@@ -253,7 +253,7 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     found: dict[int, list[Places]] = {}
     at, known, gaps = 0, 0, 0
     while at < len(raw):
-        stretch = _Stretch.of(raw, at, min(at + CHUNK, len(raw)))
+        stretch = _Segment.of(raw, at, min(at + CHUNK, len(raw)))
         for each in stretch.formats():
             formats.setdefault(each.number, each)
             lengths[each.number] = formats[each.number].length
@@ -271,7 +271,7 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     return Messages(tables, len(raw) - known, gaps)
 
 
-class _Stretch(NamedTuple):
+class _Segment(NamedTuple):
     """A part of a log, and where in it messages might begin.
 
     Attributes
@@ -290,7 +290,7 @@ class _Stretch(NamedTuple):
     headers: Places
 
     @classmethod
-    def of(cls, raw: Bytes, at: int, stop: int) -> _Stretch:
+    def of(cls, raw: Bytes, at: int, stop: int) -> _Segment:
         """Look for the two bytes that begin a message."""
         window = raw[at : stop + LONGEST + HEADER_SIZE]
         first = np.flatnonzero(window[:-2] == HEADER[0])

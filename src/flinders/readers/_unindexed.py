@@ -111,7 +111,7 @@ def beginning_of(name: str, path: Path, head: bytes, expected: int | None = None
     start = next((start for start in REPAIRS if head.startswith(start)), None)
     if start is None:
         return None
-    kind: type[_Scan] = {BAG: _Bag, MCAP: _Mcap, SQLITE: _Database}[start]
+    kind: type[_Scan] = {BAG: _BrokenBag, MCAP: _Mcap, SQLITE: _Database}[start]
     scan, count, is_whole = kind(path, frozenset()), 0, False
     connections: dict[int, Foreign] = {}
     try:
@@ -221,7 +221,7 @@ class _Bytes:
             raise ValueError(f"{length} bytes are wanted, and {self.left} are left")
 
 
-class _Bag(_Scan):
+class _BrokenBag(_Scan):
     """A bag of ROS 1."""
 
     MESSAGE, CHUNK, CONNECTION = 2, 5, 7

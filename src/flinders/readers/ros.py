@@ -427,7 +427,7 @@ def _topics(name: str, bag: _Bag) -> list[_Topic]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Readings:
+class _TopicReadings:
     """One magnetometer with what stands beside it; `Instrument.columns` of it is `blocks`."""
 
     source: str
@@ -459,12 +459,12 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
             auxiliary["rate"] = TimeSeries.of(time, motion.table[:, 3:])
         if warmth is not None:
             auxiliary["temperature"] = TimeSeries.of(warmth.seconds(since), warmth.table)
-        readings = _Readings(source, unit, topic.seconds(since), topic.table, auxiliary)
+        readings = _TopicReadings(source, unit, topic.seconds(since), topic.table, auxiliary)
         yield Instrument(
             source,
             shown(topic.name),
             unit,
-            partial(_Readings.blocks, readings),
+            partial(_TopicReadings.blocks, readings),
             readings=int(np.isfinite(readings.field).all(axis=1).sum()),
             notes=tuple(_notes(topic, unit, motion, topics)),
         )

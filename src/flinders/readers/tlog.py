@@ -333,7 +333,7 @@ class _Heard:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Compass:
+class _CompassMessages:
     """What the readings of a compass are made of.
 
     Attributes
@@ -428,7 +428,7 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     units = IN_SI if each[1] == HIGHRES_IMU else WHOLE
     series = heard.current(system), heard.throttle(system), heard.of_motors(system)
     attitude = heard.attitude(system, table) if is_turned else (None, SINCE)
-    compass = _Compass(file.name, table, version, parameters, *series, *attitude, units)
+    compass = _CompassMessages(file.name, table, version, parameters, *series, *attitude, units)
     in_force = parameters[int(version[-1])] if parameters else None
     remarks = _remarks(compass, in_force, history.last, each[1]) if in_force else _unknown(autopilot, each[1])
     return Instrument(
@@ -448,7 +448,9 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
     )
 
 
-def _remarks(compass: _Compass, in_force: ArduPilotParameters, values: dict[str, float], message: int) -> Iterator[str]:
+def _remarks(
+    compass: _CompassMessages, in_force: ArduPilotParameters, values: dict[str, float], message: int
+) -> Iterator[str]:
     """What to know about a compass whose parameters are in the log."""
     number, changes = COMPASS_MESSAGES[message][1], len(compass.parameters) - 1
     yield mounting_told(in_force, values, number)
