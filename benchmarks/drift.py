@@ -32,7 +32,7 @@ import numpy as np
 import flinders
 from flinders import simulate
 from flinders.fleet.drift import drift_of
-from flinders.fleet.results import UPPER, UnitResult, UnitResults, objects
+from flinders.fleet.results import UnitResult, UnitResults, objects
 from flinders.fleet.variance import YEAR
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
     shape[:, ENTRIES[1], ENTRIES[0]] = shape[:, *ENTRIES]
     radius = np.cbrt(np.linalg.det(shape))
     covariance = np.zeros((rows, 45))
-    covariance[:, UPPER[0] == UPPER[1]] = ((fleet.claimed * sigma) ** 2)[:, np.newaxis]
+    covariance[:, np.equal(*np.triu_indices(9))] = ((fleet.claimed * sigma) ** 2)[:, np.newaxis]
     unit = np.repeat([f"U{place:07d}" for place in range(fleet.units)], fleet.recordings)
 
     def texts(word: str) -> np.ndarray[tuple[int], np.dtype[np.object_]]:

@@ -1,13 +1,14 @@
 """A fleet in Parquet: what calibrating all of it costs beside reading it, and beside other fits unit by unit.
 
-    OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet [--units 20000] [--curve 1000 5000 20000] [--faulty]
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet [--units 20000] [--curve 1000 5000 20000] [--faulty | --field]
 
 Units are those of `flinders.simulate.fleet`, good ones unless ``--faulty`` asks for its three per cent. A thousand
 are simulated and the others are those again, with another offset: so a million need no hour. Files have a column
 ``unit``, a time and three axes in single precision, and a row group each; reading means all of that in NumPy, in double
-precision, by one core. Each job has a process of its own. Ratios to reading are of CPU seconds on one core, where
-neither workers nor other programs count, and of time on all cores less the start of their workers. Then follow other
-fits unit by unit, what the one that started a run does for each partition, and all that a run takes by the number of
+precision, by one core; the engine is that, and a record of each unit. Each job has a process of its own. Ratios to
+reading are of CPU seconds on one core, where neither workers nor other programs count, and of time on all cores less
+the start of their workers. Then follow other fits unit by unit, what the one that started a run does for each
+partition, and all that a run takes by the number of
 units. Prints Markdown.
 """
 
@@ -35,8 +36,9 @@ from flinders.fleet.job import run
 from flinders.fleet.results import UnitResults
 from flinders.fleet.scheduler import cores
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.native.engine import engine
 from flinders.simulate import angle_error_deg
-from flinders.simulate.fleet import BAD, Specimen, fleet
+from flinders.simulate.fleet import BAD, Specimen, field_unit, fleet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,18 +50,18 @@ UNITS, EACH, FILES = 20_000, 500, 100
 """Of the fleet that ratios are of: ten million readings."""
 A_FILE: Final = 200
 """Units in a file where there are other numbers of them."""
-POOL: Final = 1_000
+POOL, FIELD_POOL = 1_000, 200
 """Units that are simulated."""
 APART_UT: Final = 0.5
 """By which the offsets of one unit and the next that is made of it are apart, along x: whole steps of the sensor."""
 CURVE: Final = (1_000, 5_000, 20_000)
 PEERED: Final = 100
 """Units that other fits are called for."""
-LIMITS: Final = {"moments": 2.5, "polish": 5.0}
+LIMIT: Final = 6.0
 """Of time, beside reading."""
 PEER_LIMIT: Final = 30.0
 MEMORY_LIMIT_MB: Final = 1_000.0
-JOBS: Final = ("read", "moments", "polish")
+JOBS: Final = ("read", "engine", "fit")
 A_PART, PARTS = 100, 1_000
 """Rows of a part, as many as units of ten thousand readings make, and how many of them are written."""
 
@@ -90,6 +92,7 @@ def main() -> None:
     parser.add_argument("--curve", type=int, nargs="*", default=CURVE, help="numbers of units")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--faulty", action="store_true", help="three per cent of the units are faulty")
+    parser.add_argument("--field", action="store_true", help="units as people record them: see `field_unit`")
     parser.add_argument("--job", choices=JOBS, help=argparse.SUPPRESS)
     parser.add_argument("--folder", help=argparse.SUPPRESS)
     parser.add_argument("--workers", type=int, default=0, help=argparse.SUPPRESS)
@@ -99,19 +102,22 @@ def main() -> None:
         return
     share = BAD if given.faulty else 0.0
     pool = list(fleet(min(POOL, given.units), seed=1, bad=share, readings=given.each))
+    if given.field:
+        pool = [field_unit(number, seed=1) for number in range(min(FIELD_POOL, given.units))]
     with tempfile.TemporaryDirectory() as made:
         whole = Path(made) / "whole"
         size = write(whole, pool, given.units, files=max(1, given.units * FILES // UNITS))
-        print(f"{given.units:,} units × {given.each} readings, {size / 1e6:.1f} MB in Parquet\n")
+        readings = sum(len(numbered(pool, number).samples) for number in range(given.units))
+        print(f"{given.units:,} units, {readings:,} readings, {size / 1e6:.1f} MB in Parquet\n")
         costs = {job: _median([measured(job, whole, workers=0) for _ in range(given.repeats)]) for job in JOBS}
-        spread = {job: _median([measured(job, whole) for _ in range(given.repeats)]) for job in LIMITS}
+        spread = _median([measured("fit", whole) for _ in range(given.repeats)])
         write(Path(made) / "one", pool, 1, files=1)
-        start_s = _median([measured("moments", Path(made) / "one") for _ in range(given.repeats)]).wall_s
+        start_s = _median([measured("fit", Path(made) / "one") for _ in range(given.repeats)]).wall_s
         beside_reading(costs, spread, start_s, given.units)
         beside_peers(pool, whole, costs, given.units)
         of_parts(Path(made) / "parts", whole)
-        print("\n| units | MB | reading, s | moments only, s | polished, s | µs a unit | peak memory, MB |")
-        print("|---:|---:|---:|---:|---:|---:|---:|", flush=True)
+        print("\n| units | MB | reading, s | fits, s | µs a unit | peak memory, MB |")
+        print("|---:|---:|---:|---:|---:|---:|", flush=True)
         for units in given.curve:
             curve(Path(made) / f"fleet{units}", pool, units)
 
@@ -130,6 +136,8 @@ def write(folder: Path, pool: Sequence[Specimen], units: int, *, files: int) -> 
         names = arrow.DictionaryArray.from_arrays(rows, [unit.name for unit in some])
         time = np.concatenate([cast("Floats", unit.samples.time) for unit in some])
         columns = {"unit": names, "t_s": time, **{f"mag_{axis}_uT": field[:, i] for i, axis in enumerate("xyz")}}
+        if all(unit.samples.temperature is not None for unit in some):
+            columns["temperature_C"] = np.concatenate([cast("Floats", unit.samples.temperature) for unit in some])
         parquet.write_table(arrow.table(columns), folder / f"part-{place:05}.parquet")
     return sum(path.stat().st_size for path in folder.iterdir())
 
@@ -160,41 +168,38 @@ def measured(job: str, folder: Path, *, workers: int | None = None) -> Cost:
     return Cost(**json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout))
 
 
-def beside_reading(costs: dict[str, Cost], spread: dict[str, Cost], start_s: float, units: int) -> None:
+def beside_reading(costs: dict[str, Cost], spread: Cost, start_s: float, units: int) -> None:
     """Print the ratios to reading on one core: of CPU on one core, and of time on all cores less their start."""
     print(f"Starting the workers, with a table of one unit, took {start_s:.2f} s.\n")
     print("| job | CPU, s | µs a unit | ÷ reading | all cores, s | less start ÷ reading | limit | peak memory, MB |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|")
     for job, cost in costs.items():
         alone = f"{job} | {cost.cpu_s:.3g} | {cost.cpu_s / units * 1e6:.3g} | {cost.cpu_s / costs['read'].cpu_s:.3g}"
-        if job == "read":
+        if job != "fit":
             print(f"| {alone} | – | – | – | {cost.rss_mb:.0f} |", flush=True)
             continue
-        ratio = (spread[job].wall_s - start_s) / costs["read"].wall_s
-        together = f"{spread[job].wall_s:.3g} | {_judged(ratio, LIMITS[job])} | {spread[job].rss_mb:.0f}"
+        ratio = (spread.wall_s - start_s) / costs["read"].wall_s
+        together = f"{spread.wall_s:.3g} | {_judged(ratio, LIMIT)} | {spread.rss_mb:.0f}"
         print(f"| {alone} | {together} |", flush=True)
 
 
 def beside_peers(pool: Sequence[Specimen], folder: Path, costs: dict[str, Cost], units: int) -> None:
     """Print what other fits cost and give, unit by unit, beside the whole fleet's cost by the unit."""
     some = [numbered(pool, number) for number in range(min(PEERED, len(pool)))]
-    ours = costs["polish"].cpu_s / units
-    print("\n| unit by unit | ms a unit | ÷ polished fleet | error, ° rms | failed |\n|---|---:|---:|---:|---:|")
+    ours = costs["fit"].cpu_s / units
+    print("\n| unit by unit | ms a unit | ÷ the fleet | error, ° rms | failed |\n|---|---:|---:|---:|---:|")
     for label, peer in PEERS.items():
         begin = process_time()
         found = [_tried(peer, unit.samples.field) for unit in some]
         each = (process_time() - begin) / len(some)
         print(f"| {label} | {each * 1e3:.3g} | {each / ours:.3g} | {_accuracy(found, some)} |", flush=True)
-    for job in ("moments", "polish"):
-        rows = _calibrated(folder, some, polish=job == "polish")
-        each = costs[job].cpu_s / units
-        print(f"| the fleet, {job} | {each * 1e3:.3g} | {each / ours:.3g} | {_accuracy(rows, some)} |", flush=True)
+    print(f"| the fleet | {ours * 1e3:.3g} | 1 | {_accuracy(_calibrated(folder, some), some)} |", flush=True)
 
 
 def of_parts(folder: Path, whole: Path) -> None:
     """Print what writing a part and taking it away costs the one that started the run."""
     out = folder.with_suffix(".parquet")
-    run(str(whole / "part-00000.parquet"), out, Options(polish=False), workers=0)
+    run(str(whole / "part-00000.parquet"), out, Options(), workers=0)
     content = UnitResults.read(out)[:A_PART].to_bytes()
     folder.mkdir()
     parts = Checkpoint(folder)
@@ -210,12 +215,14 @@ def of_parts(folder: Path, whole: Path) -> None:
 def curve(folder: Path, pool: Sequence[Specimen], units: int) -> None:
     """Print a row of cost by the number of units, on all cores with everything that belongs to a run."""
     size = write(folder, pool, units, files=max(1, units // A_FILE))
-    read, moments, polish = (measured(job, folder, workers=0 if job == "read" else None) for job in JOBS)
+    read, fits = measured("read", folder, workers=0), measured("fit", folder)
     for path in folder.iterdir():
         path.unlink()
-    walls = f"{read.wall_s:.3g} | {moments.wall_s:.3g} | {polish.wall_s:.3g}"
-    memory = _judged(max(moments.rss_mb, polish.rss_mb), MEMORY_LIMIT_MB).split(" |")[0]
-    print(f"| {units:,} | {size / 1e6:.1f} | {walls} | {polish.wall_s / units * 1e6:.3g} | {memory} |", flush=True)
+    memory = _judged(fits.rss_mb, MEMORY_LIMIT_MB).split(" |")[0]
+    each = fits.wall_s / units * 1e6
+    print(
+        f"| {units:,} | {size / 1e6:.1f} | {read.wall_s:.3g} | {fits.wall_s:.3g} | {each:.3g} | {memory} |", flush=True
+    )
 
 
 def plain_ellipsoid(field: Floats) -> Ellipsoid:
@@ -298,13 +305,19 @@ def _peak_kb() -> int:
 
 
 def _do(job: str, where: str, paths: Sequence[Path], workers: int) -> None:
-    """Read files, or calibrate what is in them."""
+    """Read files, hand the readings to the engine alone, or calibrate all units."""
     if job == "read":
         for path in paths:
             into_numpy(path)
         return
+    if job == "engine":
+        for path in paths:
+            whose, time, field = into_numpy(path)
+            begins = np.flatnonzero(np.diff(whose, prepend=-1, append=-1))
+            engine().fit_many(field, begins, time=time)
+        return
     with tempfile.TemporaryDirectory() as made:
-        run(where, Path(made) / "out.parquet", Options(polish=job == "polish"), workers=workers)
+        run(where, Path(made) / "out.parquet", Options(), workers=workers)
 
 
 def _cpu_s() -> float:
@@ -313,11 +326,11 @@ def _cpu_s() -> float:
     return sum(used.ru_utime + used.ru_stime for used in some)
 
 
-def _calibrated(folder: Path, some: Sequence[Specimen], *, polish: bool) -> list[Ellipsoid | None]:
+def _calibrated(folder: Path, some: Sequence[Specimen]) -> list[Ellipsoid | None]:
     """What the fleet's table says of some units."""
     with tempfile.TemporaryDirectory() as made:
         out = Path(made) / "out.parquet"
-        run(str(folder / "part-00000.parquet"), out, Options(polish=polish), workers=0)
+        run(str(folder / "part-00000.parquet"), out, Options(), workers=0)
         rows = UnitResults.read(out)
     known = dict(zip(rows.unit.tolist(), zip(rows.offset, rows.matrix, strict=True), strict=True))
     return [_ellipsoid(*known[unit.name]) if unit.name in known else None for unit in some]

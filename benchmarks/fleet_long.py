@@ -1,9 +1,9 @@
 """One very long unit beside units of ten readings: what memory and time `flinders fleet` takes by its length.
 
-    OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet_long [--readings 1000000 10000000 100000000] [--strays 0.01]
+    OPENBLAS_NUM_THREADS=1 python -m benchmarks.fleet_long [--readings 1000000 10000000 100000000] [--outliers 0.01]
 
 The long unit turns about all axes at rates that have no common period, with white noise, in steps of the sensor; a
-share of its readings may be strays, so that it is fitted robustly and they are listed. It is written in row groups of
+share of its readings may be outliers, so that it is fitted robustly and they are listed. It is written in row groups of
 a million, single precision, between small units in the same file. Each length has a process of its own, whose memory
 at the peak is told, and the error of its calibration by the truth. Prints Markdown.
 """
@@ -42,7 +42,7 @@ RATES: Final = (1.0, np.sqrt(2.0), np.pi)
 """Of its turns about three axes, rad/s, at 50 readings a second."""
 
 
-def turned(first: int, count: int, rng: np.random.Generator, strays: float) -> Floats:
+def turned(first: int, count: int, rng: np.random.Generator, outliers: float) -> Floats:
     """(count, 3) readings of the long unit from number `first` on, µT."""
     roll, pitch, yaw = (rate * np.arange(first, first + count) / 50.0 for rate in RATES)
     directions = np.stack(
@@ -54,11 +54,11 @@ def turned(first: int, count: int, rng: np.random.Generator, strays: float) -> F
         axis=1,
     )
     field = directions @ MATRIX + OFFSET + rng.normal(scale=NOISE_UT, size=(count, 3))
-    field[rng.random(count) < strays] += AWAY_UT
+    field[rng.random(count) < outliers] += AWAY_UT
     return np.asarray(np.round(field / STEP_UT) * STEP_UT)
 
 
-def write(path: Path, readings: int, strays: float) -> int:
+def write(path: Path, readings: int, outliers: float) -> int:
     """Write the fleet, piece by piece, and return how many bytes it has."""
     from pyarrow import parquet
 
@@ -67,7 +67,7 @@ def write(path: Path, readings: int, strays: float) -> int:
     with parquet.ParquetWriter(path, _small(before, rng).schema) as writer:
         writer.write_table(_small(before, rng))
         for first in range(0, readings, GROUP):
-            field = turned(first, min(GROUP, readings - first), rng, strays)
+            field = turned(first, min(GROUP, readings - first), rng, outliers)
             writer.write_table(_table(long[:1], np.zeros(len(field), dtype=np.int32), field, first))
         writer.write_table(_small(after, rng))
     return path.stat().st_size
@@ -104,23 +104,23 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description="What one very long unit costs.")
     parser.add_argument("--readings", type=int, nargs="*", default=READINGS, help="of the long unit")
-    parser.add_argument("--strays", type=float, nargs="*", default=[0.0, 0.01], help="shares of its readings")
+    parser.add_argument("--outliers", type=float, nargs="*", default=[0.0, 0.01], help="shares of its readings")
     parser.add_argument("--folder", help="where files are made, which may be large")
     parser.add_argument("--job", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.job:
         print(json.dumps(job(given.job)))
         return
-    print("| readings | strays | MB | s | µs a reading | peak memory, MB | method, verdict | used | offset off, µT |")
+    print("| readings | outliers | MB | s | µs a reading | peak memory, MB | method, verdict | used | offset off, µT |")
     print("|---:|---:|---:|---:|---:|---:|---|---:|---:|", flush=True)
-    for strays in given.strays:
+    for outliers in given.outliers:
         for readings in given.readings:
             with tempfile.TemporaryDirectory(dir=given.folder) as made:
-                size = write(Path(made) / "fleet.parquet", readings, strays)
+                size = write(Path(made) / "fleet.parquet", readings, outliers)
                 command = [sys.executable, "-m", "benchmarks.fleet_long", "--job", made]
                 took = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
             print(
-                f"| {readings:,} | {strays:.0%} | {size / 1e6:.0f} | {took['seconds']:.0f} | "
+                f"| {readings:,} | {outliers:.0%} | {size / 1e6:.0f} | {took['seconds']:.0f} | "
                 f"{took['seconds'] / readings * 1e6:.2f} | {took['mb']:.0f} | {took['method']}, {took['verdict']} | "
                 f"{took['used']:,} | {took['off']:.2g} |",
                 flush=True,

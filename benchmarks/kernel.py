@@ -3,7 +3,7 @@
     OPENBLAS_NUM_THREADS=1 python -m benchmarks.kernel
 
 The least is ``D @ D.T`` of ten rows, built and multiplied in blocks of 8,192 over the same readings: what any quadric
-fit has to do. The sums of one long recording are compared with it, those of many short ones one by one and stacked, and
+fit has to do. The sums of one long recording are compared with it, those of many short ones one by one, and
 whole summaries. Then follow the stages of a fit and the readers, in microseconds a reading.
 
 Times are medians of interleaved repeats in seconds of this process's CPU, so that other programs count for less.
@@ -25,12 +25,9 @@ from benchmarks.readers import write_csv
 from benchmarks.speed import MILLION, blocked_products, readings
 from flinders.estimators import Readings
 from flinders.estimators.consistent import Consistent
-from flinders.estimators.covariance import correlation_of
 from flinders.estimators.likelihood import Likelihood
-from flinders.estimators.robust import asks_for_it
 from flinders.heading.error_propagation import level_error
 from flinders.simulate import tumble
-from flinders.stacked.sums import BatchMoments
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
 from flinders.summary.moments import Moments
@@ -106,10 +103,8 @@ def kernels() -> None:
         print(Compared("`Moments.of`", partial(Moments.of, field), least, count, LIMIT).row(), flush=True)
         print(Compared("`Summary.of`", partial(Summary.of, field), least, count).row(), flush=True)
     short = readings(UNITS * EACH).reshape(UNITS, EACH, 3)
-    stacked = np.ascontiguousarray(np.swapaxes(short, 1, 2))
     least = partial(blocked_products, short.reshape(-1, 3))
     rows: list[tuple[str, Callable[[], object], float | None]] = [
-        ("all stacked: `stacked.BatchMoments.of`", partial(BatchMoments.of, stacked), LIMIT),
         ("`Moments.of` one by one", partial(_one_by_one, Moments.of, short), None),
         ("`Summary.of` one by one", partial(_one_by_one, Summary.of, short), None),
     ]
@@ -163,8 +158,6 @@ def _stages_of(count: int) -> Mapping[str, float]:
         "summary, the three together": partial(Summary.of, samples),
         "consistent start": partial(Consistent().estimate, held),
         "likelihood with its start and correlation": partial(Likelihood().estimate, held),
-        "correlation": lambda: correlation_of(held.segments(""), len(held), ellipsoid),
-        "look for strays": partial(asks_for_it, held, ellipsoid),
         "coverage": partial(Coverage.through, held.summary.cloud, ellipsoid),
         "heading error": partial(level_error, ellipsoid, found.covariance),
     }

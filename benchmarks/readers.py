@@ -25,7 +25,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.speed import interleaved
-from flinders.readers import _arrow, open_log, read
+from flinders.readers import open_log, read, text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -121,7 +121,7 @@ def by_rosbags(path: Path) -> object:
 
 def without_pyarrow(path: Path) -> object:
     """Read text as where pyarrow is not installed."""
-    with patch.object(_arrow, "LEAST", sys.maxsize):
+    with patch.object(text, "LEAST_FOR_ARROW", sys.maxsize):
         return read(path)
 
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 BLOCK: Final = 8192
 MILLION: Final = 1_000_000
-FIT_LIMITS: Final[dict[int, float | None]] = {500: 60.0, 5_000: None, 50_000: 8.0, MILLION: 2.0}
+FIT_LIMITS: Final[dict[int, float | None]] = {500: 8.0, 5_000: None, 50_000: 1.5, MILLION: 1.0}
 JUDGED_LIMIT: Final = 1.5
 MOMENTS_LIMIT: Final = 2.0
 SUMMARY_LIMIT: Final = 5.0

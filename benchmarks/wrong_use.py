@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders import fit, simulate
+from flinders.core.axes import TURNS
 from flinders.core.geomag import site_field
 from flinders.errors import FitError
-from flinders.estimators.mounting import TURNS
 from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.result import Refused
 from flinders.geometry.quaternions import of_angles, of_matrix, product

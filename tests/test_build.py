@@ -1,4 +1,4 @@
-"""The build hook: what is bundled, when, and what a build says where it cannot."""
+"""The build hook: what is bundled and compiled, when, and what a build says where it cannot."""
 
 from __future__ import annotations
 
@@ -10,17 +10,22 @@ import tarfile
 import zipfile
 from importlib.machinery import ModuleSpec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hatch_build
 import hatchling.build
 import pytest
+
+from flinders.errors import NoEngine
+from flinders.native import build
+from flinders.native.engine import Engine
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parent.parent
 STATIC = ROOT / "src" / "flinders" / "static"
+NATIVE = Path("src/flinders/native")
 NPM = """#!/bin/sh
 # What npm leaves behind: `ci` the package, `run` the bundle, at the place that its last argument names.
 if [ "$1" = ci ]; then mkdir -p node_modules/three && echo "The MIT License" >node_modules/three/LICENSE; exit; fi
@@ -36,7 +41,9 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A project with the sources of the bundle, on a machine without npm."""
     root = tmp_path / "project"
     shutil.copytree(ROOT / "web", root / "web", ignore=shutil.ignore_patterns("node_modules"))
-    monkeypatch.delenv(hatch_build.WITHOUT, raising=False)
+    shutil.copytree(ROOT / NATIVE, root / NATIVE, ignore=shutil.ignore_patterns("compiled"))
+    for variable in (hatch_build.WITHOUT, hatch_build.TARGET, "CC"):
+        monkeypatch.delenv(variable, raising=False)
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     return root
@@ -57,8 +64,8 @@ def put_bundle(project: Path) -> None:
         (vendor / name).write_text(hatch_build.headline(project), encoding="utf-8")
 
 
-def hook(project: Path) -> hatch_build.Bundle:
-    return hatch_build.Bundle(str(project), {}, None, None, "", "wheel")  # type: ignore[arg-type]
+def hook(project: Path, target: str = "sdist") -> hatch_build.Build:
+    return hatch_build.Build(str(project), {}, None, None, "", target)  # type: ignore[arg-type]
 
 
 def test_a_bundle_of_these_sources_needs_neither_npm_nor_network(project: Path) -> None:
@@ -170,6 +177,153 @@ def imported() -> Iterator[str]:
         if module.parent.name != "vendor":
             for names in re.findall(r"import \{([^}]*)\} from \"[./]*vendor/three\.js\"", module.read_text("utf-8")):
                 yield from (name.split(" as ")[0].strip() for name in names.split(",") if name.strip())
+
+
+def built(project: Path, version: str = "standard") -> dict[str, Any]:
+    """What the hook says of a wheel."""
+    build_data: dict[str, Any] = {"force_include": {}}
+    hook(project, "wheel").initialize(version, build_data)
+    return build_data
+
+
+def put_compiler(project: Path, script: str) -> None:
+    compiler = project.parent / "bin" / "cc"
+    compiler.parent.mkdir(exist_ok=True)
+    compiler.write_text(script, encoding="utf-8")
+    compiler.chmod(0o755)
+
+
+def test_without_a_compiler_an_isolated_build_asks_for_zig(project: Path) -> None:
+    put_bundle(project)
+    assert hook(project, "wheel").dependencies() == [build.ZIG_PACKAGE]
+
+
+def test_without_a_compiler_one_line_says_what_to_do(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    put_bundle(project)
+    with pytest.raises(SystemExit):
+        built(project)
+    said = capsys.readouterr().err.split("\n")
+    assert f"flinders: the engine has to be compiled, and there is no C compiler here: {build.WAYS_OUT}" in said
+
+
+@posix
+def test_a_compiler_without_headers_is_none(project: Path) -> None:
+    put_bundle(project)
+    put_compiler(project, "#!/bin/sh\necho 'xcrun: error: no developer tools were found' >&2\nexit 1\n")
+    assert hook(project, "wheel").dependencies() == [build.ZIG_PACKAGE]
+
+
+@posix
+def test_a_compiler_that_fails_is_quoted(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    put_bundle(project)
+    put_compiler(project, '#!/bin/sh\n[ "$1" = -E ] || { echo "no such option" >&2; exit 1; }\n')
+    assert hook(project, "wheel").dependencies() == []
+    with pytest.raises(SystemExit):
+        built(project)
+    assert "failed:\nno such option" in capsys.readouterr().err
+    assert not list((project / hatch_build.COMPILED).iterdir())
+
+
+def put_library(project: Path, tag: str = "") -> Path:
+    """A library of the sources as they are, and a licence beside it."""
+    folder = project / hatch_build.COMPILED / tag
+    folder.mkdir(parents=True)
+    (folder / "LICENSE-zig").write_text("MIT", encoding="utf-8")
+    library: Path = hatch_build.Engine(project).build.path(folder, target=build.PLATFORMS.get(tag, build.THIS))
+    library.write_bytes(b"")
+    return library
+
+
+def test_a_library_of_these_sources_needs_no_compiler_and_tags_the_wheel(project: Path) -> None:
+    put_bundle(project)
+    library = put_library(project)
+    assert hook(project, "wheel").dependencies() == []
+    data = built(project)
+    assert re.fullmatch(r"py3-none-(linux|macosx|win)\w+", data["tag"])
+    assert data["pure_python"] is False
+    assert data["force_include"] == {
+        str(library): f"flinders/native/compiled/{library.name}",
+        str(library.parent / "LICENSE-zig"): "flinders/native/compiled/LICENSE-zig",
+    }
+    assert built(project, "editable")["force_include"] == {}, "an editable install finds it in the checkout"
+
+
+@pytest.mark.parametrize("name", ["kernels.c", "flinders.h"])
+def test_a_change_of_any_c_file_makes_the_library_stale(project: Path, name: str) -> None:
+    put_bundle(project)
+    put_library(project)
+    source = project / NATIVE / name
+    source.write_bytes(source.read_bytes().replace(b"\n", b"\r\n"))
+    assert hook(project, "wheel").dependencies() == [], "line endings are git's affair"
+    source.write_bytes(source.read_bytes() + b" ")
+    assert hook(project, "wheel").dependencies() == [build.ZIG_PACKAGE]
+
+
+def test_a_wheel_for_another_platform_takes_no_library_of_this_one(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_bundle(project)
+    put_library(project)
+    for tag in build.PLATFORMS:
+        monkeypatch.setenv(hatch_build.TARGET, tag)
+        assert hook(project, "wheel").dependencies() == [build.ZIG_PACKAGE]
+        library = put_library(project, tag)
+        data = built(project)
+        assert data["tag"] == f"py3-none-{tag}"
+        assert data["force_include"][str(library)] == f"flinders/native/compiled/{library.name}"
+
+
+def test_a_platform_that_is_not_known_is_refused(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    put_bundle(project)
+    monkeypatch.setenv(hatch_build.TARGET, "plan9")
+    with pytest.raises(SystemExit):
+        built(project)
+    assert "FLINDERS_TARGET is 'plan9': name one of manylinux_2_17_x86_64, " in capsys.readouterr().err
+
+
+def test_an_import_without_library_and_compiler_says_in_one_line_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FLINDERS_NATIVE_BUILD", str(tmp_path / "empty"))
+    monkeypatch.setattr("flinders.native.build.system_compiler", lambda: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(NoEngine) as raised:
+        Engine()
+    assert str(raised.value) == f"the engine has to be compiled, and there is no C compiler here: {build.WAYS_OUT}"
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("FLINDERS_NATIVE_BUILD", str(tmp_path / "file" / "folder"))
+    with pytest.raises(NoEngine, match=r"cannot be compiled into .*folder \(.*\): name a folder that"):
+        Engine()
+
+
+def test_a_source_archive_needs_no_compiler(project: Path) -> None:
+    put_bundle(project)
+    assert hook(project, "sdist").dependencies() == []
+    hook(project, "sdist").initialize("standard", {})
+    assert not (project / hatch_build.COMPILED).exists()
+
+
+def test_wheel_and_source_archive_carry_the_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if not hatch_build.is_current(ROOT):
+        pytest.skip("the bundle has not been made here: build once with npm")
+    monkeypatch.chdir(ROOT)
+    monkeypatch.delenv(hatch_build.TARGET, raising=False)
+    wheel = hatchling.build.build_wheel(str(tmp_path))
+    assert re.fullmatch(r"flinders-[\w.]+-py3-none-(?!any)\w+\.whl", wheel)
+    with zipfile.ZipFile(tmp_path / wheel) as opened:
+        compiled = [name for name in opened.namelist() if "/compiled/flinders-" in name]
+        assert opened.read("flinders/native/flinders.h")
+        assert any(name.endswith(".dist-info/licenses/LICENSE") for name in opened.namelist())
+    assert compiled == [f"flinders/native/compiled/{build.path(build.COMPILED).name}"]
+    with tarfile.open(tmp_path / hatchling.build.build_sdist(str(tmp_path))) as archive:
+        files = {name.partition("/")[2] for name in archive.getnames()}
+    assert {path.relative_to(ROOT).as_posix() for path in (ROOT / NATIVE).glob("*.[ch]")} <= files
+    assert not any(hatch_build.COMPILED.as_posix() in name for name in files)
 
 
 def test_wheel_and_source_archive_carry_the_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -127,14 +127,21 @@ def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
 
 def refuse_gaps(array: Floats, name: str) -> None:
     """Raise `ArrayError` naming the first row that is not finite."""
-    # A sum is finite whenever all terms are, so one pass settles the usual case; overflow is looked at again.
-    with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(array.sum()):
-            return
-    gaps = np.argwhere(~np.isfinite(array))
-    if len(gaps):
-        row = tuple(int(index) for index in gaps[0])
-        raise ArrayError(
-            f"{name} is {array[row]} at index {row} ({len(gaps):,} such values): "
-            "need finite numbers; leave those rows out"
-        )
+    is_finite = np.isfinite(array)
+    if is_finite.all():
+        return
+    gaps = np.argwhere(~is_finite)
+    row = tuple(int(index) for index in gaps[0])
+    raise ArrayError(
+        f"{name} is {array[row]} at index {row} ({len(gaps):,} such values): need finite numbers; leave those rows out"
+    )
+
+
+def runs(is_in: ArrayLike) -> list[slice]:
+    """Where (N,) booleans are true, one after the other.
+
+    >>> runs([False, True, True, False, True])
+    [slice(1, 3, None), slice(4, 5, None)]
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(is_in, dtype=int), [0]])))
+    return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]

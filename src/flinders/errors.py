@@ -27,10 +27,11 @@
     │   ├── Undetermined             undetermined      4    readings that leave parameters open, without a prior
     │   ├── NeedsSamples             needs-samples     4    sums were given where the method needs the readings
     │   ├── NeedsRecording           needs-recording   4    a calibration file was given, which keeps no readings
-    │   ├── Refused                  refused           4    a fit exists, its verdict is "refused"
-    │   └── NotMerged                not-merged        4    calibrations that contradict each other
+    │   └── Refused                  refused           4    a fit exists, its verdict is "refused"
+    │       └── NotMerged            not-merged        4    calibrations that contradict each other
     ├── NotExportable                not-exportable    4    values that the target cannot hold
     ├── NotSent                      not-sent          4    a vehicle that must not be given these values now
+    ├── NoEngine                     no-engine        70    the engine is not compiled here, and cannot be
     └── OutputError                  output            6    the result cannot be written
         ├── OutputExists             output-exists     6    a file is there already
         └── NotConfirmed             not-confirmed     6    sent, and the other end did not confirm it
@@ -279,16 +280,17 @@ class OutOfScale(FitError):
 
 
 class NotAnEllipsoid(FitError):
-    """The quadric that fits best is open (`eigenvalues` of its quadratic form, largest scaled to one)."""
+    """The quadric that fits best is open (`eigenvalues` of its quadratic form, largest scaled to one, where known)."""
 
     code = "not-an-ellipsoid"
 
-    def __init__(self, eigenvalues: tuple[float, ...], method: str = "") -> None:
+    def __init__(self, eigenvalues: tuple[float, ...] = (), method: str = "") -> None:
         self.eigenvalues = eigenvalues
-        shape = ", ".join(f"{value:.3g}" for value in eigenvalues)
+        values = ", ".join(f"{value:.3g}" for value in eigenvalues)
+        shape = f" (eigenvalues {values}; all must be positive)" if values else ""
         instead = "" if method == "sphere" else ", or fit a sphere (method 'sphere')"
         super().__init__(
-            f"the surface that fits these readings best is not closed (eigenvalues {shape}; all must be positive): "
+            f"the surface that fits these readings best is not closed{shape}: "
             f"they cover too few directions. Turn the sensor upside down and onto each of its sides{instead}",
             eigenvalues=eigenvalues,
             method=method,
@@ -349,6 +351,12 @@ class NotSent(FlindersError):
     """A vehicle that must not be given these values as it is: armed, or with another compass than is meant."""
 
     code, exit_code = "not-sent", 4
+
+
+class NoEngine(FlindersError):
+    """The engine is not compiled for this machine, and cannot be: the message says what to install."""
+
+    code = "no-engine"
 
 
 class OutputError(FlindersError):

@@ -10,9 +10,11 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from flinders.report.colours import THEMES, UNKNOWN, error_colour
+from flinders.report.colours import ENDS, STEPS, THEMES, class_of, colour_of
 
-ERRORS = [*np.geomspace(0.05, 60.0, 200).tolist(), 0.5, 1.0, 2.0, 5.0, 12.0]
+EDGES = np.geomspace(*ENDS, STEPS + 1)
+MIDDLES = np.sqrt(EDGES[1:] * EDGES[:-1]).tolist()
+"""Error ÷ target in the middle of each class."""
 
 
 def test_the_scale_is_that_of_the_page() -> None:
@@ -24,7 +26,7 @@ def test_the_scale_is_that_of_the_page() -> None:
 const hex = (rgb) => "#" + rgb.map((part) => Math.round(255 * part).toString(16).padStart(2, "0")).join("");
 const found = {{}};
 for (const theme of ["light", "dark"]) {{
-    found[theme] = {json.dumps(ERRORS)}.map((deg) => hex(errorColour(deg, 1.3, theme)));
+    found[theme] = {json.dumps(MIDDLES)}.map((ratio) => hex(errorColour(1.3 * ratio, 1.3, theme)));
     found[theme].push(hex(errorColour(null, 1.3, theme)));
 }}
 console.log(JSON.stringify(found));
@@ -34,4 +36,6 @@ console.log(JSON.stringify(found));
     )
     found = json.loads(done.stdout)
     for theme in THEMES:
-        assert found[theme] == [*(error_colour(error, 1.3, theme) for error in ERRORS), UNKNOWN[theme]]
+        assert found[theme] == [
+            colour_of(kind, theme) for kind in [*(class_of(ratio, 1.0) for ratio in MIDDLES), "unknown"]
+        ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,16 @@ def test_what_needs_the_readings_of_a_loaded_fit_names_the_recording() -> None:
         look(fit)
         with pytest.raises(NeedsRecording, match=r"keeps no readings.*give the recording too"):
             look(loaded)
+
+
+def test_a_pickled_fit_counts_directions_and_takes_no_readings_along() -> None:
+    fit = flinders.fit(simulate.tumble(seed=1, n=20_000).samples)
+    pickled = pickle.dumps(fit)
+    loaded = pickle.loads(pickled)
+    assert len(pickled) < 20_000
+    assert loaded.coverage.as_dict() == fit.coverage.as_dict()
+    np.testing.assert_array_equal(loaded.coverage.counts, fit.coverage.counts)
+    assert loaded.uncorrected_strength == fit.uncorrected_strength
 
 
 def test_a_calibration_that_says_nothing_of_itself_is_limited() -> None:

@@ -160,7 +160,6 @@ def test_each_reading_is_in_one_partition(
         patch.setattr(plan, "LARGEST", largest)
         patch.setattr(worker, "LARGEST", largest)
         patch.setattr(worker, "fit_jobs", counted)
-        patch.setattr(worker, "_row", counted_one)
         rows = [
             UnitResults.from_bytes(worker.calibrate_partition(each, options=Options()))
             for each in plan_of(str(folder), Options()).partitions

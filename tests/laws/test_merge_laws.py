@@ -14,7 +14,7 @@ from tests.trials import examples
 from flinders.errors import OutputError
 from flinders.fleet import UnitResult, UnitResults
 from flinders.fleet import results as merging
-from flinders.fleet.progress import TableCounts
+from flinders.fleet.progress import table_counts
 from flinders.fleet.results import merge, named_rows
 
 pytest.importorskip("pyarrow")
@@ -70,18 +70,18 @@ def test_counts_are_those_of_the_whole_table(cells: list[UnitResult], group: int
     whole = UnitResults.of(cells).sorted()
     with tempfile.TemporaryDirectory() as name:
         merged([whole], Path(name), group)
-        counts = TableCounts.of(Path(name) / "all.parquet")
-    assert (counts.rows, counts.units) == (
+        counts = table_counts(Path(name) / "all.parquet")
+    assert (counts["rows"], counts["units"]) == (
         len(whole),
         len(set(named_rows(whole.to_arrow()).column("unit").to_pylist())),
     )
-    assert counts.readings == int(whole.readings.sum())
-    assert counts.verdicts == whole.verdicts()
+    assert counts["readings"] == int(whole.readings.sum())
+    assert counts["verdicts"] == whole.verdicts()
     found = [code for codes in whole.findings for code in codes]
-    assert counts.findings == {code: found.count(code) for code in found if code}
+    assert counts["findings"] == {code: found.count(code) for code in found if code}
     known = [row.worst_deg for row in cells if row.verdict != "failed" and row.worst_deg == row.worst_deg]
     places = np.percentile(known, [50, 95, 100]) if known else ()
-    assert counts.worst_deg == dict(zip(("median", "p95", "largest"), places, strict=False))
+    assert counts["worst_deg"] == dict(zip(("median", "p95", "largest"), places, strict=False))
 
 
 def test_a_table_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:

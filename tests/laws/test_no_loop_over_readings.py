@@ -12,7 +12,6 @@ import pytest
 import flinders
 from flinders.core.calibration import Calibration
 from flinders.simulate import tumble
-from flinders.stacked.sums import BatchMoments
 from flinders.summary.cloud import Cloud
 from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality
@@ -60,11 +59,9 @@ CALLS: dict[str, Callable[[flinders.Samples], object]] = {
     "cloud": lambda samples: Cloud.of(samples.field, time=samples.time),
     "health": DataQuality.of,
     "summary": Summary.of,
-    "stacked sums": lambda samples: BatchMoments.of(
-        np.ascontiguousarray(samples.field.T.reshape(3, -1, 512).swapaxes(0, 1))
-    ),
     "correction": lambda samples: Calibration.from_ellipsoid(np.ones(3), 50.0 * np.eye(3)).apply(samples.field),
     "correction of a fit": lambda samples: flinders.fit(samples, method="consistent"),
+    "fit": flinders.fit,
 }
 
 

@@ -16,7 +16,7 @@ from tests.truth.test_report import Page, fitted
 
 from flinders.core.calibration_file import Provenance, SourceFile
 from flinders.report.charts import dot_path, ticks
-from flinders.report.colours import STEPS, THEMES, class_of, error_colour, seen_ends, seen_level
+from flinders.report.colours import STEPS, THEMES, class_of, colour_of, seen_ends, seen_level
 from flinders.report.html import Listing, page
 from flinders.report.terminal import braille, letters
 
@@ -112,7 +112,7 @@ def test_a_larger_error_is_never_lighter(error: float, target: float, theme: The
         red, green, blue = (int(colour[at : at + 2], 16) for at in (1, 3, 5))
         return float(0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2)
 
-    near, far = error_colour(error, target, theme), error_colour(1.5 * error, target, theme)
+    near, far = (colour_of(class_of(factor * error, target), theme) for factor in (1.0, 1.5))
     assert lightness(far) <= 1.02 * lightness(near)
     assert class_of(error, target) in {f"e{step}" for step in range(STEPS)}
 

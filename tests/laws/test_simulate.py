@@ -71,7 +71,7 @@ def assert_rotations(matrices: Floats) -> None:
 def assert_same(one: Simulated, other: Simulated) -> None:
     npt.assert_array_equal(one.samples.field, other.samples.field)
     npt.assert_array_equal(one.directions, other.directions)
-    npt.assert_array_equal(one.strays, other.strays)
+    npt.assert_array_equal(one.outliers, other.outliers)
     for name in ("time", "acceleration", "rate"):
         first, second = getattr(one.samples, name), getattr(other.samples, name)
         assert (first is None) == (second is None)
@@ -154,8 +154,8 @@ def test_noise_and_outliers_change_neither_sensor_nor_path(seed: int, motion: st
 def test_as_many_readings_are_astray_as_asked_and_no_others(seed: int, motion: str, n: int, share: float) -> None:
     clean, dirty = tumble(seed, motion=motion, n=n), tumble(seed, motion=motion, n=n, outliers=share)
     moved = np.any(clean.samples.field != dirty.samples.field, axis=1)
-    npt.assert_array_equal(moved, dirty.strays)
-    assert dirty.strays.sum() == round(share * n)
+    npt.assert_array_equal(moved, dirty.outliers)
+    assert dirty.outliers.sum() == round(share * n)
 
 
 @given(seeds, st.floats(1, 179))
@@ -203,11 +203,11 @@ def test_without_its_rotation_a_perfect_correction_has_no_error(sensor: Sensor, 
 
 @given(seeds, motions, counts, disturbances(), st.floats(0, 1))
 def test_disturbances_add_to_the_readings_and_touch_nothing_else(
-    seed: int, motion: str, n: int, several: list[Perturbation], held: float
+    seed: int, motion: str, n: int, several: list[Perturbation], stationary: float
 ) -> None:
-    plain = tumble(seed, motion=motion, n=n, held=held)
-    disturbed = tumble(seed, motion=motion, n=n, held=held, disturbances=several)
-    assert_same(disturbed, tumble(seed, motion=motion, n=n, held=held, disturbances=several))
+    plain = tumble(seed, motion=motion, n=n, stationary=stationary)
+    disturbed = tumble(seed, motion=motion, n=n, stationary=stationary, disturbances=several)
+    assert_same(disturbed, tumble(seed, motion=motion, n=n, stationary=stationary, disturbances=several))
     npt.assert_array_equal(disturbed.directions, plain.directions)
     shift = np.zeros((n, 3)) if disturbed.shift is None else disturbed.shift
     npt.assert_allclose(disturbed.samples.field, plain.samples.field + shift, atol=1e-9)

@@ -130,7 +130,7 @@ def test_recordings_side_by_side_add_up_in_any_grouping(first: Samples, second: 
 @given(recordings(), recordings())
 def test_side_by_side_nothing_is_counted_that_is_in_neither(first: Samples, second: Samples) -> None:
     a, b = Summary.of(first, side=1.0), Summary.of(second, side=1.0)
-    both, on = a.beside(b), a + b
+    both, on = a.combined(b), a + b
     assert both.health.repeats == a.health.repeats + b.health.repeats <= on.health.repeats
     assert both.health.clock.backward_steps == a.health.clock.backward_steps + b.health.clock.backward_steps
     assert both.health.clock.longest_step == max(a.health.clock.longest_step, b.health.clock.longest_step)

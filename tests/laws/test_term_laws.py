@@ -17,9 +17,7 @@ from flinders.likelihood import gyro
 from flinders.likelihood.observations import (
     ObservationGroup,
     Weights,
-    cost_of,
     eliminated,
-    linearised,
     residuals_of,
     rows_of,
 )
@@ -137,11 +135,11 @@ def test_elimination_leaves_what_the_whole_system_says(seed: int) -> None:
 def test_the_order_of_windows_does_not_matter() -> None:
     readings, at = group(1), somewhere(1)
     directions = readings.guess(at)
-    whole = linearised(readings, at, directions, LAYOUT, WEIGHTS)
-    parts = [linearised(readings._chunk(slice(i, i + 1)), at, directions[i : i + 1], LAYOUT, WEIGHTS) for i in range(3)]
+    whole = readings.linearised(at, directions, LAYOUT, WEIGHTS)
+    parts = [readings.chunk(slice(i, i + 1)).linearised(at, directions[i : i + 1], LAYOUT, WEIGHTS) for i in range(3)]
     npt.assert_allclose(sum(part.matrix for part in parts), whole.matrix, atol=1e-6 * np.abs(whole.matrix).max())
     assert sum(part.cost for part in parts) == pytest.approx(whole.cost)
-    assert cost_of(readings, at, directions, WEIGHTS) == pytest.approx(whole.cost)
+    assert readings.cost(at, directions, WEIGHTS) == pytest.approx(whole.cost)
 
 
 @given(st.integers(0, 10_000), st.integers(2, 40))

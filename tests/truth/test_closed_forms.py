@@ -96,7 +96,7 @@ def test_offset_strength_and_matrix_scatter_as_the_closed_forms_say() -> None:
 
 
 def test_and_every_fit_claims_as_much() -> None:
-    npt.assert_allclose(np.sqrt(np.diag(claimed())), WANTED, rtol=0.02)
+    npt.assert_allclose(np.sqrt(np.diag(claimed())), WANTED, rtol=0.03)
 
 
 @pytest.mark.parametrize(("first", "wanted"), [(4, -0.5), (10, -0.25)], ids=["determinant-one", "strength-given"])

@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from tests.trials import examples
 
 from flinders.errors import FlindersError
-from flinders.readers import TextRecording, _arrow, _lines, _source, open_recording, read
-from flinders.readers._arrow import parser_of
+from flinders.readers import TextRecording, _lines, _numbers, _source, open_recording, read, text
 from flinders.readers._lines import CUT_OFF, Lines
-from flinders.readers._numbers import Grid, rows_of
+from flinders.readers._numbers import Grid, parser_of, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -127,9 +126,9 @@ def test_a_file_reads_the_same_with_and_without_pyarrow(tmp_path: Path, content:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_arrow, "LEAST", NEVER)
+        patch.setattr(text, "LEAST_FOR_ARROW", NEVER)
         plainly = everything(path)
-        patch.setattr(_arrow, "LEAST", 0)
+        patch.setattr(text, "LEAST_FOR_ARROW", 0)
         assert everything(path) == plainly
 
 
@@ -202,13 +201,13 @@ def test_lines_that_pyarrow_cannot_cut_are_not_given_to_it(grid: Grid) -> None:
 
 
 def test_large_files_take_the_fast_path_and_small_ones_do_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From `LEAST` bytes on, and without pyarrow never; the samples are those of the table."""
+    """From `LEAST_FOR_ARROW` bytes on, and without pyarrow never; the samples are those of the table."""
     values = np.random.default_rng(5).normal(0.0, 30.0, (20_000, 3)).round(3)
     path = tmp_path / "log.csv"
     path.write_text("mx,my,mz\n" + "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in values.tolist()))
     given: list[int] = []
 
-    def watched(grid: Grid) -> _arrow.Parse | None:
+    def watched(grid: Grid) -> _numbers.Parse | None:
         parse = parser_of(grid)
 
         def noted(lines: Lines) -> Floats | None:
@@ -219,10 +218,10 @@ def test_large_files_take_the_fast_path_and_small_ones_do_not(tmp_path: Path, mo
 
         return parse and noted
 
-    monkeypatch.setattr(_arrow, "parser_of", watched)
+    monkeypatch.setattr(text, "parser_of", watched)
     npt.assert_array_equal(read(path).field, values)
     assert given == []
-    monkeypatch.setattr(_arrow, "LEAST", path.stat().st_size)
+    monkeypatch.setattr(text, "LEAST_FOR_ARROW", path.stat().st_size)
     npt.assert_array_equal(read(path).field, values)
     assert given == [11_809]  # the first 8192 lines hold the header
     monkeypatch.setitem(sys.modules, "pyarrow.csv", None)
@@ -246,9 +245,9 @@ def test_real_recordings_read_the_same(recordings: Callable[[str], Path], tmp_pa
     path = tmp_path / "log.csv"
     path.write_bytes(b"".join(recordings(name).read_bytes().splitlines(keepends=True)[:1000]))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_arrow, "LEAST", 0)
+        patch.setattr(text, "LEAST_FOR_ARROW", 0)
         fast = read(path)
-        patch.setattr(_arrow, "LEAST", NEVER)
+        patch.setattr(text, "LEAST_FOR_ARROW", NEVER)
         plainly = read(path)
     npt.assert_array_equal(fast.field, plainly.field)
     assert fast.skipped == plainly.skipped

@@ -156,3 +156,17 @@ def test_a_fit_is_not_told_of_gaps_that_are_none(tmp_path: Path, field: Floats) 
     write_npz(tmp_path / "cut.npz", single(BEGUN + times_of(field)), field)
     fit = flinders.fit(flinders.open_recording(tmp_path / "cut.npz"))
     assert "time-gap" not in {finding.code for finding in fit.findings}
+
+
+@pytest.mark.parametrize(("seconds", "nanoseconds"), [("header.stamp.sec", "header.stamp.nanosec"), ("secs", "nsecs")])
+def test_whole_seconds_and_nanoseconds_side_by_side_are_one_time(
+    seconds: str, nanoseconds: str, tmp_path: Path, field: Floats
+) -> None:
+    path, times = tmp_path / "tumble.csv", BEGUN + 0.98 + times_of(field)
+    nanos = np.round(times * 1e9).astype(np.int64)
+    rows = (
+        f"{nano // 10**9},{nano % 10**9},{x},{y},{z}"
+        for nano, (x, y, z) in zip(nanos.tolist(), field.tolist(), strict=True)
+    )
+    path.write_text("\n".join([f"{seconds},{nanoseconds},mx_uT,my_uT,mz_uT", *rows]) + "\n", encoding="utf-8")
+    np.testing.assert_allclose(np.diff(cast("Floats", flinders.read(path).time)), 1 / RATE_HZ, atol=1e-6)

@@ -17,10 +17,9 @@ from tests.waiting import PATIENCE_S
 from flinders import fit, simulate
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, OutputError, UsageError
-from flinders.live.feeds import AT_ONCE, Feed, RecordedFeed, Replay
+from flinders.live.feeds import AT_ONCE, Feed, FeedEvent, Reading, Replay, samples_of
 from flinders.live.mavlink import ARDUPILOT, PX4, Telemetry, Vehicle
-from flinders.live.readings import FeedEvent, Reading, samples_of
-from flinders.live.recorder import Resumed, ToFile
+from flinders.live.recorder import RecordedFeed, Resumed, ToFile
 from flinders.live.simulated import SimulatedFeed
 from flinders.live.transports import Udp
 from flinders.readers import open_recording, read

@@ -16,7 +16,7 @@ from flinders.cli import main
 from flinders.fleet.aggregate import overview_of
 from flinders.fleet.dates import arranged, date_of, is_date
 from flinders.fleet.drift import drift_of
-from flinders.fleet.hardware_batch import batch_rule
+from flinders.fleet.history import batch_rule
 from flinders.fleet.results import UnitResults, objects
 from flinders.report.fleet import page
 

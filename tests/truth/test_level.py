@@ -14,7 +14,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, StuckAxis, UsageError
-from flinders.estimators import Readings, data
+from flinders.estimators import Readings
 from flinders.estimators.level import Level
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
@@ -252,14 +252,13 @@ def test_a_sensor_mounted_a_few_degrees_askew_still_gives_headings(
     assert low < rms(weighed) < high
 
 
-def test_a_file_an_array_and_blocks_give_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_an_array_and_blocks_give_the_same(tmp_path: Path) -> None:
     samples = level_turn(5, n=3000).samples
     path = tmp_path / "boat.csv"
     rows = "".join(f"{x!r},{y!r},{z!r}\n" for x, y, z in samples.field.tolist())
     path.write_text("mx_uT,my_uT,mz_uT\n" + rows, encoding="utf-8")
     array = flinders.fit(samples)
     file = flinders.fit(flinders.read(path))
-    monkeypatch.setattr(data, "HELD", 500)
     blocks = flinders.fit(Streamed(samples))
     assert {fit.method for fit in (array, file, blocks)} == {"level"}
     for other in (file, blocks):

@@ -13,8 +13,7 @@ import pytest
 from tests.waiting import wait_until
 
 from flinders.errors import OutputError
-from flinders.live.feeds import FeedThread
-from flinders.live.readings import FeedEvent
+from flinders.live.feeds import FeedEvent, FeedThread
 from flinders.live.recorder import AGAIN_S, Patient, Recorder, ToFile
 from flinders.live.transports import Udp
 

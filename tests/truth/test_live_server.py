@@ -19,6 +19,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from starlette.websockets import WebSocketDisconnect
+from tests.message_types import typescript
 from tests.waiting import PATIENCE_S, Heartbeat
 
 import flinders
@@ -30,11 +31,11 @@ from flinders.fitting import calibrate
 from flinders.fitting.result import Fit
 from flinders.live import motioncal
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
-from flinders.live.feeds import RecordedFeed, Replay
+from flinders.live.feeds import Replay
 from flinders.live.hub import UPLOAD_BYTES, Hub, Supply
-from flinders.live.messages import MAGIC, SourceState, typescript
+from flinders.live.messages import MAGIC, SourceState
 from flinders.live.page_state import session_state
-from flinders.live.recorder import ToFile
+from flinders.live.recorder import RecordedFeed, ToFile
 from flinders.live.server import STATIC, application
 from flinders.live.session import Session
 from flinders.live.session_file import Edits, default_path
@@ -589,7 +590,7 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
 
 def test_the_types_of_the_page_are_those_of_the_messages() -> None:
     assert (STATIC / "messages.d.ts").read_text(encoding="utf-8") == typescript(), (
-        "python -m flinders.live.messages > src/flinders/static/messages.d.ts"
+        "python -m tests.message_types > src/flinders/static/messages.d.ts"
     )
 
 

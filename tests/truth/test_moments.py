@@ -15,10 +15,11 @@ import numpy.testing as npt
 import pytest
 
 from flinders.estimators import Readings
-from flinders.estimators.consistent import Consistent, adjusted_quadric
-from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.estimators.consistent import Consistent
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.native.engine import engine
 from flinders.simulate import uniform
-from flinders.summary.moments import EXPONENTS, Moments, unpacked
+from flinders.summary.moments import EXPONENTS, Moments, packed, unpacked
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -71,13 +72,13 @@ def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_unc
     readings = counts(strengths)
     moments = Moments.of(readings)
     origin, scale = np.rint(moments.mean).astype(np.int64), round(moments.spread)
-    coefficients, variance = adjusted_quadric(exact_scatter(readings, origin, scale))
-    exact = Ellipsoid.from_quadric(coefficients).in_frame(origin.astype(float), float(scale))
+    record = engine().solve(packed(exact_scatter(readings, origin, scale)), origin=origin, unit=scale)
+    exact = Ellipsoid(record["centre"], symmetric(record["shape"]))
     found = Consistent().estimate(Readings(Summary.of(readings)))
     sigma = np.sqrt(np.diag(found.covariance))
     off = np.abs(np.concatenate([found.ellipsoid.centre - exact.centre, (found.ellipsoid.shape - exact.shape).ravel()]))
     assert off.max() < 1e-4 * sigma[:3].min()
-    assert found.noise == pytest.approx(scale * np.sqrt(variance), rel=1e-6)
+    assert found.noise == pytest.approx(float(record["noise"]), rel=1e-6)
     npt.assert_allclose(exact.centre, strengths * FIELD * DIRECTION, atol=5 * sigma[:3].max())
 
 

@@ -14,11 +14,11 @@ from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
-from flinders.estimators.solver import aligned
 from flinders.fitting.aid_selection import aided_by, claim_deg
 from flinders.geometry.quaternions import inverse, of_angles, rotated
 from flinders.geometry.rotation import rotations
 from flinders.likelihood.attitude import body_to_world
+from flinders.likelihood.joint import aligned
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -331,7 +331,7 @@ def test_what_a_compass_read_since_1_12_is_left_alone_and_turned_sensors_turn_wi
     (found,) = rows(compass)
     assert compass.stored is not None
     assert not compass.stored.applied
-    assert "logged raw, before CAL_MAG0_OFF 0.25, 0, 0 G" in compass.stored.told(as_logged=False)
+    assert "logged raw, before CAL_MAG0_OFF 0.25, 0, 0 G" in compass.stored.sentence(as_logged=False)
     npt.assert_allclose(found.field, np.tile([20, 0, 40], (40, 1)), atol=1e-5)
     assert found.acceleration is not None
     assert found.rate is not None

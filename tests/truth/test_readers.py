@@ -308,7 +308,6 @@ def test_cells_of_matlab_are_not_looked_at(tmp_path: Path, monkeypatch: pytest.M
     """They hold no columns, and each of many small ones would become an object; within a structure they are weighed."""
     from scipy.io import savemat
 
-    monkeypatch.setattr("flinders.readers.arrays.MOST_VALUES", 1000)
     monkeypatch.setattr("flinders.readers.arrays.MOST_NESTED", 1 << 16)
     cells = np.empty(2000, object)
     cells[:] = 1.0
@@ -323,7 +322,7 @@ def test_a_structure_of_matlab_is_weighed_before_it_is_read(tmp_path: Path, monk
     """It counts as one value, whatever is in it; here packed and not, one just within the limit and one beyond."""
     from scipy.io import savemat
 
-    monkeypatch.setattr("flinders.readers.arrays.MOST_BYTES", 1 << 20)
+    monkeypatch.setattr("flinders.readers.arrays.MOST_NESTED", 1 << 20)
     for is_packed in (False, True):
         for rows in (40_000, 45_000):  # 0.96 and 1.08 of 10⁶ bytes
             path = tmp_path / f"{rows}.mat"

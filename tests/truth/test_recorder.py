@@ -19,7 +19,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UnitError
-from flinders.live.readings import FeedEvent, Reading, readings_of, samples_of
+from flinders.live.feeds import FeedEvent, Reading, readings_of, samples_of
 from flinders.live.recorder import Recorder, Resumed, ToFile
 from flinders.live.transcript import LONGEST, Transcript
 from flinders.live.transports import Gone, Quiet, Scripted

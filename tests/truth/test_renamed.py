@@ -10,6 +10,7 @@ import flinders
 from flinders import simulate
 from flinders.deprecation import renamed_keywords
 from flinders.findings import CATALOGUE, current
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,6 +59,18 @@ def test_functions_and_attributes_of_calibrations_have_their_old_names_too() -> 
         assert flinders.fit_together is flinders.fit_multi
     with pytest.warns(DeprecationWarning, match="disturbances"):
         assert flinders.fit(FLIGHT).calibration.drivers == ()
+
+
+def test_simulations_and_summaries_have_their_old_names_too() -> None:
+    with pytest.warns(DeprecationWarning, match="stationary"):
+        tumble = simulate.tumble(seed=1, n=300, held=0.2, outliers=0.1)  # type: ignore[call-arg]
+    same = simulate.tumble(seed=1, n=300, stationary=0.2, outliers=0.1)
+    assert tumble.samples.field.tolist() == same.samples.field.tolist()
+    with pytest.warns(DeprecationWarning, match="outliers"):
+        assert tumble.strays is tumble.outliers
+    summary = Summary.of(FLIGHT.field)
+    with pytest.warns(DeprecationWarning, match="combined"):
+        assert len(summary.beside(summary)) == 600
 
 
 def test_judged_is_a_fit_and_still_loads(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy.testing as npt
 import pytest
 
 from flinders.errors import FlindersError, MissingExtra, UnitError, UnreadableInput
-from flinders.readers import _limits, ros
+from flinders.readers import _source, ros
 from flinders.readers._source import File
 from flinders.readers.ros import READERS, is_bag_folder, open_ros
 
@@ -313,7 +313,7 @@ def test_packed_messages_without_their_description_ask_for_the_folder(tmp_path: 
 @pytest.mark.parametrize("kind", ["mcap-packed", "sqlite-packed-messages", "sqlite-packed-file"])
 def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     folder = second(tmp_path, kind)
-    for module, name in ((_limits, "MOST_PIECE"), (ros, "MOST_PIECE"), (ros, "MOST_MEMBER")):
+    for module, name in ((_source, "MOST_PIECE"), (ros, "MOST_PIECE"), (ros, "MOST_MEMBER")):
         monkeypatch.setattr(module, name, 50)
     with pytest.raises(UnreadableInput, match=r"too long|more than"):
         opened(folder)
@@ -321,7 +321,7 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest
 
 def test_a_bag_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = first(tmp_path, packed=True)
-    monkeypatch.setattr(_limits, "MOST_PIECE", 50)
+    monkeypatch.setattr(_source, "MOST_PIECE", 50)
     with pytest.raises(UnreadableInput, match="a packed piece of the recording has more than"):
         opened(file)
 
@@ -382,10 +382,10 @@ def check_beginning(log: Log, whole: Log, least: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "least"),
-    [("bag", 15), ("bag-BZ2", 15), ("bag-LZ4", 15), ("mcap", 15), ("sqlite", 8), ("mcap-packed", 10)],
+    [("bag", 15), ("bag-BZ2", 15), ("bag-LZ4", 15), ("mcap", 15), ("mcap-packed", 10)],
 )
 def test_a_recording_that_was_cut_short_gives_what_comes_before(tmp_path: Path, kind: str, least: int) -> None:
-    """Half of the bytes; a database loses more, as its indices lie between its rows, a packed piece less or all."""
+    """Half of the bytes; a packed piece loses less or all."""
     file = storage(tmp_path, kind)
     whole, content = opened(file), file.read_bytes()
     file.write_bytes(content[: int(0.55 * len(content))])
@@ -393,20 +393,18 @@ def test_a_recording_that_was_cut_short_gives_what_comes_before(tmp_path: Path, 
     assert {one.name for one in log.instruments} == {"/boat/mag", "/mast/compass_raw"}
     check_beginning(log, whole, least)
     (told,) = log.notes
-    place = r"after row \d+" if kind == "sqlite" else rf"in what begins at byte [\d,]+ of {file.stat().st_size:,}"
-    repairs = {"bag": "rosbag reindex", "mcap": "mcap recover", "sqlite": r"sqlite3 \S+ \.recover"}
-    repair = repairs[kind.partition("-")[0]]
+    place = rf"in what begins at byte [\d,]+ of {file.stat().st_size:,}"
+    repair = {"bag": "rosbag reindex", "mcap": "mcap recover"}[kind.partition("-")[0]]
     assert re.search(rf"is cut short or damaged {place}: .*messages? before it are read; {repair}", told)
 
 
-def test_zeros_do_not_reach_into_a_reading(tmp_path: Path) -> None:
-    """Of a page of a database that is there in part SQLite makes zeros; wherever it ends, no reading has any."""
+def test_a_database_that_was_cut_short_is_refused_with_the_command_that_mends_it(tmp_path: Path) -> None:
     file = storage(tmp_path, "sqlite")
-    whole, content = opened(file), file.read_bytes()
-    begun = int(0.6 * len(content))
-    for size in range(begun, begun + 4096, 311):
+    content = file.read_bytes()
+    for size in (len(content) // 2, len(content) - 4096, len(content) - 311):
         file.write_bytes(content[:size])
-        check_beginning(opened(file), whole, 1)
+        with pytest.raises(UnreadableInput, match=r"broken database.*copy it again, or try sqlite3 \S+ \.recover"):
+            opened(file)
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
@@ -508,4 +506,4 @@ def test_broken_recordings_end_in_an_error_of_ours_or_in_readings(tmp_path: Path
             for magnetometer in opened(whole).instruments:
                 assert all(np.isfinite(block.field).all() for block in magnetometer.columns(False))
             read += 1
-    assert read >= claim.count // 4
+    assert read >= (1 if kind == "sqlite" else claim.count // 4)

@@ -12,7 +12,6 @@ from tests.worlds import SENSOR
 import flinders
 from flinders.core.samples import Joined, Samples, Wrapped
 from flinders.estimators import Readings, data
-from flinders.estimators.covariance import correlation_of
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.simulate import tumble
@@ -98,17 +97,20 @@ def test_what_is_kept_in_memory_is_bounded_over_all_recordings(monkeypatch: pyte
 
 
 @pytest.mark.parametrize("method", ["auto", "robust", "li"])
-def test_long_or_short_the_fit_is_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    samples = [by_hand(seed, 2000) for seed in (1, 2, 3)]
-    joined = Joined(tuple(map(Streamed, samples)))
+def test_of_a_recording_that_is_too_long_for_memory_a_part_is_fitted(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every second or fourth reading of 6,000; sums are those of all, so a method that needs only these is the same."""
+    joined = Joined(tuple(Streamed(by_hand(seed, 2000)) for seed in (1, 2, 3)))
     whole = flinders.fit(joined, method=method)
-    for room in (3000, 1000):
+    for room, used in ((3000, 3000), (1500, 1500)):
         monkeypatch.setattr(data, "HELD", room)
-        streamed = flinders.fit(joined, method=method)
-        npt.assert_allclose(streamed.calibration.offset, whole.calibration.offset, rtol=0, atol=1e-6)
-        npt.assert_allclose(streamed.covariance, whole.covariance, rtol=1e-4, atol=1e-9)
-        assert streamed.samples == whole.samples
-        assert [str(outlier) for outlier in streamed.outliers] == [str(outlier) for outlier in whole.outliers]
+        part = flinders.fit(joined, method=method)
+        off = part.calibration.offset - whole.calibration.offset
+        assert np.all(np.abs(off) < 3.0 * np.hypot(part.offset_sigma, whole.offset_sigma))
+        assert part.verdict == whole.verdict
+        if method != "li":
+            assert used - 10 <= part.samples <= used
 
 
 def test_an_empty_recording_adds_nothing() -> None:
@@ -121,20 +123,6 @@ def test_an_empty_recording_adds_nothing() -> None:
     npt.assert_allclose(other.covariance, one.covariance, rtol=1e-9)
 
 
-def test_stretches_end_where_a_recording_ends() -> None:
-    parts = by_hand(1, 400), by_hand(2, 700)
-    segments = Readings.of(Joined(parts)).segments("auto")
-    assert [len(stretch) for stretch in segments] == [400, 700]
-    long = Readings.of(Joined((by_hand(1, 30_000), by_hand(2, 400), by_hand(3, 20_000))))
-    segments = long.segments("auto")
-    assert len(segments) <= 21
-    sets = [
-        {row.tobytes() for row in part.recording.field} for part in long.parts if isinstance(part.recording, Samples)
-    ]
-    for stretch in segments:
-        assert sum(all(row.tobytes() in rows for row in stretch[[0, -1]]) for rows in sets) == 1
-
-
 def test_a_short_recording_does_not_hide_how_residuals_of_a_long_one_hang_together() -> None:
     rng = np.random.default_rng(4)
     field = tumble(seed=4, sensor=SENSOR, n=4000, noise=0.1).samples.field.copy()
@@ -142,12 +130,13 @@ def test_a_short_recording_does_not_hide_how_residuals_of_a_long_one_hang_togeth
     for row in range(1, len(field)):
         drift[row] = 0.9 * drift[row - 1] + 0.2 * rng.standard_normal()
     field += drift[:, np.newaxis] * np.array([0.5, 0.5, 0.7])
-    ellipsoid = Likelihood().estimate(Readings.of(field)).ellipsoid
-    alone = correlation_of([field], len(field), ellipsoid)
-    beside = correlation_of([field, field[:10]], len(field) + 10, ellipsoid)
-    assert alone.time > 3.0
-    assert beside.time == pytest.approx(alone.time, rel=0.1)
-    npt.assert_allclose(np.diag(beside.scatter), np.diag(alone.scatter), rtol=0.1)
+    alone = Likelihood().estimate(Readings.of(field))
+    joined = Likelihood().estimate(Readings.of(Joined((Samples(field), Samples(field[:10])))))
+    assert alone.correlation is not None
+    assert joined.correlation is not None
+    assert alone.correlation.time > 3.0
+    assert joined.correlation.time == pytest.approx(alone.correlation.time, rel=0.1)
+    npt.assert_allclose(np.diag(joined.covariance), np.diag(alone.covariance), rtol=0.1)
 
 
 def test_a_magnet_at_the_end_of_one_recording_leaves_the_next_alone() -> None:

@@ -159,11 +159,11 @@ def test_an_unknown_plane_is_refused() -> None:
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_one_reading_is_a_recording(motion: str) -> None:
     everything: list[Perturbation] = [MotorCurrent(1.0), ThermalDrift(1.0), Step(1.0), PassingMagnet(1.0)]
-    assert len(tumble(1, motion=motion, n=1, held=0.9, outliers=1.0, disturbances=everything).samples) == 1
+    assert len(tumble(1, motion=motion, n=1, stationary=0.9, outliers=1.0, disturbances=everything).samples) == 1
 
 
 def test_a_held_body_rests_in_clumps_and_its_gyro_says_so() -> None:
-    recording = tumble(4, held=0.3, imu=Imu(gyro_noise=0.0))
+    recording = tumble(4, stationary=0.3, imu=Imu(gyro_noise=0.0))
     still = np.all(np.diff(recording.directions, axis=0) == 0.0, axis=1)
     assert still.sum() == 900
     assert recording.samples.rate is not None
@@ -238,8 +238,8 @@ def test_a_passing_magnet_is_gone_after_a_while_and_its_readings_are_strays() ->
     recording, off = moved(PassingMagnet(200.0, at=0.5, seconds=4.0))
     length = np.linalg.norm(off, axis=1)
     assert length.max() == pytest.approx(200.0, rel=1e-3)
-    assert np.count_nonzero(recording.strays) == pytest.approx(200, abs=2)
-    npt.assert_allclose(length[~recording.strays], 0.0, atol=1e-12)
+    assert np.count_nonzero(recording.outliers) == pytest.approx(200, abs=2)
+    npt.assert_allclose(length[~recording.outliers], 0.0, atol=1e-12)
 
 
 def test_disturbances_add_and_leave_sensor_path_and_noise_alone() -> None:
@@ -277,7 +277,7 @@ def test_saturation_comes_after_all_that_moves_the_reading() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"held": 1.2}, r"held is 1\.2: need a share of the readings, 0 to 1"),
+        ({"stationary": 1.2}, r"stationary is 1\.2: need a share of the readings, 0 to 1"),
         ({"rate_hz": 0.0}, "rate_hz is 0"),
         ({"tilt_deg": 10.0}, "tilt goes with the motions tilted, drive, flight, swayed: leave it out for hand"),
         ({"motion": "drive", "tilt_deg": 100.0}, "tilt is 100°"),

@@ -17,7 +17,8 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.cli import two_axis as cli_two_axis
-from flinders.comparison.composition import Composed, refuse_unloaded, rotation_error
+from flinders.comparison import composition
+from flinders.comparison.composition import refuse_unloaded, rotation_error, turns_of
 from flinders.errors import FitError, NeedsSamples, NotAnEllipsoid, StuckAxis, TooFewSamples, UsageError
 from flinders.estimators import Readings
 from flinders.estimators.ellipse import Ellipse
@@ -451,7 +452,7 @@ def composed(sensor: simulate.Sensor, planes: tuple[Plane, ...], rng: Generator,
         readings = flinders.Samples.of(raw if first is None else first.calibration.apply(raw), unit="uT")
         strength = None if first is None else first.calibration.field_strength
         fit = flinders.fit(readings, method=method, plane=plane, field_strength=strength, target_deg=50.0)
-        found = fit if first is None else Composed.of(first, fit)
+        found = fit if first is None else composition.composed(first, fit)
         loaded.append(Fit.from_document(found.to_document()))
     return loaded
 
@@ -543,8 +544,8 @@ def test_a_sensor_that_was_calibrated_all_round_may_be_put_into_a_vehicle() -> N
     fit = flinders.fit(flinders.Samples.of(points, unit="uT"), method="ellipse", field_strength=strength)
     turn = Turn.of("xy", points[:, :2], PlaneEllipse.of_points(points[:, :2]))
     refuse_unloaded(bench, turn, dip_deg=60.0, source="turn.csv")
-    found = Composed.of(bench, fit)
-    assert found.turns == ("", "xy")
+    found = composition.composed(bench, fit)
+    assert turns_of(found.method) == ("", "xy")
     assert found.heading_error_deg == fit.heading_error_deg
     corrected = found.calibration.apply(bench.calibration.unapply(points))
     npt.assert_allclose(corrected[:, :2].mean(axis=0), 0.0, atol=0.2)

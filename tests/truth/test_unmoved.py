@@ -130,7 +130,7 @@ def test_the_angle_in_microtesla_is_that_from_the_true_centre_but_for_the_range_
 def test_a_sensor_that_was_turned_is_not_called_still(motion: str, iron: float, trials: Choose) -> None:
     """Tumbles, level turns, tilts of a few degrees, drives and rests, also in coarse counts."""
     for seed in trials(25, 4).seeds:
-        turned = simulate.tumble(seed=seed, motion=motion, held=0.3 if seed % 2 else 0.0).samples.field
+        turned = simulate.tumble(seed=seed, motion=motion, stationary=0.3 if seed % 2 else 0.0).samples.field
         offset = np.random.default_rng(seed).normal(size=3)
         field = turned + iron * FIELD * offset / np.linalg.norm(offset)
         for one in (field, np.round(field / 2.0) * 2.0):

@@ -11,7 +11,7 @@ import numpy.testing as npt
 from flinders.geometry.rotation import rotations
 from flinders.likelihood import gyro
 from flinders.likelihood import gyro_noise as walked
-from flinders.likelihood.observations import ObservationGroup, Weights, linearised, rows_of
+from flinders.likelihood.observations import ObservationGroup, Weights, rows_of
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 if TYPE_CHECKING:
@@ -39,9 +39,9 @@ def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
         turned = gyro.integrated(rate + noise / EACH_S, interval, at.gyro_bias, at.gyro_scale)
         group, towards = replace(ObservationGroup.of(field), turned=turned), directions
         for _ in range(3):
-            part = linearised(group, at, towards, layout, weights)
+            part = group.linearised(at, towards, layout, weights)
             towards = part.follow(towards, np.zeros(layout.size))
-        return linearised(group, at, towards, layout, weights).gradient
+        return group.linearised(at, towards, layout, weights).gradient
 
     noise = STEP * rng.normal(size=(DRAWS, 2, 12, 3))
     pairs = np.array([0.5 * (gradient(one) + gradient(-one)) for one in noise])

@@ -15,10 +15,11 @@ from benchmarks.wrong_use import CASES, codes_of
 import flinders
 from flinders import simulate
 from flinders.cli._fit_options import recorded
+from flinders.core.axes import TURNS
 from flinders.diagnostics.instruments import circular, of_instruments, one_axis, wrong_dip
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
-from flinders.estimators.mounting import ONE_AXIS, TURNS, by_rate, by_vertical
+from flinders.estimators.mounting import ONE_AXIS, by_rate, by_vertical
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood.site_field import Site
 

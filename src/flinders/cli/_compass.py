@@ -243,5 +243,4 @@ def _refuse_contradictions(
         raise UsageError("--level uses no accelerometer, --acceleration names one: leave one of them out")
     if place.place is not None and declination_deg is not None:
         raise UsageError("--at and --declination both say where true north is: leave one of them out")
-    if place.date is not None and place.place is None:
-        raise UsageError("--date is for the declination at a place: give --at LAT,LON too")
+    place.check()

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.compensation import Compensator
+    from flinders.core.disturbance import Disturbance
     from flinders.core.samples import Recording
     from flinders.estimators.static_bench import Still
     from flinders.fitting.result import Fit
@@ -84,13 +85,18 @@ def say_beyond(settler: Compensator | None) -> dict[str, Any]:
     return {"findings": [finding.as_dict() for finding in findings]}
 
 
+def cost_words(calibration: Calibration, disturbance: Disturbance) -> str:
+    """Heading error that a disturbance makes at the far end of its range, at a dip of 60°."""
+    cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
+    return f"up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
+
+
 def say_references(fit: Fit) -> None:
     """Say where a calibration is taken that follows something, for a command that looks at offset and matrix only."""
     for disturbance in fit.calibration.disturbances:
-        cost = figures(min(fit.calibration.disturbance_deg(disturbance), 180.0))
         say(
             f"{fit.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
-            f"what it follows is up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
+            f"what it follows is {cost_words(fit.calibration, disturbance)}"
         )
 
 
@@ -103,11 +109,7 @@ def say_difference(a: Fit, b: Fit) -> None:
         other = theirs.get(disturbance.name)
         if other is not None:
             between = replace(disturbance, per_unit=other.per_unit - disturbance.per_unit)
-            cost = figures(min(a.calibration.disturbance_deg(between), 180.0))
-            say(
-                f"what both follow of {disturbance.name} differs by up to {cost}° of heading at "
-                f"{disturbance.amount(disturbance.farthest)}"
-            )
+            say(f"what both follow of {disturbance.name} differs by {cost_words(a.calibration, between)}")
 
 
 def bench(recording: Recording, disturbances: tuple[str, ...], previous: str, outputs: Outputs) -> int:
@@ -138,10 +140,8 @@ def bench(recording: Recording, disturbances: tuple[str, ...], previous: str, ou
     calibration = result.onto(known.calibration)
     alone = "; it alone running" if len(result.disturbances) > 1 else ""
     for disturbance in result.disturbances:
-        cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
         left = figures(_left_deg(result, calibration, disturbance.name))
-        far = disturbance.amount(disturbance.farthest)
-        say(f"{disturbance} ({unit}): up to {cost}° of heading at {far}, {left}° of it left (1 σ; dip 60°{alone})")
+        say(f"{disturbance} ({unit}): {cost_words(calibration, disturbance)}, {left}° of it left (1 σ; dip 60°{alone})")
     findings = [
         *result.findings,
         *of_alike(result.estimates),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from flinders.cli._inputs import site_of
-from flinders.cli._options import AIDING, METHOD, OUTPUT, RECORDING, SITE, OptionGroup, member, positive, within
+from flinders.cli._options import AIDING, METHOD, OUTPUT, RECORDING, SITE, Group, member, positive, within
 from flinders.cli._output import Outputs
 from flinders.errors import UsageError
 
@@ -25,8 +25,7 @@ def _prior(value: str) -> float | str:
     return "none" if value.strip().casefold() == "none" else number(value)
 
 
-@dataclass(frozen=True)
-class OutputOptions(OptionGroup):
+class OutputOptions(Group):
     """What is written where."""
 
     output: str | None = member(
@@ -41,7 +40,7 @@ class OutputOptions(OptionGroup):
         help="Also write a page of plain words for those who will use the compass, or - for standard output.",
     )  # fmt: skip
     exported: tuple[str, ...] = member(
-        "--export", "exported", heading=OUTPUT, multiple=True, metavar="TARGET[:FILE]",
+        "--export", heading=OUTPUT, multiple=True, metavar="TARGET[:FILE]",
         help="Also write it for one of `flinders targets` [FILE: the target's name with its ending]; may be given "
         "several times.",
     )  # fmt: skip
@@ -49,13 +48,9 @@ class OutputOptions(OptionGroup):
         "--convergence", heading=OUTPUT, metavar="FILE",
         help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
     )  # fmt: skip
-    plots: bool = member(
-        "--plot/--no-plot", "plots", heading=OUTPUT, default=True, help="Draw the readings, on a terminal."
-    )
+    plots: bool = member("--plot/--no-plot", heading=OUTPUT, default=True, help="Draw the readings, on a terminal.")
     force: bool = member("--force", heading=OUTPUT, is_flag=True, help="Overwrite the output file if it exists.")
-    as_json: bool = member(
-        "--json", "as_json", heading=OUTPUT, is_flag=True, help="Print the result as JSON on standard output."
-    )
+    as_json: bool = member("--json", heading=OUTPUT, is_flag=True, help="Print the result as JSON on standard output.")
 
     @property
     def exports(self) -> tuple[tuple[str, str], ...]:
@@ -90,15 +85,14 @@ class OutputOptions(OptionGroup):
         }
 
 
-@dataclass(frozen=True)
-class Estimation(OptionGroup):
+class Estimation(Group):
     """The method of estimation and its options."""
 
     method: str = member(
         "--method", heading=METHOD, default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`."
     )
     method_options: tuple[str, ...] = member(
-        "--option", "method_options", heading=METHOD, multiple=True, metavar="NAME=VALUE",
+        "--option", heading=METHOD, multiple=True, metavar="NAME=VALUE",
         help="An option of the method, as `flinders methods` lists them; may be given several times.",
     )  # fmt: skip
     minmax: str | None = member(
@@ -113,7 +107,7 @@ class Estimation(OptionGroup):
         "--robust", heading=METHOD, is_flag=True, help="Look for outliers whether or not the residuals ask for it."
     )
     alignment_sigma_deg: float | None = member(
-        "--alignment-sigma", "alignment_sigma_deg", heading=METHOD, type=positive, metavar="DEG",
+        "--alignment-sigma", heading=METHOD, type=positive, metavar="DEG",
         help="How well the mounting is known, 1 σ about each axis: its heading error is stated on its own.",
     )  # fmt: skip
 
@@ -169,8 +163,7 @@ class Estimation(OptionGroup):
             )
 
 
-@dataclass(frozen=True)
-class Sensors(OptionGroup):
+class Sensors(Group):
     """Which of several magnetometers, and whether they are fitted jointly."""
 
     sensor: str | None = member(
@@ -204,12 +197,11 @@ class Sensors(OptionGroup):
         return is_all
 
 
-@dataclass(frozen=True)
-class SiteOptions(OptionGroup):
+class SiteOptions(Group):
     """Where and when a recording was made."""
 
     place: str | None = member(
-        "--at", "place", heading=SITE, metavar="LAT,LON[,ALT]",
+        "--at", heading=SITE, metavar="LAT,LON[,ALT]",
         help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date).",
     )  # fmt: skip
     date: str | None = member("--date", heading=SITE, metavar="DAY", help="Day of the recording, such as 2026-11-21.")
@@ -252,12 +244,11 @@ def _is_typed(name: str) -> bool:
     return context is not None and context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
 
 
-@dataclass(frozen=True)
-class AidingOptions(OptionGroup):
+class AidingOptions(Group):
     """What else was recorded and counts: aiding sensors, and disturbances that the offset follows."""
 
     names: tuple[str, ...] = member(
-        "--with", "names", heading=AIDING, multiple=True, metavar="NAME,…",
+        "--with", heading=AIDING, multiple=True, metavar="NAME,…",
         help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
         "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
     )  # fmt: skip
@@ -268,7 +259,7 @@ class AidingOptions(OptionGroup):
         help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
     )  # fmt: skip
     acceleration_bias: float | None = member(
-        "--accelerometer-bias", "acceleration_bias", heading=AIDING,
+        "--accelerometer-bias", heading=AIDING,
         type=within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
         metavar="M/S2",
         help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
@@ -326,7 +317,8 @@ def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if not words:
         return (), ()
     from flinders.core.disturbance import BY_KEY, KINDS, MOTORS
-    from flinders.fitting.aid_selection import AIDS, AUTO
+    from flinders.estimators.aiding import AIDS
+    from flinders.fitting.aiding import AUTO
 
     names = list(dict.fromkeys(name.strip() for word in words for name in word.split(",") if name.strip()))
     if not names:

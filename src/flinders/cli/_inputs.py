@@ -11,7 +11,6 @@ from flinders.cli._output import refuse_twice, say
 from flinders.errors import (
     DocumentError,
     FlindersError,
-    NotExportable,
     TooFewSamples,
     UnitError,
     UsageError,
@@ -215,7 +214,7 @@ def opened_with(
     return Joined(tuple(map(Counted, parts)))
 
 
-def load(command: str, calibration: str, recordings: Sequence[str]) -> Fit:
+def load(command: str, calibration: str, recordings: Sequence[str] = ()) -> Fit:
     """Load the calibration, and see whether the files were given the other way round.
 
     Raises
@@ -240,6 +239,25 @@ def load(command: str, calibration: str, recordings: Sequence[str]) -> Fit:
         raise
 
 
+def calibration_or_hint(path: str) -> Fit:
+    """Load a calibration, or say what to type for a recording in its place."""
+    from flinders.fitting.result import Fit
+
+    try:
+        return Fit.load(path)
+    except DocumentError:
+        if is_recording(path):
+            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
+        raise
+
+
+def say_exact(*fits: Fit) -> None:
+    """Say which calibrations state no uncertainty."""
+    for fit in fits:
+        if not fit.states_uncertainty:
+            say(f"{fit.name} states no uncertainty: it is taken as exact")
+
+
 def for_use(command: str, path: str) -> Fit:
     """Load a calibration that is about to be used.
 
@@ -252,57 +270,11 @@ def for_use(command: str, path: str) -> Fit:
     NotExportable
         For one that was refused.
     """
-    try:
-        fit = load(command, path, [])
-    except DocumentError:
-        if is_recording(path):
-            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
-        raise
-    if fit.verdict == "refused":
-        raise NotExportable(
-            f"{path} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
-        )
+    from flinders.fitting.export import refuse_unfit
+
+    fit = load(command, path) if path == "-" else calibration_or_hint(path)
+    refuse_unfit(fit)
     return fit
-
-
-def refuse_on_top(fit: Fit, autopilot: str) -> None:
-    """Refuse a calibration of corrected readings for an autopilot, whose own it would replace and not complete.
-
-    Raises
-    ------
-    NotExportable
-    """
-    logged = [file.name for file in fit.files if file.as_logged]
-    if logged:
-        raise NotExportable(
-            f"{fit.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
-            f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again without "
-            "--as-logged",
-            beyond=(),
-            as_logged=logged,
-        )
-
-
-def known_of(fit: Fit, autopilot: str, what: str) -> set[int]:
-    """What is known of the compasses of an autopilot that a calibration was made from: ``compass`` or ``device_id``."""
-    values = (getattr(file, what) for file in fit.files if file.autopilot == autopilot)
-    return {value for value in values if value is not None}
-
-
-def only(fit: Fit, known: set[int], what: str, option: str) -> int | None:
-    """The one number or device id that is known, or nothing where none is.
-
-    Raises
-    ------
-    UsageError
-        Where there are several.
-    """
-    if len(known) > 1:
-        raise UsageError(
-            f"{fit.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say with {option} which one "
-            "it is for, or calibrate each by itself"
-        )
-    return min(known, default=None)
 
 
 def is_calibration(path: str) -> bool:

@@ -1,10 +1,14 @@
-"""Options in groups: a dataclass for each, whose fields are options, and help that has them under headings.
+"""Options of commands: each command has a dataclass whose fields are its arguments, options and groups of options.
 
->>> @groups(reading=ReadingOptions)
-... def show(reading):
-...     print(reading.unit, reading.axes)
->>> click.command(cls=Command)(show).main(["--unit", "mG"], standalone_mode=False)
-mG x,y,z
+>>> class Show(Group):
+...     path: str = argument("PATH")
+...     axes: AxesOptions = group(AxesOptions)
+...     as_json: bool = as_json()
+>>> @command_of("show", Show)
+... def show(options):
+...     print(options.path, options.axes.axes, options.as_json)
+>>> show.main(["a.csv", "--json"], standalone_mode=False)
+a.csv x,y,z True
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ import math
 import sys
 from dataclasses import dataclass, field, fields
 from functools import partial, wraps
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
 
@@ -22,17 +26,20 @@ from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from types import ModuleType
 
     from flinders.heading.smoothing import Filter
 
 Function = TypeVar("Function", bound="Callable[..., Any]")
+Options = TypeVar("Options", bound="Group")
+Field: TypeAlias = Any
+"""A field of a group: what declares an option, and the value of that for a type checker."""
 
 RECORDING, SITE, AIDING, METHOD, OUTPUT = (
     "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
 )  # fmt: skip
 HEADINGS: Final = (RECORDING, SITE, AIDING, METHOD, OUTPUT)
 """Headings of a command's help, in their order, below the options that are used most."""
-
 
 FEW: Final = 8
 """So many options of a command need no headings."""
@@ -100,36 +107,117 @@ def _respelled(args: Iterable[str], params: Iterable[click.Parameter]) -> Iterat
             yield from words
 
 
-command = partial(click.command, cls=Command)
-option = partial(click.option, cls=Option)
+@dataclass_transform(frozen_default=True)
+class Group:
+    """Options that belong together, as one object: a dataclass with a field for each, made by `member`."""
 
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
 
-class OptionGroup:
-    """Options that belong together, as one object: a field for each, made by `member`."""
+    @classmethod
+    def taken(cls, values: dict[str, Any]) -> Self:
+        """Take the values of this group out of those that a command was called with."""
+        return cls(
+            **{
+                each.name: kind.taken(values) if (kind := each.metadata.get("group")) else values.pop(each.name)
+                for each in fields(cls)  # type: ignore[arg-type]
+            }
+        )
+
+    @classmethod
+    def declare(cls, function: Function) -> None:
+        """Declare the options of this group on a function, the last one first as decorators do."""
+        for each in reversed(fields(cls)):  # type: ignore[arg-type]
+            if kind := each.metadata.get("group"):
+                kind.declare(function)
+            else:
+                each.metadata["declare"](each.name)(function)
 
     def as_dict(self) -> dict[str, Any]:
         """Each option by its name."""
         return {each.name: getattr(self, each.name) for each in fields(self)}  # type: ignore[arg-type]
 
+    def typed(self) -> dict[str, Any]:
+        """The options that are not at their defaults, as they are spelled on a command line.
 
-def member(*names: str, **attributes: Any) -> Any:  # noqa: ANN401 - a field of any type
-    """A field of a group: an option, declared as with `click.option`."""
-    return field(metadata={"option": option(*names, **attributes)})
+        >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed()
+        {'--unit': 'mG', '--from': 5.0}
+        """
+        typed: dict[str, Any] = {}
+        for each in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, each.name)
+            if "group" in each.metadata:
+                typed |= value.typed()
+            elif value not in (None, False, (), each.metadata["declare"].keywords.get("default")):
+                typed[next(name for name in each.metadata["declare"].args if name.startswith("--"))] = value
+        return typed
 
 
-def some(kind: type[OptionGroup], *names: str) -> Callable[[Function], Function]:
+def member(*names: str, **attributes: Any) -> Field:
+    """A field that is an option, declared as with `click.option`; the field names its parameter."""
+    return field(metadata={"declare": partial(click.option, *names, cls=Option, **attributes)})
+
+
+def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
+    """A field that is an argument, shown as `metavar`."""
+    return field(metadata={"declare": partial(click.argument, metavar=metavar, required=required, nargs=nargs)})
+
+
+def group(kind: type[Group]) -> Field:
+    """A field that is a group of its own."""
+    return field(metadata={"group": kind})
+
+
+def same_as(kind: type[Group], name: str) -> Field:
+    """A field that is one option of another group."""
+    return field(metadata=kind.__dataclass_fields__[name].metadata)  # type: ignore[attr-defined]
+
+
+def command_of(
+    name: str,
+    kind: type[Options],
+    parent: click.Group | ModuleType = click,
+    *,
+    cls: type[Command] = Command,
+    **attributes: Any,
+) -> Callable[[Callable[[Options], int | None]], click.Command]:
+    """Make a command, of `parent` or the program, of a function that takes its options as one object of `kind`."""
+
+    def decorate(function: Callable[[Options], int | None]) -> click.Command:
+        @wraps(function)
+        def called(**values: Any) -> int | None:
+            return function(kind.taken(values))
+
+        kind.declare(called)
+        made: click.Command = parent.command(name, cls=cls, **attributes)(called)
+        return made
+
+    return decorate
+
+
+def is_typed(name: str) -> bool:
+    """Whether an option was given on the command line."""
+    context = click.get_current_context(silent=True)
+    return context is not None and context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+old_option = partial(click.option, cls=Option)
+old_command = partial(click.command, cls=Command)
+
+
+def old_some(kind: type[Group], *names: str) -> Callable[[Function], Function]:
     """Add just some options of a group to a command, which gets each by its name."""
 
     def decorate(function: Function) -> Function:
         for each in reversed(fields(kind)):  # type: ignore[arg-type]
             if each.name in names:
-                each.metadata["option"](function)
+                each.metadata["declare"](each.name)(function)
         return function
 
     return decorate
 
 
-def groups(**kinds: type[OptionGroup]) -> Callable[[Function], Function]:
+def old_groups(**kinds: type[Group]) -> Callable[[Function], Function]:
     """Add the options of groups to a command, which gets each group as one object of that name."""
 
     def decorate(function: Function) -> Function:
@@ -142,7 +230,7 @@ def groups(**kinds: type[OptionGroup]) -> Callable[[Function], Function]:
             return function(*args, **values, **given)
 
         for kind in reversed(kinds.values()):
-            some(kind, *(each.name for each in fields(kind)))(grouped)  # type: ignore[arg-type]
+            old_some(kind, *(each.name for each in fields(kind)))(grouped)  # type: ignore[arg-type]
         return grouped  # type: ignore[return-value]
 
     return decorate
@@ -172,155 +260,80 @@ angle = within(0, 180, "degrees above 0, up to 180")
 inclination = within(-89, 89, "degrees from -89 to 89")
 
 
-@dataclass(frozen=True)
-class ColumnsOptions(OptionGroup):
-    """Which numbers of a line are the magnetometer's."""
-
-    columns: str | None = member(
-        "--columns", heading=RECORDING, metavar="X,Y,Z",
-        help="The magnetometer's columns: three names, or numbers counted from 1.",
-    )  # fmt: skip
-    pattern: str | None = member(
-        "--pattern", heading=RECORDING, metavar="LINE",
-        help="How a line is printed, where it is not recognised: 'N {x} / {y} / {z}'.",
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class UnitsOptions(OptionGroup):
-    """In which unit the readings are."""
-
-    unit: str | None = member(
-        "--unit", heading=RECORDING, metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts."
-    )
-    scale: float | None = member(
-        "--scale", heading=RECORDING, type=positive, metavar="UT", help="Microtesla in one count."
-    )
-
-
-@dataclass(frozen=True)
-class AxesUsed(OptionGroup):
-    """In which axes the readings are used."""
-
-    axes: str = member(
-        "--axes", heading=RECORDING, default="x,y,z", show_default=True, metavar="AXES",
-        help="Where each axis used comes from: x,-y,-z turns the sensor over.",
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class PartOptions(OptionGroup):
-    """Which part of a recording is read, and of a log with several instruments."""
-
-    topic: str | None = member(
-        "--topic", heading=RECORDING, metavar="NAME", help="Topic of a bag, or member of a ZIP archive."
-    )
-    start: float | None = member(
-        "--from", "start", heading=RECORDING, type=float, metavar="S", help="Leave out what comes before, in seconds."
-    )
-    end: float | None = member(
-        "--to", "end", heading=RECORDING, type=float, metavar="S",
-        help="Leave out what comes later, in seconds from the beginning.",
-    )  # fmt: skip
-    as_logged: bool = member(
-        "--as-logged", heading=RECORDING, is_flag=True,
-        help="Take the readings of a log as they are: leave on what the vehicle had corrected.",
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class PartOfColumns(PartOptions, ColumnsOptions):
-    """How a recording is read whose unit and axes a calibration knows."""
-
-
-@dataclass(frozen=True)
-class ReadingOptions(PartOptions, AxesUsed, UnitsOptions, ColumnsOptions):
-    """How a recording is read: the arguments of `flinders.open_recording`."""
-
-
-@dataclass(frozen=True)
-class Place(OptionGroup):
-    """Where and when, for the declination."""
-
-    place: str | None = member(
-        "--at", "place", heading=SITE, metavar="LAT,LON[,ALT]",
-        help="Site: degrees, north and east positive, and metres; gives true headings (World Magnetic Model).",
-    )  # fmt: skip
-    date: str | None = member(
-        "--date", heading=SITE, metavar="DAY",
-        help="Day of the recording, such as 2026-11-21, or today [default: by its clock, if from 1970].",
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Accelerometer(OptionGroup):
-    """Whether tilt is taken off, and by which columns."""
-
-    is_level: bool = member(
-        "--level", "is_level", heading=AIDING, is_flag=True, help="Use x and y alone: the sensor is never tilted."
-    )
-    acceleration: str | None = member(
-        "--acceleration", heading=AIDING, metavar="X,Y,Z",
-        help="The accelerometer's columns: three names, or numbers counted from 1.",
-    )  # fmt: skip
-    acceleration_axes: str = member(
-        "--acceleration-axes", heading=AIDING, default="x,y,z", show_default=True, metavar="AXES",
-        help="Where each axis of the acceleration comes from.",
-    )  # fmt: skip
-
-
-def target(
-    words: str = "Worst heading error that is good enough.", default: float | None = 1.0
-) -> Callable[[Function], Function]:
+def target(words: str = "Worst heading error that is good enough.", default: float | None = 1.0) -> Field:
     """``--target``, with what it means and its default for a command."""
-    return option(
-        "--target", "target_deg", heading=METHOD, type=angle, default=default, show_default=default is not None,
-        metavar="DEG", help=words,
+    return member(
+        "--target", heading=METHOD, type=angle, default=default, show_default=default is not None, metavar="DEG",
+        help=words,
     )  # fmt: skip
 
 
-def dip(
-    words: str = "Inclination of the field at the site.", default: float | None = None
-) -> Callable[[Function], Function]:
+def dip(words: str = "Inclination of the field at the site.", default: float | None = None) -> Field:
     """``--dip``, with what it means and its default for a command."""
-    return option(
-        "--dip", "dip_deg", heading=SITE, type=inclination, default=default, show_default=default is not None,
-        metavar="DEG", help=words,
+    return member(
+        "--dip", heading=SITE, type=inclination, default=default, show_default=default is not None, metavar="DEG",
+        help=words,
     )  # fmt: skip
-
-
-def judgement(function: Function) -> Function:
-    """What the result is compared with."""
-    return target()(dip(default=60.0)(function))
 
 
 def field_strength(
     words: str = "Strength of the field at the site, in µT (in counts for a recording in counts).", **more: Any
-) -> Callable[[Function], Function]:
+) -> Field:
     """``--field-strength``, with what it means for a command."""
-    attributes = {"heading": SITE, "type": positive, "metavar": "F", **more}
-    return option("--field-strength", help=words, **attributes)
+    return member("--field-strength", help=words, **{"heading": SITE, "type": positive, "metavar": "F", **more})
 
 
-as_json = option("--json", "as_json", is_flag=True, heading=OUTPUT, help="Print the result as JSON on standard output.")
-force = option("--force", is_flag=True, heading=OUTPUT, help="Overwrite the output file if it exists.")
-sensor = option(
-    "--sensor", heading=RECORDING, metavar="N|NAME",
-    help="Which magnetometer of several, by number or name [default: the first].",
-)  # fmt: skip
-sensor_of_calibration = option(
-    "--sensor", heading=RECORDING, metavar="N|NAME",
-    help="Which of several magnetometers, by number from 1 or by name [default: the calibration's, else the first].",
-)  # fmt: skip
-BAUD: Final[dict[str, Any]] = {
-    "type": click.IntRange(50, 20_000_000), "default": 115200, "show_default": True, "metavar": "N",
-    "help": "Bits per second of a serial port.",
-}  # fmt: skip
-"""What ``--baud`` is."""
-fixed = option(
-    "--fix", "fixed", was=("--hold",), heading=AIDING, multiple=True, metavar="NAME=VALUE",
-    help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
-)  # fmt: skip
+def as_json() -> Field:
+    """``--json``."""
+    return member("--json", heading=OUTPUT, is_flag=True, help="Print the result as JSON on standard output.")
+
+
+def force(words: str = "Overwrite the output file if it exists.") -> Field:
+    """``--force``."""
+    return member("--force", heading=OUTPUT, is_flag=True, help=words)
+
+
+def output(words: str, default: str | None = None, **more: Any) -> Field:
+    """``-o``, with what is written."""
+    return member("-o", "--output", default=default, metavar="FILE", help=words, **more)
+
+
+def sensor(
+    words: str = "Which magnetometer of several, by number or name [default: the first].", metavar: str = "N|NAME"
+) -> Field:
+    """``--sensor``, with what it means for a command."""
+    return member("--sensor", heading=RECORDING, metavar=metavar, help=words)
+
+
+def sensor_of_calibration() -> Field:
+    """``--sensor`` where a calibration says which one it is for."""
+    return sensor(
+        "Which of several magnetometers, by number from 1 or by name [default: the calibration's, else the first]."
+    )
+
+
+def baud() -> Field:
+    """``--baud``."""
+    return member(
+        "--baud", type=click.IntRange(50, 20_000_000), default=115200, show_default=True, metavar="N",
+        help="Bits per second of a serial port.",
+    )  # fmt: skip
+
+
+def fixed() -> Field:
+    """``--fix``."""
+    return member(
+        "--fix", was=("--hold",), heading=AIDING, multiple=True, metavar="NAME=VALUE",
+        help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
+    )  # fmt: skip
+
+
+def smoothing() -> Field:
+    """``--filter``."""
+    return member(
+        "--filter", heading=METHOD, type=_filter, multiple=True, callback=_only, metavar="NAME[:WIDTH]",
+        help="Filter the readings: moving-average, median or kalman, over WIDTH readings [default: 5].",
+    )  # fmt: skip
 
 
 def _filter(value: str) -> Filter:
@@ -333,14 +346,171 @@ def _filter(value: str) -> Filter:
         raise click.BadParameter(str(error)) from None
 
 
-def _one(_context: click.Context, _option: click.Parameter, given: tuple[Filter, ...]) -> Filter | None:
+def _only(_context: click.Context, _option: click.Parameter, filters: tuple[Filter, ...]) -> Filter | None:
     """Take the filter, if there is one; two would come one after the other, in an order that nobody has stated."""
-    if len(given) > 1:
-        raise click.BadParameter(f"{given[0]}, and {given[1]}: give one filter")
-    return given[0] if given else None
+    if len(filters) > 1:
+        raise click.BadParameter(f"{filters[0]}, and {filters[1]}: give one filter")
+    return filters[0] if filters else None
 
 
-smoothing = option(
-    "--filter", "by", heading=METHOD, type=_filter, multiple=True, callback=_one, metavar="NAME[:WIDTH]",
+class Judgement(Group):
+    """What the result is compared with."""
+
+    target_deg: float = target()
+    dip_deg: float = dip(default=60.0)
+
+
+class ColumnsOptions(Group):
+    """Which numbers of a line are the magnetometer's."""
+
+    columns: str | None = member(
+        "--columns", heading=RECORDING, metavar="X,Y,Z",
+        help="The magnetometer's columns: three names, or numbers counted from 1.",
+    )  # fmt: skip
+    pattern: str | None = member(
+        "--pattern", heading=RECORDING, metavar="LINE",
+        help="How a line is printed, where it is not recognised: 'N {x} / {y} / {z}'.",
+    )  # fmt: skip
+
+
+class UnitsOptions(Group):
+    """In which unit the readings are."""
+
+    unit: str | None = member(
+        "--unit", heading=RECORDING, metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts."
+    )
+    scale: float | None = member(
+        "--scale", heading=RECORDING, type=positive, metavar="UT", help="Microtesla in one count."
+    )
+
+
+class AxesOptions(Group):
+    """In which axes the readings are used."""
+
+    axes: str = member(
+        "--axes", heading=RECORDING, default="x,y,z", show_default=True, metavar="AXES",
+        help="Where each axis used comes from: x,-y,-z turns the sensor over.",
+    )  # fmt: skip
+
+
+class PartOptions(Group):
+    """Which part of a recording is read, and of a log with several instruments."""
+
+    topic: str | None = member(
+        "--topic", heading=RECORDING, metavar="NAME", help="Topic of a bag, or member of a ZIP archive."
+    )
+    start: float | None = member(
+        "--from", heading=RECORDING, type=float, metavar="S", help="Leave out what comes before, in seconds."
+    )
+    end: float | None = member(
+        "--to", heading=RECORDING, type=float, metavar="S",
+        help="Leave out what comes later, in seconds from the beginning.",
+    )  # fmt: skip
+    as_logged: bool = member(
+        "--as-logged", heading=RECORDING, is_flag=True,
+        help="Take the readings of a log as they are: leave on what the vehicle had corrected.",
+    )  # fmt: skip
+
+
+class PartOfColumns(PartOptions, ColumnsOptions):
+    """How a recording is read whose unit and axes a calibration knows."""
+
+
+class ReadingOptions(PartOptions, AxesOptions, UnitsOptions, ColumnsOptions):
+    """How a recording is read: the arguments of `flinders.open_recording`."""
+
+
+class Place(Group):
+    """Where and when, for the declination."""
+
+    place: str | None = member(
+        "--at", heading=SITE, metavar="LAT,LON[,ALT]",
+        help="Site: degrees, north and east positive, and metres; gives true headings (World Magnetic Model).",
+    )  # fmt: skip
+    date: str | None = member(
+        "--date", heading=SITE, metavar="DAY",
+        help="Day of the recording, such as 2026-11-21, or today [default: by its clock, if from 1970].",
+    )  # fmt: skip
+
+    def check(self) -> None:
+        """Refuse a day without a place."""
+        if self.date is not None and self.place is None:
+            raise UsageError("--date is for the field at a place: give --at LAT,LON too")
+
+
+class Accelerometer(Group):
+    """Whether tilt is taken off, and by which columns."""
+
+    is_level: bool = member(
+        "--level", heading=AIDING, is_flag=True, help="Use x and y alone: the sensor is never tilted."
+    )
+    acceleration: str | None = member(
+        "--acceleration", heading=AIDING, metavar="X,Y,Z",
+        help="The accelerometer's columns: three names, or numbers counted from 1.",
+    )  # fmt: skip
+    acceleration_axes: str = member(
+        "--acceleration-axes", heading=AIDING, default="x,y,z", show_default=True, metavar="AXES",
+        help="Where each axis of the acceleration comes from.",
+    )  # fmt: skip
+
+
+def old_target(
+    words: str = "Worst heading error that is good enough.", default: float | None = 1.0
+) -> Callable[[Function], Function]:
+    """``--target``, with what it means and its default for a command."""
+    return old_option(
+        "--target", "target_deg", heading=METHOD, type=angle, default=default, show_default=default is not None,
+        metavar="DEG", help=words,
+    )  # fmt: skip
+
+
+def old_dip(
+    words: str = "Inclination of the field at the site.", default: float | None = None
+) -> Callable[[Function], Function]:
+    """``--dip``, with what it means and its default for a command."""
+    return old_option(
+        "--dip", "dip_deg", heading=SITE, type=inclination, default=default, show_default=default is not None,
+        metavar="DEG", help=words,
+    )  # fmt: skip
+
+
+def old_judgement(function: Function) -> Function:
+    """What the result is compared with."""
+    return old_target()(old_dip(default=60.0)(function))
+
+
+def old_field_strength(
+    words: str = "Strength of the field at the site, in µT (in counts for a recording in counts).", **more: Any
+) -> Callable[[Function], Function]:
+    """``--field-strength``, with what it means for a command."""
+    attributes = {"heading": SITE, "type": positive, "metavar": "F", **more}
+    return old_option("--field-strength", help=words, **attributes)
+
+
+old_as_json = old_option(
+    "--json", "as_json", is_flag=True, heading=OUTPUT, help="Print the result as JSON on standard output."
+)
+old_force = old_option("--force", is_flag=True, heading=OUTPUT, help="Overwrite the output file if it exists.")
+old_sensor = old_option(
+    "--sensor", heading=RECORDING, metavar="N|NAME",
+    help="Which magnetometer of several, by number or name [default: the first].",
+)  # fmt: skip
+old_sensor_of_calibration = old_option(
+    "--sensor", heading=RECORDING, metavar="N|NAME",
+    help="Which of several magnetometers, by number from 1 or by name [default: the calibration's, else the first].",
+)  # fmt: skip
+old_baud: Final[dict[str, Any]] = {
+    "type": click.IntRange(50, 20_000_000), "default": 115200, "show_default": True, "metavar": "N",
+    "help": "Bits per second of a serial port.",
+}  # fmt: skip
+"""What ``--baud`` is."""
+old_fixed = old_option(
+    "--fix", "fixed", was=("--hold",), heading=AIDING, multiple=True, metavar="NAME=VALUE",
+    help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
+)  # fmt: skip
+
+
+old_smoothing = old_option(
+    "--filter", "by", heading=METHOD, type=_filter, multiple=True, callback=_only, metavar="NAME[:WIDTH]",
     help="Filter the readings: moving-average, median or kalman, over WIDTH readings [default: 5].",
 )  # fmt: skip

@@ -47,6 +47,16 @@ def print_json(fields: dict[str, Any]) -> None:
     click.echo(lay_out(plain(fields)))
 
 
+def print_result(
+    fields: Callable[[], dict[str, Any]], page: Callable[[], RenderableType], *, as_json: bool, err: bool = False
+) -> None:
+    """Print a result for programs where that was asked for, and else its page, on stderr where stdout is taken."""
+    if as_json:
+        print_json(fields())
+    else:
+        show(page(), err=err)
+
+
 def print_fit(fit: Fit, *, err: bool = False) -> None:
     """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it."""
     from flinders.report.fit_pages import of_fit
@@ -213,14 +223,22 @@ class Outputs:
                 raise UsageError(f"{path} is named for {other} and for {what}: give them two names")
             named[Path(path).resolve()] = what
 
-    def write(self, text: str, path: str | None) -> None:
-        """Write a text to one of the files, whole or not at all."""
-        from flinders.core.files import write_text
+    def write(self, content: str | bytes, path: str | None) -> None:
+        """Write text or bytes to one of the files, whole or not at all; no bytes to a terminal."""
+        from flinders.core.files import write_bytes, write_text
 
+        if path == "-" and isinstance(content, bytes) and sys.stdout.isatty():
+            raise UsageError(f"this is {len(content)} bytes, and no text: name a file with -o")
         if path == "-":
-            click.echo(text, nl=False)
+            click.echo(content, nl=False)
+        elif path and isinstance(content, bytes):
+            write_bytes(content, path, force=self.force)
         elif path:
-            write_text(text, path, force=self.force)
+            write_text(str(content), path, force=self.force)
+
+    def print(self, fields: Callable[[], dict[str, Any]], page: Callable[[], RenderableType]) -> None:
+        """Print a result as `print_result`; the page on stderr where a file has standard output."""
+        print_result(fields, page, as_json=self.as_json, err=self.is_printed)
 
     def show(self, content: RenderableType) -> None:
         """Print a page; on stderr where a file has standard output."""

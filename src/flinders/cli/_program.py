@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from types import FrameType
 
+    from flinders.findings import Verdict
+
 GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
 
 EXIT_CODES: Final = {
@@ -34,6 +36,9 @@ EXIT_CODES: Final = {
     INTERNAL: "internal error: please report it",
     INTERRUPTED: "interrupted",
 }
+
+EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
+"""How a command ends by its verdict."""
 
 FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
 """What every result of ``calibrate --json`` has."""

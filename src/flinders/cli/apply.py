@@ -10,7 +10,7 @@ import click
 
 from flinders.cli import _disturbances, _options
 from flinders.cli._inputs import agree, choice, load, read_and_left_out, say_sensor
-from flinders.cli._options import option
+from flinders.cli._options import old_option as option
 from flinders.cli._output import Outputs, print_json, progress, say, written
 from flinders.errors import InputError
 
@@ -33,7 +33,7 @@ ODD, UNEVEN = 1.3, 0.1
 """Strength, as a factor, and spread, as a fraction, from which on the calibration is said not to suit."""
 
 
-@_options.command(
+@_options.old_command(
     "apply",
     common=("output", "add", "columns", "sensor", "as_json"),
     short_help="Correct a recording with a calibration file.",
@@ -47,12 +47,12 @@ Example:
 @click.argument("recording", metavar="RECORDING")
 @option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
 @option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
-@_options.groups(reading=_options.PartOfColumns)
-@_options.sensor_of_calibration
-@_options.fixed
-@_options.smoothing
-@_options.force
-@_options.as_json
+@_options.old_groups(reading=_options.PartOfColumns)
+@_options.old_sensor_of_calibration
+@_options.old_fixed
+@_options.old_smoothing
+@_options.old_force
+@_options.old_as_json
 def command(
     calibration: str,
     recording: str,

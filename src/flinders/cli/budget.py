@@ -76,7 +76,7 @@ def _quantity(name: str, example: str, words: str) -> Callable[[_options.Functio
 def _heading(function: _options.Function) -> _options.Function:
     """The stray field, and the heading error it makes in which field."""
     for option in (
-        _options.as_json,
+        _options.old_as_json,
         _quantity("error", "1deg", "Worst heading error over all headings"),
         _quantity("stray", "2.6mG", "Stray field"),
         _quantity("field", "150mG", "Horizontal part of the earth's field"),

@@ -12,12 +12,20 @@ from flinders.cli._fit_options import AidingOptions, Estimation, OutputOptions, 
 from flinders.cli._inputs import Counted, joined, opened, provenance, saying_what_was_skipped
 from flinders.cli._options import (
     ReadingOptions,
-    field_strength,
-    groups,
-    judgement,
-    smoothing,
 )  # fmt: skip
-from flinders.cli._options import command as a_command
+from flinders.cli._options import old_command as a_command
+from flinders.cli._options import (
+    old_field_strength as field_strength,
+)
+from flinders.cli._options import (
+    old_groups as groups,
+)
+from flinders.cli._options import (
+    old_judgement as judgement,
+)
+from flinders.cli._options import (
+    old_smoothing as smoothing,
+)
 from flinders.cli._output import (
     print_fit,
     print_json,
@@ -209,10 +217,10 @@ class _Run:
                 else f"{nothing} was written: name a file with -o calibration.json"
             )
         if files.exports:
-            from flinders.cli.export import export_fit
+            from flinders.cli.export import write_exports
 
             made_from = provenance(self.parts).files
-            export_fit(fit, files.exports, files=made_from, force=files.force, calibration=files.output)
+            write_exports(fit, files.exports, outputs, files=made_from, calibration=files.output)
         if files.as_json:
             print_json(fit.as_dict())
 

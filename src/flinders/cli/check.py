@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _disturbances, _options
 from flinders.cli._inputs import load, made_from, opened_with, saying_what_was_skipped
-from flinders.cli._options import option
+from flinders.cli._options import old_option as option
 from flinders.cli._output import print_json, progress, say, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
 from flinders.errors import NeedsSamples, TooFewSamples
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit, Refused
 
 
-@_options.command(
+@_options.old_command(
     "check",
     common=("target_deg", "is_followed", "columns", "sensor", "as_json"),
     short_help="Say whether a calibration holds on another recording.",
@@ -45,11 +45,11 @@ Exit codes:
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
 @option("--drift", "is_followed", is_flag=True, help="Also follow the offset through the recording.")
-@_options.groups(reading=_options.PartOfColumns)
-@_options.sensor_of_calibration
-@_options.fixed
-@_options.judgement
-@_options.as_json
+@_options.old_groups(reading=_options.PartOfColumns)
+@_options.old_sensor_of_calibration
+@_options.old_fixed
+@_options.old_judgement
+@_options.old_as_json
 def command(
     calibration: str,
     recordings: tuple[str, ...],

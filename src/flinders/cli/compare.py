@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import click
-
-from flinders.cli import _disturbances, _options
-from flinders.cli._inputs import is_calibration, is_recording
-from flinders.cli._output import print_json, say, show
+from flinders.cli import _disturbances
+from flinders.cli import _options as option
+from flinders.cli._inputs import is_calibration, is_recording, say_exact
+from flinders.cli._output import print_result, say
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.errors import DocumentError, UsageError
 
@@ -16,8 +15,18 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
 
 
-@_options.command(
+class Compare(option.Group):
+    """Two calibrations, and what their difference is held against."""
+
+    first: str = option.argument("A")
+    second: str = option.argument("B")
+    judgement: option.Judgement = option.group(option.Judgement)
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "compare",
+    Compare,
     common=("target_deg", "dip_deg", "as_json"),
     short_help="Say how far two calibrations are apart, in degrees.",
     epilog="""\b
@@ -32,11 +41,7 @@ Exit codes:
   4  they contradict each other
 """,
 )
-@click.argument("first", metavar="A")
-@click.argument("second", metavar="B")
-@_options.judgement
-@_options.as_json
-def command(first: str, second: str, target_deg: float, dip_deg: float, as_json: bool) -> int:
+def command(options: Compare) -> int:
     """Say how far calibration B is from calibration A, and whether that is more than chance.
 
     Both are calibration files of one sensor. The difference in heading is held against what both claim of
@@ -46,34 +51,22 @@ def command(first: str, second: str, target_deg: float, dip_deg: float, as_json:
     from flinders.comparison.comparison import compare
     from flinders.report.comparison_pages import of_comparison
 
+    first, second = options.first, options.second
     a, b = _load(first, second), _load(second, first)
-    comparison = compare(a, b, dip_deg=dip_deg, target_deg=target_deg)
-    for one in (a, b):
-        if not one.states_uncertainty:
-            say(f"{one.name} states no uncertainty: it is taken as exact")
+    comparison = compare(a, b, **options.judgement.as_dict())
+    say_exact(a, b)
     _disturbances.say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
         say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
-    if as_json:
-        print_json(comparison.as_dict())
-    else:
-        show(of_comparison(comparison))
+    print_result(comparison.as_dict, lambda: of_comparison(comparison), as_json=options.as_json)
     if comparison.verdict == "contradict":
         return REFUSED
-    firm = comparison.is_telling and not comparison.is_turned
-    return GOOD if comparison.verdict == "agree" and firm else LIMITED
+    is_firm = comparison.is_telling and not comparison.is_turned
+    return GOOD if comparison.verdict == "agree" and is_firm else LIMITED
 
 
 def _load(path: str, other: str) -> Fit:
-    """Load a calibration, and see whether a recording was given in its place.
-
-    Raises
-    ------
-    UsageError
-        For a recording beside a calibration.
-    DocumentError
-        For what is no calibration file.
-    """
+    """Load a calibration, or say what to type for a recording beside a calibration."""
     from flinders.fitting.result import Fit
 
     try:

@@ -6,17 +6,31 @@ from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options
-from flinders.cli._options import option
+from flinders.cli import _options as option
 from flinders.cli._output import print_fit, print_json, say
-from flinders.cli._program import GOOD, LIMITED
+from flinders.cli._program import EXITS
 
 if TYPE_CHECKING:
     from flinders.simulate import Simulated
 
 
-@_options.command(
+class Demo(option.Group):
+    """A simulated sensor, and where its recording goes."""
+
+    seed: int = option.member(
+        "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another sensor."
+    )
+    path: str | None = option.member(
+        "--csv", metavar="FILE", help="Also write the simulated recording, to try the other commands on."
+    )
+    judgement: option.Judgement = option.group(option.Judgement)
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "demo",
+    Demo,
     common=("seed", "path", "target_deg", "dip_deg", "as_json", "force"),
     short_help="Simulate a tumbled sensor and calibrate it.",
     epilog="""\b
@@ -25,28 +39,23 @@ Example:
   flinders demo --seed 7 --csv tumble.csv && flinders calibrate tumble.csv -o calibration.json
 """,
 )
-@option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, another sensor.")
-@option("--csv", "path", metavar="FILE", help="Also write the simulated recording, to try the other commands on.")
-@_options.judgement
-@_options.force
-@_options.as_json
-def command(seed: int, path: str | None, target_deg: float, dip_deg: float, force: bool, as_json: bool) -> int:
+def command(options: Demo) -> int:
     """Simulate a sensor that is tumbled by hand for a minute, calibrate it, and compare with the truth."""
     from flinders.fitting.calibrate import fit
     from flinders.simulate import angle_error_deg, tumble
 
-    simulated = tumble(seed=seed, dip_deg=dip_deg)
-    if path:
-        _write(path, simulated, force=force)
+    simulated = tumble(seed=options.seed, dip_deg=options.judgement.dip_deg)
+    if options.path:
+        _write(options.path, simulated, force=options.force)
     say(f"simulated: {len(simulated.samples):,} readings in a minute of tumbling, hard and soft iron, 0.5 µT of noise")
-    result = fit(simulated.samples, target_deg=target_deg, dip_deg=dip_deg)
+    result = fit(simulated.samples, **options.judgement.as_dict())
     error = angle_error_deg(result.calibration.matrix, result.calibration.offset, simulated)
-    if as_json:
+    if options.as_json:
         print_json({**result.as_dict(), "true_direction_error_deg": error})
     else:
         print_fit(result)
         say(f"\nThe truth is known here: over all directions the corrected field is off by {error:.2g}° rms.")
-    return GOOD if result.verdict == "good" else LIMITED
+    return EXITS[result.verdict]
 
 
 def _write(path: str, simulated: Simulated, *, force: bool) -> None:

@@ -6,19 +6,46 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from flinders.cli import _options
-from flinders.cli._options import option
-from flinders.cli._output import Outputs, print_json, refuse_twice, show, working
+from flinders.cli import _options as option
+from flinders.cli._output import Outputs, refuse_twice, working
 from flinders.cli._program import GOOD, LIMITED
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from flinders.report.fleet_view import FleetDrift
 
 
-@_options.command(
+class Drift(option.Group):
+    """Tables of calibrations, what changes are held against, and what is written."""
+
+    tables: tuple[str, ...] = option.argument("TABLE...", nargs=-1)
+    report: str | None = option.member(
+        "--report", metavar="FILE.html", help="Also write a report of the fleet and how it changed."
+    )
+    out: str | None = option.member(
+        "-o", "--out", metavar="FILE.parquet", help="Also write a table with a row for each unit."
+    )
+    against: Literal["first", "previous"] = option.member(
+        "--against", type=click.Choice(["first", "previous"]), default="first", show_default=True,
+        help="Which calibration the newest is held against: what vehicles carry.",
+    )  # fmt: skip
+    batch: str | None = option.member(
+        "--batch", metavar="COLUMN|PATTERN",
+        help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name "
+        "[default: the column batch, or what stands before the last part of the name].",
+    )  # fmt: skip
+    limit: int = option.member(
+        "--limit", was=("--most",), type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
+        help="Units, and steps, that are listed at most.",
+    )  # fmt: skip
+    target_deg: float = option.target("Change of heading that is good enough.")
+    dip_deg: float | None = option.dip("Inclination of the field at the site [default: what the tables say].")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "drift",
+    Drift,
     common=("report", "out", "against", "target_deg", "dip_deg", "batch", "limit"),
     short_help="Say which units of a fleet have changed, and when.",
     epilog="""\b
@@ -32,42 +59,7 @@ Exit codes:
   3  some are
 """,
 )
-@click.argument("tables", nargs=-1, required=True, metavar="TABLE...")
-@option("--report", metavar="FILE.html", help="Also write a report of the fleet and how it changed.")
-@option("-o", "--out", metavar="FILE.parquet", help="Also write a table with a row for each unit.")
-@option(
-    "--against",
-    type=click.Choice(["first", "previous"]),
-    default="first",
-    show_default=True,
-    help="Which calibration the newest is held against: what vehicles carry.",
-)
-@option(
-    "--batch",
-    metavar="COLUMN|PATTERN",
-    help="What tells the hardware batch: a column, or a regular expression for a part of the unit's name "
-    "[default: the column batch, or what stands before the last part of the name].",
-)
-@option(
-    "--limit", was=("--most",), type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
-    help="Units, and steps, that are listed at most.",
-)  # fmt: skip
-@_options.target("Change of heading that is good enough.")
-@_options.dip("Inclination of the field at the site [default: what the tables say].")
-@_options.force
-@_options.as_json
-def command(
-    tables: tuple[str, ...],
-    report: str | None,
-    out: str | None,
-    against: Literal["first", "previous"],
-    batch: str | None,
-    limit: int,
-    target_deg: float,
-    dip_deg: float | None,
-    force: bool,
-    as_json: bool,
-) -> int:
+def command(options: Drift) -> int:
     """Say how units of a fleet changed from recording to recording, in degrees of heading.
 
     TABLE is what `flinders fleet` writes, with several recordings of each unit; those of one unit may be in several
@@ -75,33 +67,36 @@ def command(
     drifts slowly. Recordings are taken in the order of their dates, else of their names.
     """
     from flinders.fleet.drift import drift_of, drift_table
+    from flinders.report.drift_page import of_drift
 
-    refuse_twice(tables)
-    outputs = Outputs.of(("the table", out), ("the report", report, "--report"), force=force)
-    outputs.check(tables)
-    with working() as watch, drift_table(out, force=force) as each:
+    refuse_twice(options.tables)
+    outputs = Outputs.of(
+        ("the table", options.out), ("the report", options.report, "--report"),
+        force=options.force, as_json=options.as_json,
+    )  # fmt: skip
+    outputs.check(options.tables)
+    with working() as watch, drift_table(options.out, force=options.force) as each:
         if watch is not None:
             watch("holding calibrations against each other")
         drift = drift_of(
-            tables, target_deg=target_deg, dip_deg=dip_deg, against=against, batch=batch, most=limit, each=each
+            options.tables,
+            target_deg=options.target_deg,
+            dip_deg=options.dip_deg,
+            against=options.against,
+            batch=options.batch,
+            most=options.limit,
+            each=each,
         )
-    if report is not None:
-        _write_report(drift, tables, report, batch, force=force)
-    if as_json:
-        print_json(drift.as_dict())
-    else:
-        from flinders.report.drift_page import of_drift
-
-        show(of_drift(drift))
+    if options.report is not None:
+        outputs.write(_report(drift, options), options.report)
+    outputs.print(drift.as_dict, lambda: of_drift(drift))
     outputs.say_written()
     return LIMITED if drift.states["recalibrate"] else GOOD
 
 
-def _write_report(drift: FleetDrift, tables: Sequence[str], report: str, batch: str | None, *, force: bool) -> None:
-    """Write the report of a fleet and how it changed."""
-    from flinders.core.files import write_text
+def _report(drift: FleetDrift, options: Drift) -> str:
+    """The report of a fleet and how it changed."""
     from flinders.fleet.aggregate import overview_of
     from flinders.report.fleet import page
 
-    text = page(overview_of(tables, batch=batch, target_deg=drift.target_deg), drift)
-    write_text(text, report, force=force)
+    return page(overview_of(options.tables, batch=options.batch, target_deg=drift.target_deg), drift)

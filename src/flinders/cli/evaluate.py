@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
-import click
-
-from flinders.cli import _disturbances, _options
+from flinders.cli import _disturbances
+from flinders.cli import _options as option
 from flinders.cli._inputs import is_calibration, load
-from flinders.cli._output import print_json, say, show
+from flinders.cli._output import print_result, say
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.errors import UnreadableInput, UsageError
 
@@ -18,8 +17,19 @@ if TYPE_CHECKING:
     from flinders.simulate.truth import Truth
 
 
-@_options.command(
+class Evaluate(option.Group):
+    """A calibration, and the truth that it is held against."""
+
+    calibration: str = option.argument("CALIBRATION")
+    truth: str = option.argument("TRUTH")
+    dip_deg: float | None = option.dip("Inclination of the field for headings [default: that of the truth].")
+    target_deg: float = option.target()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "evaluate",
+    Evaluate,
     common=("target_deg", "dip_deg", "as_json"),
     short_help="Hold a calibration against the truth of a simulation.",
     epilog="""\b
@@ -33,12 +43,7 @@ Exit codes:
   4  both
 """,
 )
-@click.argument("calibration", metavar="CALIBRATION")
-@click.argument("truth", metavar="TRUTH")
-@_options.dip("Inclination of the field for headings [default: that of the truth].")
-@_options.target()
-@_options.as_json
-def command(calibration: str, truth: str, dip_deg: float | None, target_deg: float, as_json: bool) -> int:
+def command(options: Evaluate) -> int:
     """Say how far CALIBRATION is from TRUTH, which `flinders simulate` wrote, and whether it knows.
 
     True errors of heading, direction, offset and matrix stand beside those that the calibration claims, with their
@@ -47,29 +52,18 @@ def command(calibration: str, truth: str, dip_deg: float | None, target_deg: flo
     from flinders.comparison.evaluation import evaluate
     from flinders.report.comparison_pages import of_evaluation
 
-    fit, known = _load(calibration, truth)
+    fit, truth = _load(options.calibration, options.truth)
     _disturbances.say_references(fit)
-    evaluation = evaluate(fit, known, dip_deg=dip_deg, target_deg=target_deg)
+    evaluation = evaluate(fit, truth, dip_deg=options.dip_deg, target_deg=options.target_deg)
     if not fit.states_uncertainty:
-        say(f"{calibration} states no uncertainty: there is no claim to hold against the truth")
-    if as_json:
-        print_json(evaluation.as_dict())
-    else:
-        show(of_evaluation(evaluation))
+        say(f"{options.calibration} states no uncertainty: there is no claim to hold against the truth")
+    print_result(evaluation.as_dict, lambda: of_evaluation(evaluation), as_json=options.as_json)
     faults = (not evaluation.is_on_target) + (evaluation.verdict == "worse than claimed")
     return (GOOD, LIMITED, REFUSED)[faults]
 
 
 def _load(calibration: str, truth: str) -> tuple[Fit, Truth]:
-    """Read both, and see whether they were given the other way round.
-
-    Raises
-    ------
-    UsageError
-        Where they were, or one would come from standard input.
-    DocumentError, UnreadableInput
-        For a file that is none of its kind.
-    """
+    """Read both, and see whether they were given the other way round."""
     from flinders.simulate.truth import read
 
     if truth == "-":
@@ -78,5 +72,4 @@ def _load(calibration: str, truth: str) -> tuple[Fit, Truth]:
         with contextlib.suppress(UnreadableInput):
             read(calibration)
             raise UsageError(f"the calibration comes first: flinders evaluate {truth} {calibration}")
-    fit = load("evaluate", calibration, [])
-    return fit, read(truth)
+    return load("evaluate", calibration), read(truth)

@@ -2,30 +2,54 @@
 
 from __future__ import annotations
 
-import math
-import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options, targets
-from flinders.cli._inputs import for_use, known_of, only, provenance, refuse_on_top
-from flinders.cli._options import option
+from flinders.cli import _options as option
+from flinders.cli._inputs import for_use, provenance
 from flinders.cli._output import Outputs, print_json, say
-from flinders.errors import FlindersError, UsageError, figures
+from flinders.cli.targets import NamingTargets, print_targets
+from flinders.errors import FlindersError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.core.calibration_file import SourceFile
     from flinders.fitting.result import Fit
-    from flinders.targets import Export, Target
+    from flinders.targets import Target
 
 
-@click.command(
+class ExportCommand(option.Group):
+    """A calibration, and what it is written for."""
+
+    calibration: str | None = option.argument("CALIBRATION", required=False)
+    target: str | None = option.member(
+        "--to", metavar="TARGET", help="What to write it for, one of those of `flinders targets`."
+    )
+    listed: bool = option.member("--list", is_flag=True, help="List the targets, as `flinders targets` does.")
+    compass: int | None = option.member(
+        "--compass", type=click.IntRange(0, 3), metavar="N",
+        help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
+    )  # fmt: skip
+    lossy: bool = option.member(
+        "--lossy", is_flag=True,
+        help="Write it also where what the target cannot hold costs more than 1° of heading.",
+    )  # fmt: skip
+    name: str | None = option.member(
+        "--name", metavar="NAME",
+        help="What names in code begin with, for code of two sensors in one program [default: flinders].",
+    )  # fmt: skip
+    output: str | None = option.output("Where to write [default: standard output].")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "export",
-    cls=targets.NamingTargets,
+    ExportCommand,
+    cls=NamingTargets,
     common=("target", "output", "compass", "listed", "lossy", "name", "force", "as_json"),
     short_help="Write a calibration for what uses it.",
     epilog="""\b
@@ -39,133 +63,57 @@ Exit codes:
   4  refused: the target cannot hold it; says which value and what is lost
 """,
 )
-@click.argument("calibration", required=False, metavar="CALIBRATION")
-@option("--to", "target", metavar="TARGET", help="What to write it for, one of those of `flinders targets`.")
-@option("--list", "listed", is_flag=True, help="List the targets, as `flinders targets` does.")
-@option(
-    "--compass", type=click.IntRange(0, 3), metavar="N",
-    help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
-)  # fmt: skip
-@option("--lossy", is_flag=True, help="Write it also where what the target cannot hold costs more than 1° of heading.")
-@option(
-    "--name", metavar="NAME",
-    help="What names in code begin with, for code of two sensors in one program [default: flinders].",
-)  # fmt: skip
-@option("-o", "--output", metavar="FILE", help="Where to write [default: standard output].")
-@_options.force
-@_options.as_json
-def command(
-    calibration: str | None,
-    target: str | None,
-    listed: bool,
-    compass: int | None,
-    lossy: bool,
-    name: str | None,
-    output: str | None,
-    force: bool,
-    as_json: bool,
-) -> None:
+def command(options: ExportCommand) -> None:
     """Write CALIBRATION for a target: parameters of an autopilot, registers of a sensor, code to compile in.
 
     What is written is checked first: the target's own formula is run on fields of all directions with the
     numbers as they are written, and the largest error found is told. A value that the target cannot hold is
     refused, not cut, and so is a target without room for soft iron that matters.
     """
-    if listed:
-        targets.show(as_json=as_json)
+    from flinders.fitting.export import export_fit, limit_lines
+
+    if options.listed:
+        print_targets(as_json=options.as_json)
         return
-    if not calibration or not target:
+    if not options.calibration or not options.target:
         raise UsageError(
             "need a calibration file and a target: flinders export --to ardupilot calibration.json; "
             "flinders targets names them"
         )
-    row = _taking(target, compass=compass, name=name)
-    path = output or "-"
-    outputs = Outputs.of(("the text", path), force=force, as_json=as_json and path == output)
-    outputs.check([calibration])
-    fit = for_use("export --to TARGET", calibration)
-    export, notes = rendered(fit, row, compass=compass, lossy=lossy, name=name)
-    if path != "-":
-        save(export, path, force=force)
-    if as_json:
+    target = _taking(options.target, options)
+    path = options.output or "-"
+    is_fields = options.as_json and path != options.output  # --json takes the place of the text on standard output
+    outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
+    outputs.check([options.calibration])
+    fit = for_use("export --to TARGET", options.calibration)
+    export, notes = export_fit(fit, target, compass=options.compass, lossy=options.lossy, name=options.name)
+    if not is_fields:
+        outputs.write(export.content, path)
+    if options.as_json:
         print_json(export.fields)
-    elif path == "-":
-        show(export)
-    if path != "-" or as_json or not export.has_comments:
-        _say_notes(export, fit)
-    for line in notes:
-        say(line if compass is None else f"! {line}")
+    if path != "-" or options.as_json or not export.has_comments:
+        say(export.checked)
+        for note in () if export.has_comments else export.fields["notes"]:
+            say(note)
+        for warning in (*limit_lines(fit), *export.warnings):
+            say(f"! {warning}")
+    for note in notes:
+        say(note if options.compass is None else f"! {note}")
     outputs.say_written()
 
 
-def _taking(target: str, *, compass: int | None, name: str | None) -> Target:
-    """Look up a target, and refuse options that it does not take.
-
-    Raises
-    ------
-    UsageError
-    """
+def _taking(name: str, options: ExportCommand) -> Target:
+    """Look up a target, and refuse options that it does not take."""
     from flinders.targets import find, registry
 
-    row = find(target)
-    if compass is not None and not row.compasses:
+    target = find(name)
+    if options.compass is not None and not target.compasses:
         takes = ", ".join(each.name for each in registry().values() if each.compasses)
-        raise UsageError(f"--compass goes with {takes}: {row.name} holds one compass only")
-    if name is not None and not row.named:
+        raise UsageError(f"--compass goes with {takes}: {target.name} holds one compass only")
+    if options.name is not None and not target.named:
         takes = ", ".join(each.name for each in registry().values() if each.named)
-        raise UsageError(f"--name goes with {takes}: {row.name} has no names to choose, leave it out")
-    return row
-
-
-def rendered(
-    fit: Fit, row: Target, *, compass: int | None = None, lossy: bool = False, name: str | None = None
-) -> tuple[Export, list[str]]:
-    """Write a calibration for a target, and what to say of the compass that it is for.
-
-    Raises
-    ------
-    NotExportable, UnitError, UsageError
-        Where the target cannot hold it, or nobody knows for which compass it is.
-    """
-    from flinders.targets import ExportOptions
-
-    if row.compasses:
-        refuse_on_top(fit, row.name)
-    number, told = placed(fit, row, compass)
-    asked = ExportOptions(compass=number, lossy=lossy, name=name)
-    return row.render(fit.calibration, about=[*about(fit), *told], asked=asked), told
-
-
-def _say_notes(export: Export, fit: Fit) -> None:
-    """Say what is known of it; what stands in the file already is left out."""
-    say(export.checked)
-    for note in () if export.has_comments else export.fields["notes"]:
-        say(note)
-    for warning in (*_limits(fit), *export.warnings):
-        say(f"! {warning}")
-
-
-def placed(fit: Fit, row: Target, asked: int | None = None) -> tuple[int | None, list[str]]:
-    """Which compass of a vehicle a calibration goes to, that of the log unless another is asked, and what to say of it.
-
-    Nothing is said where the compass is not known, or is the one that was asked for.
-
-    Raises
-    ------
-    UsageError
-        Where it was made from several compasses, and none was asked.
-    """
-    if not row.compasses:
-        return None, []
-    known, devices = (known_of(fit, row.family, what) for what in ("compass", "device_id"))
-    if not known - {asked}:
-        return asked, []
-    device = f" (device id {min(devices)})" if len(devices) == 1 else ""
-    if asked is None:
-        number = only(fit, known, "compass", "--compass")
-        return number, [f"for compass {number} of the vehicle{device}"]
-    there = " and ".join(map(str, sorted(known)))
-    return asked, [f"for compass {asked}, as asked; it was made from compass {there} of the vehicle{device}"]
+        raise UsageError(f"--name goes with {takes}: {target.name} has no names to choose, leave it out")
+    return target
 
 
 def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
@@ -188,8 +136,13 @@ def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
     return tuple((row.name, path or f"{row.name}{row.suffix}") for row, path in rows)
 
 
-def export_fit(
-    fit: Fit, exports: Sequence[tuple[str, str]], *, files: Sequence[SourceFile], force: bool, calibration: str | None
+def write_exports(
+    fit: Fit,
+    exports: Sequence[tuple[str, str]],
+    outputs: Outputs,
+    *,
+    files: Sequence[SourceFile],
+    calibration: str | None,
 ) -> None:
     """Write a fit for targets, after its `calibration` file; `files` are what it was made from.
 
@@ -203,9 +156,9 @@ def export_fit(
     failed: list[FlindersError] = []
     for target, path in exports:
         try:
-            _export_to(fit, target, path, force=force)
+            _write_export(fit, target, path, outputs)
         except FlindersError as error:
-            say(f"! nothing was written for {target}; {_kept(calibration)}")
+            say(f"! nothing was written for {target}; {_whereabouts(calibration)}")
             failed.append(error)
     gravest = max(failed, key=lambda error: error.exit_code, default=None)
     for each in failed:
@@ -215,15 +168,13 @@ def export_fit(
         raise gravest
 
 
-def _export_to(fit: Fit, target: str, path: str, *, force: bool) -> None:
-    """Write it for one target, and say what that costs; raises as `export_fit`."""
+def _write_export(fit: Fit, target: str, path: str, outputs: Outputs) -> None:
+    """Write it for one target, and say what that costs."""
+    from flinders.fitting.export import export_fit
     from flinders.targets import find
 
-    export, notes = rendered(fit, find(target))
-    if path == "-":
-        show(export)
-    else:
-        save(export, path, force=force)
+    export, notes = export_fit(fit, find(target))
+    outputs.write(export.content, path)
     for line in (*notes, export.checked):
         say(f"{target}: {line}")
     for warning in export.warnings:
@@ -232,52 +183,10 @@ def _export_to(fit: Fit, target: str, path: str, *, force: bool) -> None:
         say(f"written to {path}")
 
 
-def _kept(calibration: str | None) -> str:
+def _whereabouts(calibration: str | None) -> str:
     """Where the calibration is that a target did not get."""
     if calibration is None:
         return "no calibration file was asked for either: keep it with -o calibration.json"
     if calibration == "-":
         return "the calibration went to standard output"
     return f"the calibration is in {calibration}"
-
-
-def save(export: Export, path: str, *, force: bool) -> None:
-    """Write the file, whole or not at all; raises as `files.replacing`."""
-    from flinders.core.files import write_bytes, write_text
-
-    if export.data is None:
-        write_text(export.text, path, force=force)
-    else:
-        write_bytes(export.data, path, force=force)
-
-
-def show(export: Export) -> None:
-    """Print what would be in the file.
-
-    Raises
-    ------
-    UsageError
-        For bytes, where a person would see them.
-    """
-    if export.data is None:
-        click.echo(export.text, nl=False)
-        return
-    if sys.stdout.isatty():
-        raise UsageError(f"{export.target} is {len(export.data)} bytes, and no text: name a file with -o")
-    click.echo(export.data, nl=False)
-
-
-def about(fit: Fit) -> list[str]:
-    """Tell where the numbers come from, and what is claimed of them."""
-    sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
-    told = [f"from {fit.name}{sensor}"]
-    if fit.is_described:
-        worst_deg = fit.heading_error_deg.worst
-        worst = "" if math.isnan(worst_deg) else f": worst heading good to {figures(worst_deg)}° (1 σ)"
-        told.append(f"the calibration is {fit.verdict}{worst}")
-    return [*told, *_limits(fit)]
-
-
-def _limits(fit: Fit) -> list[str]:
-    """What the calibration is not good for, as its file says."""
-    return [f"limited: {finding.advice}" for finding in fit.findings if finding.severity == "limits"]

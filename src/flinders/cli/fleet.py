@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options
-from flinders.cli._options import option
-from flinders.cli._output import print_json, say, show
+from flinders.cli import _options as option
+from flinders.cli._output import print_result, say
 from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import UsageError, counted
 
@@ -21,8 +20,80 @@ if TYPE_CHECKING:
     from flinders.fleet.progress import ProgressCallback
 
 
-@_options.command(
+class FleetReading(option.Group):
+    """How recordings are read, and how their fits are judged: `flinders.fleet.dataset.Options`."""
+
+    unit_column: str | None = option.member(
+        "--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is."
+    )
+    recording_column: str | None = option.member(
+        "--recording-column", heading=option.RECORDING, metavar="NAME",
+        help="Of tables: which column says of which recording it is.",
+    )  # fmt: skip
+    batch_column: str | None = option.member(
+        "--batch-column", heading=option.RECORDING, metavar="NAME",
+        help="Of tables: which column says of which batch of hardware it is.",
+    )  # fmt: skip
+    columns: str | None = option.same_as(option.ReadingOptions, "columns")
+    unit: str | None = option.same_as(option.ReadingOptions, "unit")
+    scale: float | None = option.same_as(option.ReadingOptions, "scale")
+    axes: str = option.same_as(option.ReadingOptions, "axes")
+    as_logged: bool = option.same_as(option.ReadingOptions, "as_logged")
+    sensor: str | None = option.sensor()
+    target_deg: float = option.target()
+    dip_deg: float = option.dip(default=60.0)
+
+
+class Fleet(option.Group):
+    """Recordings of many units, how they are worked on, and what is written."""
+
+    source: str = option.argument("INPUT")
+    out: str = option.member(
+        "-o", "--out", required=True, metavar="FILE.parquet",
+        help="The table to write, also to s3://, gs:// or az://.",
+    )  # fmt: skip
+    report: str | None = option.member("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
+    workers: int | None = option.member(
+        "--workers", heading=option.METHOD, type=click.IntRange(0, 4096), metavar="N",
+        help="Processes [default: one for each core].",
+    )  # fmt: skip
+    scheduler: str | None = option.member(
+        "--scheduler", heading=option.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead."
+    )
+    resume: bool = option.member("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
+    moments_only: bool = option.member("--moments-only", is_flag=True, hidden=True)
+    log_file: str | None = option.member(
+        "--log", heading=option.OUTPUT, metavar="FILE",
+        help="Add a line of JSON for each thing that happens to this file.",
+    )  # fmt: skip
+    reading: FleetReading = option.group(FleetReading)
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+    def check(self) -> None:
+        """Find what could not be done, or written, before anything is read.
+
+        Raises
+        ------
+        UsageError, OutputError
+        """
+        from flinders.core.files import refuse_existing
+        from flinders.fleet.storage import is_remote
+
+        if self.workers is not None and self.scheduler is not None:
+            raise UsageError("--workers are processes of this machine, --scheduler has its own: leave one of them out")
+        paths = [path for path in (self.out, self.report, self.log_file) if path is not None]
+        if len({path if is_remote(path) else os.path.realpath(path) for path in paths}) < len(paths):
+            raise UsageError("--out, --report and --log are files of their own: give each another name")
+        if self.report is not None:
+            refuse_existing(self.report, force=self.force)
+        if self.moments_only:
+            say("--moments-only does nothing any more, as fits of all readings take less time now: leave it out")
+
+
+@option.command_of(
     "fleet",
+    Fleet,
     common=("out", "report", "unit_column", "columns", "unit", "resume"),
     short_help="Calibrate many units at once: one table out.",
     epilog="""\b
@@ -38,61 +109,7 @@ Exit codes:
   3  written; some recordings were refused or could not be read, and say why
 """,
 )
-@click.argument("source", metavar="INPUT")
-@option("-o", "--out", required=True, metavar="FILE.parquet", help="The table to write, also to s3://, gs:// or az://.")
-@option("--report", metavar="FILE.html", help="Also write a report of the whole fleet.")
-@option(
-    "--workers",
-    heading=_options.METHOD,
-    type=click.IntRange(0, 4096),
-    metavar="N",
-    help="Processes [default: one for each core].",
-)
-@option("--scheduler", heading=_options.METHOD, metavar="tcp://…", help="Work on this Dask cluster instead.")
-@option("--resume", is_flag=True, help="Go on with what a run that was stopped has left.")
-@option(
-    "--moments-only",
-    heading=_options.METHOD,
-    is_flag=True,
-    help="Use sums alone: faster, and blind to what only readings show.",
-)
-@option("--unit-column", metavar="NAME", help="Of tables: which column says whose reading a row is.")
-@option(
-    "--recording-column",
-    heading=_options.RECORDING,
-    metavar="NAME",
-    help="Of tables: which column says of which recording it is.",
-)
-@option(
-    "--batch-column",
-    heading=_options.RECORDING,
-    metavar="NAME",
-    help="Of tables: which column says of which batch of hardware it is.",
-)
-@option(
-    "--log",
-    "log_file",
-    heading=_options.OUTPUT,
-    metavar="FILE",
-    help="Add a line of JSON for each thing that happens to this file.",
-)
-@_options.some(_options.ReadingOptions, "columns", "unit", "scale", "axes", "as_logged")
-@_options.sensor
-@_options.judgement
-@_options.force
-@_options.as_json
-def command(
-    source: str,
-    out: str,
-    report: str | None,
-    workers: int | None,
-    scheduler: str | None,
-    resume: bool,
-    log_file: str | None,
-    force: bool,
-    as_json: bool,
-    **reading: Any,
-) -> int:
+def command(options: Fleet) -> int:
     """Calibrate all units of INPUT, and write a row for each of their recordings.
 
     INPUT is a folder or a pattern of logs, whose first folders or names are the units, or of Parquet and Arrow tables
@@ -101,52 +118,27 @@ def command(
     """
     from flinders.fleet.dataset import Options
     from flinders.fleet.job import run
-    from flinders.fleet.progress import log_to
+    from flinders.fleet.progress import log_to, page
 
-    if workers is not None and scheduler is not None:
-        raise UsageError("--workers are processes of this machine, --scheduler has its own: leave one of them out")
-    _check_outputs(out, report, log_file, force=force)
-    reading["polish"] = not reading.pop("moments_only")
-    with log_to(log_file), _progress() as watch:
+    options.check()
+    with log_to(options.log_file), _progress() as watch:
         summary = run(
-            source,
-            out,
-            Options(**reading),
-            workers=workers,
-            scheduler=scheduler,
-            resume=resume,
-            force=force,
+            options.source,
+            options.out,
+            Options(**options.reading.as_dict()),
+            workers=options.workers,
+            scheduler=options.scheduler,
+            resume=options.resume,
+            force=options.force,
             watch=watch,
             notice=say,
         )
-    if as_json:
-        print_json(summary.as_dict())
-    else:
-        from flinders.fleet.progress import page
-
-        show(page(summary))
-    if report is not None:
-        _write_report(out, report, force=force)
-    say(f"written to {out} in {summary.seconds:.1f} s" if sys.stderr.isatty() else f"written to {out}")
+    print_result(summary.as_dict, lambda: page(summary), as_json=options.as_json)
+    if options.report is not None:
+        _write_report(options.out, options.report, force=options.force)
+    duration = f" in {summary.seconds:.1f} s" if sys.stderr.isatty() else ""
+    say(f"written to {options.out}{duration}")
     return GOOD if summary.is_whole else LIMITED
-
-
-def _check_outputs(out: str, report: str | None, log_file: str | None, *, force: bool) -> None:
-    """Find what could not be written before anything is read.
-
-    Raises
-    ------
-    UsageError, OutputError
-    """
-    from flinders.core.files import refuse_existing
-    from flinders.fleet.storage import is_remote
-
-    asked = [name for name in (out, report, log_file) if name is not None]
-    named = [name if is_remote(name) else os.path.realpath(name) for name in asked]
-    if len(set(named)) < len(named):
-        raise UsageError("--out, --report and --log are files of their own: give each another name")
-    if report is not None:
-        refuse_existing(report, force=force)
 
 
 def _write_report(out: str, report: str, *, force: bool) -> None:

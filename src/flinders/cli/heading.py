@@ -10,7 +10,7 @@ import click
 
 from flinders.cli import _compass, _disturbances, _options
 from flinders.cli._inputs import choice, clock_start, load, read_and_left_out, say_sensor
-from flinders.cli._options import option
+from flinders.cli._options import old_option as option
 from flinders.cli._output import Outputs, drawn, print_json, progress, say, written
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from flinders.heading.smoothing import Filter
 
 
-@_options.command(
+@_options.old_command(
     "heading",
     common=("output", "place", "date", "is_level", "as_json"),
     short_help="Turn a recording into magnetic and true headings.",
@@ -37,22 +37,22 @@ Example:
 @click.argument("calibration", metavar="CALIBRATION")
 @click.argument("log", metavar="LOG")
 @option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
-@_options.groups(reading=_options.PartOfColumns, place=_options.Place, accelerometer=_options.Accelerometer)
-@_options.sensor_of_calibration
+@_options.old_groups(reading=_options.PartOfColumns, place=_options.Place, accelerometer=_options.Accelerometer)
+@_options.old_sensor_of_calibration
 @option(
     "--declination", "declination_deg", heading=_options.SITE,
     type=_options.within(-180, 180, "degrees from -180 to 180"), metavar="DEG",
     help="Declination, east positive, where it is known otherwise.",
 )  # fmt: skip
-@_options.dip("Inclination of the field [default: that of --at, else as it is seen, else 60].")
-@_options.fixed
+@_options.old_dip("Inclination of the field [default: that of --at, else as it is seen, else 60].")
+@_options.old_fixed
 @option(
     "--formula", heading=_options.METHOD, type=click.Choice(["exact", "an4248", "an3192"]), default="exact",
     show_default=True, help="How tilt is taken off; all but exact are for comparison.",
 )  # fmt: skip
-@_options.smoothing
-@_options.force
-@_options.as_json
+@_options.old_smoothing
+@_options.old_force
+@_options.old_as_json
 def command(
     calibration: str,
     log: str,

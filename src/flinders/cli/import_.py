@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from flinders.cli import _options
+from flinders.cli import _options as option
+from flinders.cli._disturbances import cost_words
 from flinders.cli._inputs import provenance
-from flinders.cli._options import option
 from flinders.cli._output import Outputs, print_json, say
 from flinders.cli.targets import NamingTargets
 from flinders.core.units import label
@@ -23,8 +23,26 @@ LARGEST: Final = 4 * 2**20
 """Bytes; files of parameters have some ten thousand."""
 
 
-@click.command(
+class Import(option.Group):
+    """A file of another tool, and what it is read as."""
+
+    file: str = option.argument("FILE")
+    target: str | None = option.member("--from", metavar="TARGET", help="Whose file it is [default: by its content].")
+    compass: int | None = option.member(
+        "--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts."
+    )
+    field_strength: float | None = option.field_strength(
+        "Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
+        heading="",
+    )
+    output: str | None = option.output("Calibration file to write [default: standard output].")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "import",
+    Import,
     cls=NamingTargets,
     common=("output", "target", "compass", "force", "as_json"),
     short_help="Read a calibration out of another tool's file.",
@@ -34,25 +52,7 @@ Example:
   flinders import vehicle.params --compass 1 -o calibration.json
 """,
 )
-@click.argument("file", metavar="FILE")
-@option("--from", "target", metavar="TARGET", help="Whose file it is [default: by its content].")
-@option("--compass", type=click.IntRange(0, 3), metavar="N", help="Which compass of several, as the file counts.")
-@_options.field_strength(
-    "Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
-    heading="",
-)
-@option("-o", "--output", metavar="FILE", help="Calibration file to write [default: standard output].")
-@_options.force
-@_options.as_json
-def command(
-    file: str,
-    target: str | None,
-    compass: int | None,
-    field_strength: float | None,
-    output: str | None,
-    force: bool,
-    as_json: bool,
-) -> None:
+def command(options: Import) -> None:
     """Read the calibration that another tool holds out of FILE, and write it as a calibration file.
 
     FILE is what `flinders export` writes for the targets that `flinders targets` marks, or what the tool itself
@@ -62,20 +62,21 @@ def command(
     from flinders.core.files import read_bytes
     from flinders.targets import read_back
 
-    path = output or "-"
-    outputs = Outputs.of(("the calibration", path), force=force, as_json=as_json)
+    path, file = options.output or "-", options.file
+    outputs = Outputs.of(("the calibration", path), force=options.force, as_json=options.as_json)
     if file == "-":
         raise UsageError("the file to import must have a name: flinders import compass.param -o calibration.json")
     outputs.check([file])
     content = read_bytes(file, largest=LARGEST, what="file of parameters", refused=DocumentError)
     _refuse_own(content, file)
     try:
-        name, calibration = read_back(content, file, target=target, strength=field_strength, compass=compass)
+        name, calibration = read_back(
+            content, file, target=options.target, strength=options.field_strength, compass=options.compass
+        )
     except ArrayError as error:
         raise DocumentError(f"{file}: {error}") from None
-    document = calibration.to_document(provenance=_provenance(content, file, name, compass))
-    outputs.write(dumps(document), path)
-    if as_json:
+    outputs.write(dumps(calibration.to_document(provenance=_provenance(content, file, name, options.compass))), path)
+    if options.as_json:
         print_json({"target": name, "calibration": calibration.as_dict()})
     for line in _words(file, name, calibration):
         say(line)
@@ -123,12 +124,10 @@ def _words(file: str, name: str, calibration: Calibration) -> list[str]:
             f"! field strength {figures(calibration.field_strength, 4)} {unit} is a convention: give --field-strength "
             "where lengths matter"
         )
-    for disturbance in calibration.disturbances:
-        cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
-        words.append(
-            f"it follows {disturbance} ({unit}): up to {cost}° of heading at "
-            f"{disturbance.amount(disturbance.farthest)} (dip 60°)"
-        )
+    words += [
+        f"it follows {disturbance} ({unit}): {cost_words(calibration, disturbance)} (dip 60°)"
+        for disturbance in calibration.disturbances
+    ]
     if find(name).acts == "mapped":
         words.append("! for readings in the axes of the vehicle or board, after the mounting")
     return words

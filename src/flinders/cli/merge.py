@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import click
-
-from flinders.cli import _options
-from flinders.cli._inputs import is_recording, provenance
-from flinders.cli._options import option
-from flinders.cli._output import Outputs, print_json, say, show
-from flinders.cli._program import GOOD, LIMITED, REFUSED
-from flinders.errors import DocumentError, UsageError
-
-if TYPE_CHECKING:
-    from flinders.comparison.merging import NotMerged
-    from flinders.fitting.result import Fit
+from flinders.cli import _options as option
+from flinders.cli._inputs import calibration_or_hint, provenance
+from flinders.cli._output import Outputs
+from flinders.cli._program import EXITS
+from flinders.errors import UsageError
 
 
-@_options.command(
+class Merge(option.Group):
+    """Calibrations, and where the one of them goes."""
+
+    calibrations: tuple[str, ...] = option.argument("CALIBRATION...", nargs=-1)
+    output: str | None = option.output(
+        "Calibration file to write, or - for standard output; without it nothing is written."
+    )
+    target_deg: float = option.target()
+    dip_deg: float | None = option.dip("Inclination of the field at the site [default: the steepest of the files].")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "merge",
+    Merge,
     common=("output", "target_deg", "dip_deg", "force", "as_json"),
     short_help="Put several calibrations of a sensor together.",
     epilog="""\b
@@ -33,78 +38,24 @@ Exit codes:
   4  refused: they contradict each other, nothing written
 """,
 )
-@click.argument("calibrations", nargs=-1, required=True, metavar="CALIBRATION...")
-@option(
-    "-o", "--output", metavar="FILE",
-    help="Calibration file to write, or - for standard output; without it nothing is written.",
-)  # fmt: skip
-@_options.target()
-@_options.dip("Inclination of the field at the site [default: the steepest of the files].")
-@_options.force
-@_options.as_json
-def command(
-    calibrations: tuple[str, ...],
-    output: str | None,
-    target_deg: float,
-    dip_deg: float | None,
-    force: bool,
-    as_json: bool,
-) -> int:
+def command(options: Merge) -> int:
     """Put several calibrations of one sensor together into one, where the recordings are gone.
 
     Each counts as much as the covariance that it claims says. What they differ by beyond that goes into the
     uncertainty of the result; calibrations that contradict each other are refused, not averaged. They must
     come from recordings of their own: from recordings that are still there, flinders calibrate makes a better one.
     """
-    from flinders.comparison.merging import NotMerged, merge
+    from flinders.comparison.merging import merge, source_files
     from flinders.core.calibration_file import dumps
-    from flinders.report.fit_pages import of_merged
+    from flinders.report.fit_pages import of_fit
 
-    outputs = Outputs.of(("the calibration", output), force=force, as_json=as_json)
-    outputs.check(calibrations)
-    try:
-        merged = merge([_load(path) for path in calibrations], target_deg=target_deg, dip_deg=dip_deg)
-    except NotMerged as refusal:
-        _show_refusal(refusal, as_json=as_json)
-        return REFUSED
-    outputs.write(dumps(merged.to_document(provenance(files=merged.files))), output)
-    if as_json:
-        print_json(merged.as_dict())
-    else:
-        outputs.show(of_merged(merged))
-    outputs.say_written("nothing was written: name a file with -o merged.json")
-    return GOOD if merged.verdict == "good" else LIMITED
-
-
-def _load(path: str) -> Fit:
-    """Load a calibration, and see whether a recording was given in its place.
-
-    Raises
-    ------
-    UsageError
-        For a recording, or standard input.
-    DocumentError
-        For what is no calibration file.
-    """
-    from flinders.fitting.result import Fit
-
-    if path == "-":
+    outputs = Outputs.of(("the calibration", options.output), force=options.force, as_json=options.as_json)
+    outputs.check(options.calibrations)
+    if "-" in options.calibrations:
         raise UsageError("calibrations are told from each other by their names: give files, not -")
-    try:
-        return Fit.load(path)
-    except DocumentError:
-        if is_recording(path):
-            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
-        raise
-
-
-def _show_refusal(refusal: NotMerged, *, as_json: bool) -> None:
-    """Show why they were not merged."""
-    from flinders.report.fit_pages import of_merged
-
-    if not as_json:
-        show(of_merged(refusal.merged), err=True)
-        return
-    say(f"refused: {refusal}")
-    error = {"code": refusal.code, "message": str(refusal), "exit_code": refusal.exit_code}
-    print_json({**refusal.merged.as_dict(), "error": {**error, "evidence": dict(refusal.evidence)}})
+    parts = [calibration_or_hint(path) for path in options.calibrations]
+    merged = merge(parts, target_deg=options.target_deg, dip_deg=options.dip_deg)
+    outputs.write(dumps(merged.to_document(provenance(files=source_files(parts)))), options.output)
+    outputs.print(merged.as_dict, lambda: of_fit(merged))
+    outputs.say_written("nothing was written: name a file with -o merged.json")
+    return EXITS[merged.verdict]

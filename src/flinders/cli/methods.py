@@ -13,21 +13,25 @@ import dataclasses
 import math
 from typing import TYPE_CHECKING, Any, Final, cast, get_args, get_type_hints
 
-from flinders.cli import _options
-from flinders.cli._output import print_json, show
+from flinders.cli import _options as option
+from flinders.cli._output import print_result
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from flinders.estimators import Estimator, Method
-
-ELLIPSOID: Final = 9
-"""Parameters of an ellipsoid: three of the offset, six of the shape."""
+    from flinders.estimators import Estimator
 
 
-@_options.command(
+class Methods(option.Group):
+    """How the list is printed."""
+
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "methods",
+    Methods,
     short_help="List the methods and when to use each.",
     epilog="""\b
 Example:
@@ -36,33 +40,22 @@ Example:
   flinders calibrate --method ellipsoid --option radii=xy tumble.csv
 """,
 )
-@_options.as_json
-def command(as_json: bool) -> None:
+def command(options: Methods) -> None:
     """List the methods of estimation and when to use each."""
     from flinders.estimators import ROWS
+    from flinders.report.catalogue_pages import of_methods
 
-    if as_json:
-        print_json({name: {**_as_dict(row), "options": listed(row.kind)} for name, row in ROWS.items()})
-        return
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
-    table.add_column("method", style="bold")
-    table.add_column("parameters\nfound", justify="right")
-    table.add_column("readings,\nat least", justify="right")
-    table.add_column("when to use it")
-    for name, row in ROWS.items():
-        parameters, least, use = _as_dict(row).values()
-        options = [f"option {option}: {', '.join(values)}" for option, values in listed(row.kind).items()]
-        table.add_row(name, str(parameters), str(least), "\n".join([str(use), *options]))
-    show(table)
-
-
-def _as_dict(row: Method) -> dict[str, int | str]:
-    """JSON-ready: the parameters of its ellipsoid, which has no more than nine, without the noise."""
-    parameters = min(row.kind.unknowns - 1, ELLIPSOID)
-    return {"parameters": parameters, "least_readings": row.kind.unknowns, "use": row.use}
+    values = {name: listed(row.kind) for name, row in ROWS.items()}
+    fields = {
+        name: {
+            "parameters": row.parameters,
+            "least_readings": row.kind.unknowns,
+            "use": row.use,
+            "options": values[name],
+        }
+        for name, row in ROWS.items()
+    }
+    print_result(lambda: fields, lambda: of_methods(ROWS, values), as_json=options.as_json)
 
 
 SITE: Final = ("dip_deg", "field_strength")

@@ -8,7 +8,7 @@ from typing import Any, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._options import option
+from flinders.cli._options import old_option as option
 from flinders.cli._output import Outputs, print_json, say
 from flinders.cli.report import of_a_pair, pictured
 from flinders.errors import NotExportable, UsageError
@@ -17,7 +17,7 @@ WHAT: Final = ("all", "projections", "deviation", "residuals", "coverage")
 KINDS: Final = (".svg", ".png", ".pdf")
 
 
-@_options.command(
+@_options.old_command(
     "plot",
     common=("output", "what", "columns", "sensor"),
     short_help="Draw a calibration and a recording.",

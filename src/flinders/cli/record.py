@@ -4,65 +4,78 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import click
 
-from flinders.cli import _options
-from flinders.cli._options import option
+from flinders.cli import _options as option
 from flinders.cli._output import Outputs, print_json, say
 from flinders.cli._program import stopping
-from flinders.errors import UsageError, counted, figures
+from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.live.transcript import RecordingStatistics
-    from flinders.live.transports import ByteSource
 
 
-@dataclass(frozen=True)
-class SerialWire(_options.OptionGroup):
+class Wire(option.Group):
     """What sends lines: one of a serial port, datagrams and a program."""
 
-    port: str | None = _options.member("--serial", "port", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
-    baud: int = _options.member("--baud", **_options.BAUD)
-    udp: int | None = _options.member(
+    port: str | None = option.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
+    baud: int = option.baud()
+    udp: int | None = option.member(
         "--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port."
     )
-    tcp: str | None = _options.member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+    tcp: str | None = option.member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+
+
+class Record(option.Group):
+    """A sensor, and the file that it is recorded into."""
+
+    wire: Wire = option.group(Wire)
+    output: str | None = option.output("Where to write; - for standard output.", heading=option.OUTPUT)
+    seconds: float | None = option.member(
+        "--seconds", type=option.positive, metavar="S", help="Stop after so long [default: at Ctrl-C]."
+    )
+    readings: int | None = option.member(
+        "--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings."
+    )
+    pattern: str | None = option.same_as(option.ColumnsOptions, "pattern")
+    force: bool = option.force()
+    resume: bool = option.member(
+        "--resume", heading=option.OUTPUT, is_flag=True,
+        help="Go on with the recording in the output file, which a crash has ended.",
+    )  # fmt: skip
+    as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that one is named.
+        """See that one sender and a file are named.
 
         Raises
         ------
         UsageError
         """
-        given = sum(one is not None for one in (self.port, self.udp, self.tcp))
-        if given > 1:
+        senders = sum(one is not None for one in (self.wire.port, self.wire.udp, self.wire.tcp))
+        if senders > 1:
             raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
-        if given == 0:
+        if senders == 0:
             from flinders.live.transports import ports_in_words
 
             raise UsageError(
                 f"nothing to record: name a --serial port ({ports_in_words()}), or --udp PORT, --tcp HOST:PORT"
             )
-
-    def opened(self) -> ByteSource:
-        """Open what is named."""
-        from flinders.live.transports import Serial, Tcp, Udp, host_and_port
-
-        if self.udp is not None:
-            return Udp(self.udp)
-        if self.tcp is not None:
-            return Tcp(*host_and_port(self.tcp, "--tcp"))
-        return Serial(str(self.port), self.baud)
+        if not self.output:
+            raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
+        if self.resume and (self.force or self.output == "-"):
+            raise UsageError(
+                f"--resume goes on with a file: leave {'--force out' if self.force else 'it out with -o -'}"
+            )
 
 
-@_options.command(
+@option.command_of(
     "record",
+    Record,
     common=("port", "udp", "tcp", "output", "seconds"),
     short_help="Record a running sensor.",
     epilog="""\b
@@ -79,27 +92,7 @@ Exit codes:
   6  the file cannot be written or continued; what came before is saved
 """,
 )
-@_options.groups(wire=SerialWire)
-@option("-o", "--output", heading=_options.OUTPUT, metavar="FILE", help="Where to write; - for standard output.")
-@option("--seconds", type=_options.positive, metavar="S", help="Stop after so long [default: at Ctrl-C].")
-@option("--readings", type=click.IntRange(min=1), metavar="N", help="Stop after so many readings.")
-@_options.some(_options.ColumnsOptions, "pattern")
-@_options.force
-@option(
-    "--resume", heading=_options.OUTPUT, is_flag=True,
-    help="Go on with the recording in the output file, which a crash has ended.",
-)  # fmt: skip
-@_options.as_json
-def command(
-    wire: SerialWire,
-    output: str | None,
-    seconds: float | None,
-    readings: int | None,
-    pattern: str | None,
-    force: bool,
-    resume: bool,
-    as_json: bool,
-) -> None:
+def command(options: Record) -> None:
     """Record what a sensor sends, as it arrives, as text that every command reads.
 
     Understood are numbers with labels (X: -20.8 Y: -20.2 Z: 26.1 uT), in tuples, or in a table, time stamps in
@@ -108,40 +101,41 @@ def command(
     port that goes away is waited for.
     """
     from flinders.live.recorder import Recorder, Resumed, ToFile, ToStandardOutput
+    from flinders.live.transports import opened_lines
 
-    wire.check()
-    if not output:
-        raise UsageError("need a file to write: -o tumble.csv, or -o - for standard output")
-    if resume and (force or output == "-"):
-        raise UsageError(f"--resume goes on with a file: leave {'--force out' if force else 'it out with -o -'}")
-    Outputs.of(("the recording", output), force=force or resume, as_json=as_json).check()
-    resumed = Resumed.of(output) if resume else None
+    options.check()
+    path, is_resumed = str(options.output), options.resume
+    Outputs.of(("the recording", path), force=options.force or is_resumed, as_json=options.as_json).check()
+    resumed = Resumed.of(path) if is_resumed else None
     with contextlib.ExitStack() as stack:
-        source = wire.opened()
-        stack.callback(source.close)
-        sink = ToStandardOutput() if output == "-" else stack.enter_context(ToFile(output, force=force, resume=resume))
+        source = stack.enter_context(contextlib.closing(opened_lines(**options.wire.as_dict())))
+        sink = (
+            ToStandardOutput()
+            if path == "-"
+            else stack.enter_context(ToFile(path, force=options.force, resume=is_resumed))
+        )
         stopped = stack.enter_context(stopping(patient=False))
         watch = stack.enter_context(_status())
-        say(f"recording {source.name}{'' if seconds or readings else '; Ctrl-C ends it'}")
-        record = Recorder(
+        say(f"recording {source.name}{'' if options.seconds or options.readings else '; Ctrl-C ends it'}")
+        statistics = Recorder(
             source,
             sink,
-            seconds=seconds,
-            readings=readings,
-            pattern=pattern,
+            seconds=options.seconds,
+            readings=options.readings,
+            pattern=options.pattern,
             resumed=resumed,
             stopped=stopped,
             say=watch.say,
             watch=watch.show,
         ).run()
-    say(str(record))
-    for line in _remarks(record, output):
+    say(str(statistics))
+    for line in _remarks(statistics, path):
         say(line)
-    if as_json:
-        print_json({**record.as_dict(), "written_to": output})
+    if options.as_json:
+        print_json({**statistics.as_dict(), "written_to": path})
 
 
-def _remarks(record: RecordingStatistics, output: str | None) -> Iterator[str]:
+def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
     """Say what to know of a recording, and what to type next."""
     if record.unknown:
         yield (
@@ -168,7 +162,7 @@ class _Status:
     def show(self, record: RecordingStatistics) -> None:
         """Write the line anew."""
         if self._is_shown:
-            text = _in_short(record)
+            text = record.brief
             self._put(f"\r{text.ljust(self._width)}")
             self._width = len(text)
 
@@ -186,14 +180,6 @@ class _Status:
     def _put(self, text: str) -> None:
         with contextlib.suppress(OSError, ValueError):
             click.echo(text, nl=False, err=True)
-
-
-def _in_short(record: RecordingStatistics) -> str:
-    """Readings, rate, strength and seconds on a line that fits any terminal."""
-    parts = [counted(record.readings, "reading"), f"{figures(record.rate_hz, 3)} Hz" if record.rate_hz else "- Hz"]
-    if record.strengths:
-        parts.append(f"{figures(record.weakest, 3)} to {figures(record.strongest, 3)} {record.unit}")
-    return "  ".join([*parts, f"{record.seconds:.0f} s"])
 
 
 @contextlib.contextmanager

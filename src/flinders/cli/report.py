@@ -15,9 +15,9 @@ import click
 
 from flinders.cli import _options
 from flinders.cli._inputs import load, made_from, opened_with
-from flinders.cli._options import option
+from flinders.cli._options import old_option as option
 from flinders.cli._output import Outputs, drawn, print_json, progress, refuse_report, say
-from flinders.errors import FlindersError, OutputError, UsageError
+from flinders.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from flinders.errors import FitError
     from flinders.fitting.result import Fit
     from flinders.report.html import Listing
-
-FIRST: Final = ("c",)
-"""Targets that stand first among the listings of a report, open."""
 
 BROWSERS: Final = (
     "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge",
@@ -59,19 +56,19 @@ OTHER = (
 def of_a_pair(function: _options.Function) -> _options.Function:
     """Add the options of a command that draws a calibration and a recording."""
     for each in (
-        _options.as_json,
-        _options.force,
-        _options.target("Worst heading error that is good enough [default: the calibration's].", None),
-        _options.dip("Inclination of the field at the site [default: the calibration's]."),
-        _options.some(_options.PartOptions, "topic", "start", "end", "as_logged"),
-        _options.sensor_of_calibration,
-        _options.some(_options.ColumnsOptions, "columns"),
+        _options.old_as_json,
+        _options.old_force,
+        _options.old_target("Worst heading error that is good enough [default: the calibration's].", None),
+        _options.old_dip("Inclination of the field at the site [default: the calibration's]."),
+        _options.old_some(_options.PartOptions, "topic", "start", "end", "as_logged"),
+        _options.old_sensor_of_calibration,
+        _options.old_some(_options.ColumnsOptions, "columns"),
     ):
         function = each(function)
     return function
 
 
-@_options.command(
+@_options.old_command(
     "report",
     common=("output", "pdf", "columns", "sensor"),
     short_help="Write a report of a calibration and a recording.",
@@ -104,7 +101,7 @@ def command(
     """
     from flinders.core.calibration_file import read
     from flinders.core.files import write_bytes
-    from flinders.report.html import page
+    from flinders.report.html import listings_of, page
 
     path = output or (None if pdf else "report.html")
     outputs = Outputs.of(("the report", path), ("its PDF", pdf, "--pdf"), force=force, as_json=as_json)
@@ -117,7 +114,7 @@ def command(
         recording,
         provenance=provenance,
         asked={"Calibration file": calibration, **as_typed(asked)},
-        listings=listings(loaded),
+        listings=listings_of(loaded),
         notes=notes,
     )
     outputs.write(text, path)
@@ -199,12 +196,12 @@ def write(
     """
     from flinders.core.files import write_text
     from flinders.fitting.result import Fit
-    from flinders.report.html import page
+    from flinders.report.html import listings_of, page
 
     listed: list[Listing] = []
     if isinstance(outcome, Fit):
         name = ", ".join(file.name for file in provenance.files)
-        listed = listings(replace(outcome, name=name, provenance=provenance))
+        listed = listings_of(replace(outcome, name=name, provenance=provenance))
     text = page(outcome, recording, provenance=provenance, asked=as_typed(asked), listings=listed)
     write_text(text, path, force=force)
 
@@ -220,27 +217,6 @@ def as_typed(asked: dict[str, Any]) -> dict[str, str]:
         OPTIONS.get(name, f"--{name.removesuffix('_deg').replace('_', '-')}"): "yes" if value is True else f"{value}"
         for name, value in given.items()
     }
-
-
-def listings(fit: Fit) -> list[Listing]:
-    """The calibration for each target that can hold it and whose file is text, code first."""
-    from flinders.cli.export import about, rendered
-    from flinders.report.html import Listing
-    from flinders.targets import registry
-
-    if fit.verdict == "refused":
-        return []
-    listed = []
-    for name in sorted(registry(), key=lambda name: name not in FIRST):
-        row = registry()[name]
-        try:
-            export, _ = rendered(fit, row)
-        except FlindersError:
-            continue
-        if export.data is None:
-            notes = () if export.has_comments else tuple(about(fit))
-            listed.append(Listing(row.use, f"{name}{row.suffix}", export.text, (*notes, *export.warnings)))
-    return listed
 
 
 def plot(fit: Fit, recording: Recording, *, err: bool = False) -> None:

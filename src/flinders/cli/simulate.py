@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options
-from flinders.cli._options import option
+from flinders.cli._options import old_option as option
 from flinders.cli._output import Outputs, print_json, say, show
 from flinders.cli._program import GOOD, REFUSED
 from flinders.errors import FitError, UsageError, counted
@@ -68,7 +68,7 @@ def _shared(where: str) -> Callable[[_options.Function], _options.Function]:
 
     def shared(function: _options.Function) -> _options.Function:
         for each in (
-            _options.as_json,
+            _options.old_as_json,
             option(
                 "--force", heading=_options.OUTPUT, is_flag=True, help="Overwrite the files if they exist."
             ),
@@ -80,8 +80,8 @@ def _shared(where: str) -> Callable[[_options.Function], _options.Function]:
             option(
                 "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
             ),
-            _options.dip("Inclination of the field.", 60.0),
-            _options.field_strength("Strength of the field in µT.", default=50.0, show_default=True, metavar="UT"),
+            _options.old_dip("Inclination of the field.", 60.0),
+            _options.old_field_strength("Strength of the field in µT.", default=50.0, show_default=True, metavar="UT"),
         ):  # fmt: skip
             function = each(function)
         return function
@@ -113,7 +113,7 @@ def command() -> None:
     cls=_options.Command,
     common=("output", "motion", "n", "noise", "seed"),
     headings={
-        "Motion": ("rate_hz", "tilt_deg", "held"),
+        "Motion": ("rate_hz", "tilt_deg", "stationary"),
         "Sensor": ("sensor", "soft_iron", "hard_iron", "resolution", "limit", "gyro_bias", "magnetometer_only"),
         "Disturbances": ("outliers", "motor", "drift", "step", "field_step", "magnet"),
     },
@@ -160,7 +160,7 @@ Example:
 )  # fmt: skip
 @option("--outliers", type=share, default=0.0, metavar="SHARE", help="Share of readings that are outliers.")
 @option(
-    "--stationary", "held", was=("--held",), type=share, default=0.0, metavar="SHARE",
+    "--stationary", was=("--held",), type=share, default=0.0, metavar="SHARE",
     help="Share of readings in clumps: the sensor is not moved.",
 )  # fmt: skip
 @option("--motor", type=size, metavar="UT", help="Field of motors, in µT per ampere; adds their current.")
@@ -406,8 +406,8 @@ def _summary(simulated: Simulated) -> str:
         parts[0] += f", {len(samples) / simulated.rate_hz:g} s"
     offset = sensor.offset if samples.time is not None else sensor.offset[:2]  # a swing has two axes, and no clock
     parts.append(f"offset {math.hypot(*offset):.3g} µT, {sensor.noise:g} µT of noise")
-    if strays := int(simulated.strays.sum()):
-        parts.append(counted(strays, "stray"))
+    if outliers := int(simulated.outliers.sum()):
+        parts.append(counted(outliers, "stray"))
     return "; ".join([*parts, *simulated.disturbances])
 
 

@@ -50,8 +50,7 @@ class Swing:
     expected: Expected | None = None
 
 
-@dataclass(frozen=True)
-class Card(_options.OptionGroup):
+class Card(_options.Group):
     """What is written of a curve."""
 
     output: str | None = _options.member(
@@ -62,7 +61,7 @@ class Card(_options.OptionGroup):
         "--svg", heading=_options.OUTPUT, metavar="FILE", help="Also draw the curve, as SVG."
     )
     step_deg: float = _options.member(
-        "--step", "step_deg", heading=_options.OUTPUT, type=_options.within(0, 90, "degrees above 0, up to 90"),
+        "--step", heading=_options.OUTPUT, type=_options.within(0, 90, "degrees above 0, up to 90"),
         default=15.0, show_default=True, metavar="DEG", help="Step of the card.",
     )  # fmt: skip
     force: bool = _options.member(
@@ -76,8 +75,7 @@ class Card(_options.OptionGroup):
         )
 
 
-@dataclass(frozen=True)
-class KnownHeadings(_options.OptionGroup):
+class KnownHeadings(_options.Group):
     """Known headings, how well they are known, and how they are found in a recording."""
 
     headings: str | None = _options.member(
@@ -85,17 +83,17 @@ class KnownHeadings(_options.OptionGroup):
         help="Known headings of the stationary intervals in LOG, in their order: magnetic, or true with --at.",
     )  # fmt: skip
     sigma_deg: float | None = _options.member(
-        "--sigma", "sigma_deg", heading=_options.METHOD, type=_options.angle, metavar="DEG",
+        "--sigma", heading=_options.METHOD, type=_options.angle, metavar="DEG",
         help="How well a heading was known and read, 1 σ [default: from the residuals].",
     )  # fmt: skip
     stationary_s: float = _options.member(
-        "--stationary", "stationary_s", was=("--rest",), heading=_options.RECORDING, type=_options.positive,
+        "--stationary", was=("--rest",), heading=_options.RECORDING, type=_options.positive,
         default=2.0, show_default=True, metavar="S",
         help="Shortest stationary interval in LOG, in seconds; 50 readings where it has no clock.",
     )  # fmt: skip
 
 
-@_options.command(
+@_options.old_command(
     "swing",
     common=("output", "svg", "headings", "target_deg", "as_json"),
     short_help="Deviation of a compass at known headings, and its card.",
@@ -113,10 +111,10 @@ Exit codes:
 """,
 )
 @click.argument("inputs", nargs=-1, required=True, metavar="TABLE | CALIBRATION LOG")
-@_options.groups(card=Card, known=KnownHeadings, place=_options.Place, accelerometer=_options.Accelerometer)
-@_options.some(_options.ColumnsOptions, "columns", "pattern")
-@_options.target("What a turn by 180° may miss, and 1 σ of the curve may be.")
-@_options.as_json
+@_options.old_groups(card=Card, known=KnownHeadings, place=_options.Place, accelerometer=_options.Accelerometer)
+@_options.old_some(_options.ColumnsOptions, "columns", "pattern")
+@_options.old_target("What a turn by 180° may miss, and 1 σ of the curve may be.")
+@_options.old_as_json
 @click.pass_context
 def command(
     context: click.Context,
@@ -182,8 +180,7 @@ def _of_table(path: str, sigma_deg: float | None, place: Place) -> Swing:
 
     if is_calibration(path):
         raise UsageError(f"{path} is a calibration: give the recording of a swing after it")
-    if place.date is not None and place.place is None:
-        raise UsageError("--date is for the declination at a place: give --at LAT,LON too")
+    place.check()
     table = read_swing(path)
     columns, site = table.columns, None
     for name in ("compass", "magnetic", "true", "deviation"):

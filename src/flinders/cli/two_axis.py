@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,14 +20,13 @@ from flinders.cli._inputs import (
     saying_what_was_skipped,
     sha256,
 )
-from flinders.cli._options import option
+from flinders.cli._options import old_option as option
 from flinders.cli._output import Outputs, print_json, progress, say
 from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
     from flinders.cli._options import ReadingOptions
-    from flinders.comparison.composition import Composed
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
@@ -42,8 +41,7 @@ FLAT: Final = 0.05
 """Variance across over that along, below which readings lie in a plane, and those of a plane on a line."""
 
 
-@dataclass(frozen=True)
-class PlaneFiles(_options.OptionGroup):
+class PlaneFiles(_options.Group):
     """What is written where."""
 
     output: str | None = _options.member(
@@ -57,7 +55,7 @@ class PlaneFiles(_options.OptionGroup):
         "--force", heading=_options.OUTPUT, is_flag=True, help="Overwrite the output file if it exists."
     )
     as_json: bool = _options.member(
-        "--json", "as_json", heading=_options.OUTPUT, is_flag=True, help="Print the result as JSON on standard output."
+        "--json", heading=_options.OUTPUT, is_flag=True, help="Print the result as JSON on standard output."
     )
 
     @property
@@ -69,7 +67,7 @@ class PlaneFiles(_options.OptionGroup):
         )  # fmt: skip
 
 
-@_options.command(
+@_options.old_command(
     "two-axis",
     short_help="Hard and soft iron of one plane, by the two-axis recipe.",
     common=("output", "plane", "method", "after", "polar"),
@@ -98,13 +96,13 @@ Three axes, one plane at a time, each loaded before the next is recorded:
     "--after", metavar="CALIBRATION",
     help="RECORDING was made with this loaded: the result is the two of them, composed.",
 )  # fmt: skip
-@_options.groups(reading=_options.ReadingOptions, files=PlaneFiles)
+@_options.old_groups(reading=_options.ReadingOptions, files=PlaneFiles)
 @option(
     "--sensor", heading=_options.RECORDING, metavar="NAME",
     help="Name or serial number to store; of a log, which magnetometer, by number or name.",
 )  # fmt: skip
-@_options.field_strength()
-@_options.judgement
+@_options.old_field_strength()
+@_options.old_judgement
 @click.pass_context
 def command(
     context: click.Context, /, recording: str, reading: ReadingOptions, files: PlaneFiles, **options: Any
@@ -116,7 +114,7 @@ def command(
     wrong: --method ellipse fits the ellipse of least squares instead. The result holds for this plane alone: exit
     code 3, as of everything limited.
     """
-    from flinders.comparison.composition import Composed, refuse_unloaded
+    from flinders.comparison.composition import composed, refuse_unloaded
     from flinders.core.calibration_file import SourceFile, dumps
     from flinders.fitting.result import Refused
 
@@ -134,13 +132,13 @@ def command(
             except Refused as refusal:
                 _draw(turn, refusal.fit, files)
                 raise
-    composed = None if first is None else Composed.of(first, fit)
+    both = None if first is None else composed(first, fit)
     if files.output:
         own = SourceFile(name=source.source, sha256=sha256(source), bytes=file_of(source).size, rows=len(turn.points))
         made_from = provenance(files=[*(first.files if first else ()), own])
-        outputs.write(dumps((composed or fit).to_document(made_from)), files.output)
+        outputs.write(dumps((both or fit).to_document(made_from)), files.output)
     _draw(turn, fit, files)
-    _show(fit, turn, composed, after, files)
+    _show(fit, turn, both, after, files)
     return LIMITED
 
 
@@ -306,24 +304,26 @@ def _draw(turn: Turn, fit: Fit, files: PlaneFiles) -> None:
             say(f"written to {files.polar}")
 
 
-def _show(fit: Fit, turn: Turn, composed: Composed | None, after: str | None, files: PlaneFiles) -> None:
+def _show(fit: Fit, turn: Turn, both: Fit | None, after: str | None, files: PlaneFiles) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.report.turn import of_turn
 
     if files.as_json:
-        print_json(_as_dict(fit, turn, composed))
+        print_json(_as_dict(fit, turn, both))
     else:
-        files.outputs.show(of_turn(fit, turn, composed=composed, after=after))
+        files.outputs.show(of_turn(fit, turn, composed=both, after=after))
     files.outputs.say_written()
     if files.output is None:
         say("no calibration was written: name a file with -o calibration.json")
 
 
-def _as_dict(fit: Fit, turn: Turn, composed: Composed | None) -> dict[str, Any]:
+def _as_dict(fit: Fit, turn: Turn, both: Fit | None) -> dict[str, Any]:
     """JSON-ready: a fit, the turn, and what is to be loaded where it is composed."""
+    from flinders.comparison.composition import as_dict
+
     even = turn.spacing.is_even(within_deg=fit.target_deg)
     return {
         **fit.as_dict(),
         "turn": {**turn.as_dict(), "mean_is_trusted": even},
-        "composed": None if composed is None else composed.as_dict(),
+        "composed": None if both is None else as_dict(both),
     }

@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
+from flinders.arrays import runs
 from flinders.geometry.angles import deflection_deg
 
 if TYPE_CHECKING:
@@ -223,8 +224,7 @@ def _changed_length(differ: NDArray[np.bool_], lengths: Floats, limit: float) ->
     """(m, K) sensors whose length changes anywhere in the stretch of disagreement that a block is in."""
     changed = _changed(lengths, limit)
     has_changed = np.zeros_like(changed)
-    blocks = np.flatnonzero(differ.any(axis=(0, 1)))
-    for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
+    for run in runs(differ.any(axis=(0, 1))):
         has_changed[:, run] = changed[:, run].any(axis=1, keepdims=True)
     return has_changed
 
@@ -270,9 +270,8 @@ def _runs(
     )
     for each in who:
         sensor, by_length = each
-        blocks = np.array([block for block, those in enumerate(blamed) if each in those])
-        for run in np.split(blocks, np.flatnonzero(np.diff(blocks) > 1) + 1):
-            first, last = int(edges[run[0]]), int(edges[run[-1] + 1]) - 1
+        for run in runs([each in those for those in blamed]):
+            first, last = int(edges[run.start]), int(edges[run.stop]) - 1
             farthest = float(np.nanmax(_off(apart[..., run], sensor)))
             length = lengths[:, run] if sensor is None else lengths[sensor, run]
             angle = 2.0 * np.rad2deg(np.arcsin(min(farthest / 2.0, 1.0)))

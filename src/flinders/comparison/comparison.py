@@ -51,6 +51,22 @@ SAME_DEG: Final = 1e-6
 """Rotations nearer than that are the same but for rounding."""
 
 
+def printed(result: object, *names: str) -> dict[str, Any]:
+    """Attributes of a result as JSON has them, by name."""
+    return {name: _plain(getattr(result, name)) for name in names}
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a result holds
+    """A value as JSON has it: arrays and tuples as lists, results as mappings."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if hasattr(value, "as_dict"):
+        return value.as_dict()
+    if hasattr(value, "_asdict"):
+        return value._asdict()
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RotationDifference:
     """How far the rotations from the magnetometer's axes into those of the body are apart, b after a undone.
@@ -119,12 +135,7 @@ class RotationDifference:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        return {
-            "vector_deg": self.vector_deg.tolist(),
-            "sigma_deg": None if self.sigma_deg is None else self.sigma_deg.tolist(),
-            "angle_deg": self.angle_deg,
-            "p_value": self.p_value,
-        }
+        return printed(self, "vector_deg", "sigma_deg", "angle_deg", "p_value")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,26 +253,17 @@ class Comparison:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints; no key of a rotation where nobody knows one."""
-        heading, claimed = self.heading_difference_deg, self.claimed_deg
+        heading = self.heading_difference_deg
         return {
             "verdict": self.verdict,
             "telling": self.is_telling,
             "heading_difference_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
-            "claimed_deg": None if claimed is None else claimed.as_dict(),
-            "ratio": self.ratio,
-            "chi_square": self.chi_square,
-            "freedom": self.freedom,
-            "p_value": self.p_value,
-            "direction_difference_deg": self.direction_difference_deg,
-            "offset_difference": self.offset_difference.tolist(),
-            "offset_sigma": None if self.offset_sigma is None else self.offset_sigma.tolist(),
-            "offset_share": self.offset_share,
-            "unit": self.unit,
-            "scale_difference": self.scale_difference,
+            **printed(self, "claimed_deg", "ratio", "chi_square", "freedom", "p_value", "direction_difference_deg"),
+            **printed(self, "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference"),
             "scale_known": self.is_scale_known,
-            **({} if self.rotation is None else {"rotation": self.rotation.as_dict()}),
+            **({} if self.rotation is None else printed(self, "rotation")),
             **({} if self.left_out_deg is None else {"rotation_left_out_deg": self.left_out_deg}),
         }
 

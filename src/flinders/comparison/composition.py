@@ -16,30 +16,26 @@ True
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final, cast
 
-import msgspec
 import numpy as np
 
 from flinders.core.units import label
 from flinders.errors import UsageError, figures
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
-from flinders.fitting.result import Outcome, error_record
 from flinders.fitting.verdict import of_calibration
 from flinders.geometry.angles import heading_errors
 from flinders.geometry.plane import PLANES, order_of
 from flinders.heading.error_propagation import HeadingError, level_turn
+from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
-    from flinders.core.calibration_file import Document, Fitted, Provenance
     from flinders.fitting.result import Fit
-    from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane, Turn
 
 THEN: Final = ", then "
@@ -176,27 +172,23 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Composed(Outcome):
-    """A calibration that was loaded, with that of the turn that it was loaded for.
+def composed(first: Fit, fit: Fit) -> Fit:
+    """Compose the fit of a turn in a plane with the calibration that was loaded for it.
 
-    Attributes
+    Parameters
     ----------
-    calibration : Calibration
-        To be loaded in place of the first.
+    first : Fit
+        What was loaded.
     fit : Fit
         Of the turn.
-    turns : tuple of str
-        Planes of all turns so far, in their order; an empty one for what is no turn.
-    heading_error_deg : HeadingError
-        Of a level vehicle, 1 σ: what the turns claim together, and what the rotation of the matrix costs. A level
-        heading rests on the last turn in xy and those after it. 180° where nobody can say: there was no turn in xy
-        yet, or what was loaded claims nothing.
-    rotation_deg : float
-        What the rotation of the matrix costs at the worst level heading.
-    findings : tuple of Finding
-    before : Fit
-        What was loaded.
+
+    Returns
+    -------
+    Fit
+        To be loaded in place of the first; `turns_of` its method are all turns so far. The heading error of a level
+        vehicle is what the turns claim together, and what the rotation of the matrix costs: it rests on the last turn
+        in xy and those after it. 180° where nobody can say: there was no turn in xy yet, or what was loaded claims
+        nothing. It has no covariance, as offset and matrix of several turns are correlated.
 
     Examples
     --------
@@ -206,63 +198,39 @@ class Composed(Outcome):
     >>> first = calibrate.fit(sweep.samples, method="ellipse")
     >>> loaded = replace(sweep.samples, field=first.calibration.apply(sweep.samples.field))
     >>> second = calibrate.fit(loaded, method="ellipse", field_strength=first.calibration.field_strength)
-    >>> composed = Composed.of(first, second)      # the same turn once more, which changes nothing
-    >>> composed.turns, composed.calibration.isclose(first.calibration, tolerance=1e-3)
+    >>> both = composed(first, second)      # the same turn once more, which changes nothing
+    >>> turns_of(both.method), both.calibration.isclose(first.calibration, tolerance=1e-3)
     (('xy', 'xy'), True)
     """
+    before = first.method if first.is_described else "a calibration"
+    method = f"{before}{THEN}{fit.method}"
+    turns = turns_of(method)
+    known = first.calibration.field_strength_known
+    calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
+    left = rotation_error(calibration.matrix, turns, dip_deg=fit.heading_error_deg.dip_deg)
+    both = replace(
+        fit,
+        calibration=calibration,
+        method=method,
+        samples=first.samples + fit.samples,
+        covariance=np.zeros((9, 9)),
+        coverage=Coverage(),
+        heading_error_deg=_claimed(first, fit, turns, left),
+        plane=None,
+    )
+    return replace(both, findings=by_severity([_finding(turns, left.worst, fit.target_deg), *of_calibration(both)]))
 
-    calibration: Calibration
-    fit: Fit
-    turns: tuple[str, ...]
-    heading_error_deg: HeadingError
-    rotation_deg: float
-    findings: tuple[Finding, ...]
-    before: Fit
 
-    @classmethod
-    def of(cls, first: Fit, fit: Fit) -> Composed:
-        """Compose what was loaded with the fit of a turn in a plane."""
-        before = turns_of(first.method)
-        turns, dip = (*before, fit.plane or ""), fit.heading_error_deg.dip_deg
-        known = first.calibration.field_strength_known
-        calibration = replace(fit.calibration @ first.calibration, field_strength_known=known)
-        left = rotation_error(calibration.matrix, turns, dip_deg=dip)
-        error = _claimed(first, fit, turns, left)
-        composed = cls(calibration, fit, turns, error, left.worst, (), first)
-        findings = [_finding(turns, left.worst, fit.target_deg), *of_calibration(composed)]
-        return replace(composed, findings=by_severity(findings))
-
-    @property
-    def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that it makes a sphere."""
-        return self.calibration.ellipsoid
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: the calibration, what is claimed of it, and what is open."""
-        error = self.heading_error_deg
-        return {
-            **self.calibration.as_dict(),
-            "turns": list(self.turns),
-            "heading_error_deg": error.as_dict(dip_deg=error.dip_deg),
-            "rotation_deg": self.rotation_deg,
-            "findings": [finding.as_dict() for finding in self.findings],
-        }
-
-    def to_document(self, provenance: Provenance | None = None) -> Document:
-        """The calibration file: without a covariance, as offset and matrix of several turns are correlated."""
-        own = self.fit.to_document().fit
-        before = self.before.method if self.before.is_described else "a calibration"
-        record = msgspec.structs.replace(
-            cast("Fitted", own),
-            method=f"{before}{THEN}{self.fit.method}",
-            samples=self.before.samples + self.fit.samples,
-            covariance=None,
-            verdict=self.verdict,
-            heading_error_deg=error_record(self.heading_error_deg, self.fit.target_deg),
-            coverage={},
-            findings=self.finding_records,
-        )
-        return self.calibration.to_document(fit=record, provenance=provenance)
+def as_dict(both: Fit) -> dict[str, Any]:
+    """JSON-ready, of `composed`: the calibration, what is claimed of it, and what is open."""
+    error, turns = both.heading_error_deg, turns_of(both.method)
+    return {
+        **both.calibration.as_dict(),
+        "turns": list(turns),
+        "heading_error_deg": error.as_dict(dip_deg=error.dip_deg),
+        "rotation_deg": rotation_error(both.calibration.matrix, turns, dip_deg=error.dip_deg).worst,
+        "findings": [finding.as_dict() for finding in both.findings],
+    }
 
 
 def _claimed(first: Fit, fit: Fit, turns: Sequence[str], left: HeadingError) -> HeadingError:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from flinders.comparison.comparison import CHANCE, DIRECTIONS
+from flinders.comparison.comparison import CHANCE, DIRECTIONS, printed
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
 from flinders.geometry.angles import heading_errors
@@ -24,7 +24,6 @@ from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
     DirectionError,
     HeadingError,
-    direction_error_deg,
     level_error,
     level_gradients,
     level_turn,
@@ -75,8 +74,6 @@ class Evaluation:
     chi_square, freedom : float or None, int
         Of the level heading errors against the covariance; they are circles and figures of eight around the
         compass, with two numbers each.
-    p_value : float or None
-        How often chance alone makes them as large.
     field_strength : float, in `unit`
         The true one.
     target_deg : float
@@ -85,21 +82,25 @@ class Evaluation:
 
     heading_error_deg: HeadingError
     heading_mean_deg: float
-    claimed_heading_deg: HeadingError | None
     direction_error_deg: DirectionError
     freed_direction_error_deg: DirectionError
-    claimed_direction_deg: DirectionError | None
     rotation_deg: float
     offset_error: Floats
-    offset_sigma: Floats | None
     matrix_error: float
     scale_error: float | None
-    chi_square: float | None
-    freedom: int
-    p_value: float | None
     field_strength: float
     target_deg: float
     unit: str
+    claimed_heading_deg: HeadingError | None = None
+    claimed_direction_deg: DirectionError | None = None
+    offset_sigma: Floats | None = None
+    chi_square: float | None = None
+    freedom: int = 0
+
+    @property
+    def p_value(self) -> float | None:
+        """How often chance alone makes the errors as large; None where nothing is claimed."""
+        return None if self.chi_square is None else chance_of(self.chi_square, self.freedom)
 
     @property
     def heading_ratio(self) -> float | None:
@@ -138,30 +139,17 @@ class Evaluation:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
-        heading, claimed, direction = self.heading_error_deg, self.claimed_heading_deg, self.claimed_direction_deg
+        heading = self.heading_error_deg
         return {
             "verdict": self.verdict,
             "on_target": self.is_on_target,
             "heading_error_deg": heading.as_dict(
                 mean=self.heading_mean_deg, dip_deg=heading.dip_deg, target_deg=self.target_deg
             ),
-            "claimed_heading_deg": None if claimed is None else claimed.as_dict(),
-            "heading_ratio": self.heading_ratio,
-            "direction_error_deg": self.direction_error_deg._asdict(),
-            "freed_direction_error_deg": self.freed_direction_error_deg._asdict(),
-            "claimed_direction_deg": None if direction is None else direction._asdict(),
-            "direction_ratio": self.direction_ratio,
-            "rotation_deg": self.rotation_deg,
-            "offset_error": self.offset_error.tolist(),
-            "offset_sigma": None if self.offset_sigma is None else self.offset_sigma.tolist(),
-            "offset_ratio": self.offset_ratio,
-            "offset_share": self.offset_share,
-            "matrix_error": self.matrix_error,
-            "scale_error": self.scale_error,
-            "chi_square": self.chi_square,
-            "freedom": self.freedom,
-            "p_value": self.p_value,
-            "unit": self.unit,
+            **printed(self, "claimed_heading_deg", "heading_ratio", "direction_error_deg", "freed_direction_error_deg"),
+            **printed(self, "claimed_direction_deg", "direction_ratio", "rotation_deg", "offset_error", "offset_sigma"),
+            **printed(self, "offset_ratio", "offset_share", "matrix_error", "scale_error"),
+            **printed(self, "chi_square", "freedom", "p_value", "unit"),
         }
 
     def __repr__(self) -> str:
@@ -204,25 +192,19 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     errors, mean = met.heading_errors(dip_deg)
     seen = met.corrected(DIRECTIONS)
     rotation = best_rotation(seen.T, DIRECTIONS.T)
-    claims = _Claims.of(fit, dip_deg, errors) if fit.states_uncertainty else None
     return Evaluation(
         heading_error_deg=HeadingError(*_rms_and_worst(np.rad2deg(errors)), float(dip_deg)),
         heading_mean_deg=math.degrees(mean),
-        claimed_heading_deg=claims.heading if claims else None,
         direction_error_deg=_angles_deg(seen),
         freed_direction_error_deg=_angles_deg(rotation @ seen),
-        claimed_direction_deg=claims.direction_deg if claims else None,
         rotation_deg=math.degrees(math.hypot(*rotation_vectors(rotation))),
         offset_error=np.asarray(fit.calibration.offset - met.offset),
-        offset_sigma=claims.offset_sigma if claims else None,
         matrix_error=met.matrix_error,
         scale_error=met.scale_error if fit.calibration.field_strength_known else None,
-        chi_square=claims.chi_square if claims else None,
-        freedom=claims.freedom if claims else 0,
-        p_value=chance_of(claims.chi_square, claims.freedom) if claims else None,
         field_strength=truth.field.strength,
         target_deg=float(target_deg),
         unit=truth.unit,
+        **(_claims(fit, dip_deg, errors) if fit.states_uncertainty else {}),
     )
 
 
@@ -275,34 +257,21 @@ class _Met:
         return float(length / self.calibration.field_strength - 1.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Claims:
-    """What a covariance says, and how the level heading errors bear it out."""
-
-    heading: HeadingError
-    direction_deg: DirectionError
-    offset_sigma: Floats
-    chi_square: float
-    freedom: int
-
-    @classmethod
-    def of(cls, fit: Fit, dip_deg: float, errors: Floats) -> _Claims:
-        """Take it out of the covariance of a fit; errors (72,) in rad.
-
-        A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of
-        eight: the first two harmonics are all there is to first order, and are held against their covariance.
-        """
-        heading, _ = level_turn(dip_deg)
-        waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
-        gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg)
-        chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.covariance @ gradient.T)
-        return cls(
-            level_error(fit.ellipsoid, fit.covariance, dip_deg=dip_deg),
-            direction_error_deg(fit.ellipsoid, fit.covariance),
-            fit.offset_sigma,
-            chi_square,
-            freedom,
-        )
+def _claims(fit: Fit, dip_deg: float, errors: Floats) -> dict[str, Any]:
+    """What the covariance of a fit says, and how the level heading errors (72,) in rad bear it out."""
+    # A small error of the offset moves headings by a circle around the compass, one of the shape by a figure of eight:
+    # the first two harmonics are all there is to first order.
+    heading, _ = level_turn(dip_deg)
+    waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
+    gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg)
+    chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.covariance @ gradient.T)
+    return {
+        "claimed_heading_deg": level_error(fit.ellipsoid, fit.covariance, dip_deg=dip_deg),
+        "claimed_direction_deg": fit.direction_error_deg,
+        "offset_sigma": fit.offset_sigma,
+        "chi_square": chi_square,
+        "freedom": freedom,
+    }
 
 
 def _angles_deg(seen: Floats) -> DirectionError:

@@ -28,32 +28,31 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
 from flinders.comparison.comparison import refuse_unlike
 from flinders.comparison.pairs import rescaled, trace_with, without_scale
 from flinders.core.calibration import Calibration
-from flinders.core.calibration_file import Fitted
 from flinders.core.units import Unit, label
+from flinders.deprecation import renamed_attribute
 from flinders.diagnostics.repeatability import RecordingFit, compared
-from flinders.errors import FitError, UsageError, counted, figures
+from flinders.errors import UsageError, counted, figures
 from flinders.findings import CATALOGUE, Record, by_severity
-from flinders.fitting.result import Outcome, error_record
+from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import contradiction, of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading.error_propagation import DirectionError, HeadingError, direction_error_deg, level_error
+from flinders.heading.error_propagation import level_error
 from flinders.summary.pooling import chi_square_of, pool
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.calibration_file import Document, Provenance, SourceFile
+    from flinders.core.calibration_file import SourceFile
     from flinders.diagnostics.repeatability import Repeats
     from flinders.findings import Finding
-    from flinders.fitting.result import Fit
 
 METHOD: Final = "merged"
 
@@ -78,109 +77,14 @@ SMALLEST, LARGEST, FARTHEST, FINEST, FLATTEST = 1e-30, 1e30, 1e6, 1e-9, 1e4
 of one axis over that of another. Beyond these lie slips of the pen, and the digits of a computer end."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Merged(Outcome):
-    """What several calibrations of one sensor say together.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    covariance : (9, 9) float
-        Of the offset b and the shape S = F W⁻¹, in the order of a fit's, with what they scatter beyond their claims.
-    samples : int
-        Readings that they came from, all together.
-    noise : float or None
-        Standard deviation of a reading's distance from the ellipsoid, in the calibration's unit, over all readings.
-    heading_error_deg : HeadingError
-        Expected of a level vehicle, 1 σ.
-    target_deg : float
-        The worst heading error that was asked for.
-    repeats : Repeats
-        The calibrations, held against each other.
-    files : tuple of SourceFile
-        The recordings that they came from.
-    findings : tuple of Finding
-        Gravest first.
-    """
-
-    calibration: Calibration
-    covariance: Floats
-    samples: int
-    noise: float | None
-    heading_error_deg: HeadingError
-    target_deg: float
-    repeats: Repeats
-    files: tuple[SourceFile, ...] = ()
-    findings: tuple[Finding, ...] = ()
-
-    @property
-    def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that the calibration makes a sphere."""
-        return self.calibration.ellipsoid
-
-    @property
-    def offset_sigma(self) -> Floats:
-        """(3,) standard deviation of the offset, in the calibration's unit."""
-        return np.sqrt(np.diag(self.covariance)[:3])
-
-    @property
-    def direction_error_deg(self) -> DirectionError:
-        """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
-        return direction_error_deg(self.ellipsoid, self.covariance)
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: what ``--json`` prints. Of a refused one the calibration is None, so that nobody copies it."""
-        error = self.heading_error_deg
-        return {
-            "verdict": self.verdict,
-            "method": METHOD,
-            "calibration": None if self.verdict == "refused" else self.calibration.as_dict(),
-            "heading_error_deg": error.as_dict(dip_deg=error.dip_deg, target_deg=self.target_deg),
-            "direction_error_deg": self.direction_error_deg._asdict(),
-            "noise": self.noise,
-            "samples": self.samples,
-            "repeats": self.repeats.as_dict(),
-            "coverage": {},
-            "covariance": self.covariance.tolist(),
-            "findings": [finding.as_dict() for finding in self.findings],
-        }
-
-    def to_document(self, provenance: Provenance | None = None) -> Document:
-        """The calibration file with all of this in it."""
-        error = self.heading_error_deg
-        record = Fitted(
-            method=METHOD,
-            samples=self.samples,
-            noise=self.noise,
-            covariance=tuple(tuple(row) for row in self.covariance.tolist()),
-            verdict=self.verdict,
-            heading_error_deg=error_record(error, self.target_deg),
-            findings=self.finding_records,
-        )
-        return self.calibration.to_document(fit=record, provenance=provenance)
-
-    def __repr__(self) -> str:
-        error = self.heading_error_deg
-        return (
-            f"Merged({self.verdict}, {counted(len(self.repeats.parts), 'calibration')}, heading error "
-            f"{error.rms:.2g}° rms, {error.worst:.2g}° worst, p = {self.repeats.p_value:.2g})"
-        )
-
-
-class NotMerged(FitError):
-    """Calibrations that contradict each other, or leave too much open: `merged` holds what they say together."""
+class NotMerged(Refused):
+    """Calibrations that contradict each other, or leave too much open: `fit` holds what they say together."""
 
     code: ClassVar[str] = "not-merged"
-
-    def __init__(self, merged: Merged) -> None:
-        self.merged = merged
-        reasons = [finding for finding in merged.findings if finding.severity == "refuses"]
-        super().__init__(
-            "; ".join(finding.advice for finding in reasons), **{finding.code: finding.number for finding in reasons}
-        )
+    merged = renamed_attribute("merged", "fit")
 
 
-def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Merged:
+def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | None = None) -> Fit:
     """Put several calibrations of one sensor together.
 
     The mean over offset and shape is weighted with the inverse covariances, and minimises
@@ -205,6 +109,12 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
         Inclination of the field at the site, positive where it points along +z of the mapped axes. By default the
         steepest that one of them was judged for, else 60°.
 
+    Returns
+    -------
+    Fit
+        With the covariance of the mean and of what they scatter beyond their claims, the readings of all and their
+        noise; `Fit.repeats` holds the calibrations against each other.
+
     Raises
     ------
     NotMerged
@@ -228,20 +138,29 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
     if not ellipsoid.semi_axes[0] > 0.0:
         raise UsageError("they have so little in common that no ellipsoid lies between them: they are of two sensors")
     ellipsoid, covariance = field.settle(ellipsoid, together.covariance + together.predicted)
-    merged = Merged(
+    repeats = compared(brought, dip_deg=dip)
+    merged = Fit(
         calibration=_calibration(parts, ellipsoid, field),
+        method=METHOD,
         covariance=covariance,
         samples=sum(part.samples for part in parts),
         noise=_noise(parts),
         heading_error_deg=level_error(ellipsoid, covariance, dip_deg=dip),
         target_deg=float(target_deg),
-        repeats=compared(brought, dip_deg=dip),
-        files=tuple(sorted({file.sha256: file for part in parts for file in part.files}.values(), key=_by_name)),
+        dip_deg=abs(dip),
+        repeats=repeats,
+        name=METHOD,
     )
-    merged = replace(merged, findings=_judged(merged, parts))
+    merged = replace(merged, findings=_judged(merged, repeats, parts))
     if merged.verdict == "refused":
         raise NotMerged(merged)
     return merged
+
+
+def source_files(parts: Sequence[Fit]) -> tuple[SourceFile, ...]:
+    """The recordings that calibrations came from, each once, by name."""
+    files = {file.sha256: file for part in parts for file in part.files}
+    return tuple(sorted(files.values(), key=lambda file: (file.name, file.sha256)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -412,11 +331,11 @@ def _dip(parts: Sequence[Fit]) -> float:
     return max(dips, key=lambda dip: (abs(dip), dip), default=60.0)
 
 
-def _noise(parts: Sequence[Fit]) -> float | None:
-    """Root mean square over all readings of which it is known."""
+def _noise(parts: Sequence[Fit]) -> float:
+    """Root mean square over all readings of which it is known; NaN where it is known of none."""
     known = [part for part in parts if math.isfinite(part.noise)]
     if not known:
-        return None
+        return math.nan
     weights = [max(part.samples, 1) for part in known]
     return float(np.sqrt(np.average([part.noise**2 for part in known], weights=weights)))
 
@@ -437,22 +356,17 @@ def _calibration(parts: Sequence[Fit], ellipsoid: Ellipsoid, field: _Field) -> C
     return replace(merged, frame=first.frame)
 
 
-def _by_name(file: SourceFile) -> tuple[str, str]:
-    """Order of files: by name, then by content."""
-    return file.name, file.sha256
-
-
-def _judged(merged: Merged, parts: Sequence[Fit]) -> tuple[Finding, ...]:
+def _judged(merged: Fit, repeats: Repeats, parts: Sequence[Fit]) -> tuple[Finding, ...]:
     """Say what there is to know, gravest first."""
-    apart = list(contradiction(merged.repeats, merged.target_deg, label(merged.calibration.unit)))
+    apart = list(contradiction(repeats, merged.target_deg, label(merged.calibration.unit)))
     is_said = any(finding.severity == "refuses" for finding in apart)
-    accuracy = () if is_said else _accuracy(merged)
-    return by_severity([*apart, *accuracy, *_carried(merged, parts), *of_calibration(merged)])
+    accuracy = () if is_said else _accuracy(merged, repeats)
+    return by_severity([*apart, *accuracy, *_carried(repeats, parts), *of_calibration(merged)])
 
 
-def _accuracy(merged: Merged) -> Iterator[Finding]:
+def _accuracy(merged: Fit, repeats: Repeats) -> Iterator[Finding]:
     """What the covariance says about heading."""
-    worst, scatter = merged.heading_error_deg.worst, merged.repeats.scatter_deg
+    worst, scatter = merged.heading_error_deg.worst, repeats.scatter_deg
     why = f", {figures(min(scatter, worst))}° of it because they differ" if scatter > worst / 2.0 else ""
     record = Record(
         {"worst_deg": worst, "target_deg": merged.target_deg},
@@ -465,12 +379,12 @@ def _accuracy(merged: Merged) -> Iterator[Finding]:
         yield finding
 
 
-def _carried(merged: Merged, parts: Sequence[Fit]) -> Iterator[Finding]:
+def _carried(repeats: Repeats, parts: Sequence[Fit]) -> Iterator[Finding]:
     """What limits the calibrations limits what is merged of them, unless another makes up for it."""
     limits = [[one for one in _limits(part) if one.code not in RENEWED] for part in parts]
     lacks = [[one for one in those if one.code in LACKING] for those in limits]
     if all(lacks):
-        claims = [part.claimed_deg for part in merged.repeats.parts]
+        claims = [part.claimed_deg for part in repeats.parts]
         best = int(np.argmin(claims))
         for lack in lacks[best]:
             yield replace(lack, advice=f"not even the best of them, {parts[best].name}, is whole: {lack.advice}")

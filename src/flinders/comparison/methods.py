@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.comparison.comparison import compare
+from flinders.comparison.comparison import compare, printed
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Readings, method_of, within_range
@@ -130,18 +130,14 @@ class Entry:
             "method": self.method,
             "run": None if fitted is None else fitted.method,
             "verdict": self.verdict,
-            "offset": None if fitted is None else fitted.calibration.offset.tolist(),
-            "matrix": None if fitted is None else fitted.calibration.matrix.tolist(),
-            "field_strength": None if fitted is None else fitted.calibration.field_strength,
-            "heading_error_deg": None if fitted is None else fitted.heading_error_deg.as_dict(),
+            **dict.fromkeys(("offset", "matrix", "field_strength", "heading_error_deg")),
+            **({} if fitted is None else printed(fitted.calibration, "offset", "matrix", "field_strength")),
+            **({} if fitted is None else printed(fitted, "heading_error_deg")),
             "validated_heading_error_deg": None if checked is None else checked.heading_error_deg.as_dict(),
             "validated_bias_deg": None if checked is None else checked.bias_deg,
             "validated_scatter_deg": None if checked is None else checked.scatter_deg,
             "misfit": None if checked is None else checked.misfit,
-            "apart_deg": None if self.apart_deg is None else self.apart_deg.as_dict(),
-            "seconds": self.seconds,
-            "codes": list(self.codes),
-            "reasons": list(self.reasons),
+            **printed(self, "apart_deg", "seconds", "codes", "reasons"),
         }
 
 
@@ -178,14 +174,8 @@ class Contest:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: what ``--json`` prints."""
-        return {
-            "verdict": self.verdict,
-            "reference": self.reference,
-            "readings": self.readings,
-            "blocks": self.blocks,
-            "stride": self.stride,
-            "methods": [entry.as_dict() for entry in self.entries],
-        }
+        known = printed(self, "verdict", "reference", "readings", "blocks", "stride")
+        return known | {"methods": [entry.as_dict() for entry in self.entries]}
 
 
 def compare_methods(

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, cast
 import numpy as np
 
 from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
+from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, affine_residuals, paired
@@ -38,7 +39,7 @@ from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_o
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.calibrate import fit, judged_as
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.result import Fit, Refused, fit_of
 from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
 
@@ -132,13 +133,11 @@ class Member:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
-        arrays = {"rotation": self.rotation, "rotation_sigma_deg": self.rotation_sigma_deg}
-        plain = ("axes", "off_axes_deg", "size", "scatter_deg", "delay_s", "copy_of")
         return {
-            **{name: None if value is None else value.tolist() for name, value in arrays.items()},
-            **{name: getattr(self, name) for name in plain},
-            "alone_heading_error_deg": _worst(self.alone),
-            "findings": [finding.as_dict() for finding in self.findings],
+            **printed(self, "rotation", "rotation_sigma_deg", "axes", "off_axes_deg", "size", "scatter_deg"),
+            **printed(self, "delay_s", "copy_of"),
+            "alone_heading_error_deg": self.alone.heading_error_deg.worst if isinstance(self.alone, Fit) else None,
+            **printed(self, "findings"),
         }
 
 
@@ -199,14 +198,8 @@ class Together:
             {**run.as_dict(), "sensor": None if run.sensor is None else names[run.sensor]}
             for run in self.agreement.departures
         ]
-        return {
-            "reference": self.reference,
-            "is_joint": self.is_joint,
-            "in_body": self.in_body,
-            "moments": self.agreement.moments,
-            "seconds": self.agreement.seconds,
-            "departures": runs,
-        }
+        known = printed(self, "reference", "is_joint", "in_body") | printed(self.agreement, "moments", "seconds")
+        return {**known, "departures": runs}
 
 
 @renamed_keywords(aids="aiding")
@@ -449,9 +442,9 @@ class _Body:
 
     def outliers(self, member: Member, place: int, is_inlier: NDArray[np.bool_]) -> tuple[Outlier, ...]:
         """What a sensor left out by itself, where the joint fit left out most of that, too."""
-        alone = member.alone.fit if isinstance(member.alone, Refused) else member.alone
+        alone = fit_of(member.alone)
         outliers = _own_outliers(self.common.fields[place][np.newaxis], [self.starts[place]])[0]
-        if not isinstance(alone, Fit) or not outliers.any() or np.mean(is_inlier[outliers]) > MOST_OUTLIERS:
+        if alone is None or not outliers.any() or np.mean(is_inlier[outliers]) > MOST_OUTLIERS:
             return ()
         return alone.outliers
 
@@ -484,8 +477,8 @@ def _turned(rotation: Floats, covariance: Floats, body: Aiding | None) -> Aiding
 
 def _better(member: Member) -> Member:
     """A member, as it is by itself where that is clearly better known than it is with the others."""
-    joint, alone = (each.fit if isinstance(each, Refused) else each for each in (member.fit, member.alone))
-    if member.copy_of or not isinstance(joint, Fit) or not isinstance(alone, Fit) or alone.plane or alone.unobserved:
+    joint, alone = fit_of(member.fit), fit_of(member.alone)
+    if member.copy_of or joint is None or alone is None or alone.plane or alone.unobserved:
         return member
     worst = joint.heading_error_deg.worst
     if worst <= WORSE * alone.heading_error_deg.worst:
@@ -637,11 +630,11 @@ def _judged(together: Together, place: int, target_deg: float) -> Member:
     """Add to a member, and to its fit, what the others tell of it."""
     member = together.members[place]
     findings = by_severity(_findings(together, place, target_deg))
-    judged = member.fit.fit if isinstance(member.fit, Refused) else member.fit
-    if isinstance(judged, Fit):
-        judged = replace(judged, findings=by_severity((*judged.findings, *findings)))
-        judged = Refused(judged) if judged.verdict == "refused" else judged
-    return replace(member, fit=judged, findings=findings)
+    judged = fit_of(member.fit)
+    if judged is None:
+        return replace(member, findings=findings)
+    judged = replace(judged, findings=by_severity((*judged.findings, *findings)))
+    return replace(member, fit=Refused(judged) if judged.verdict == "refused" else judged, findings=findings)
 
 
 def _findings(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
@@ -686,8 +679,7 @@ def _apart_throughout(apart_deg: float, target_deg: float) -> Finding:
 
 def _better_alone(member: Member) -> Finding:
     """One that would be known worse with the others."""
-    alone = member.alone.fit if isinstance(member.alone, Refused) else cast("Fit", member.alone)
-    worst = alone.heading_error_deg.worst
+    worst = cast("Fit", fit_of(member.alone)).heading_error_deg.worst
     why = (
         f"with the others its worst heading error would be {figures(member.joint_deg)}°, and by itself it is "
         f"{figures(worst)}°: it has what it finds by itself, in its own axes. Look at what is wrong with the others, "
@@ -780,8 +772,3 @@ def _when(runs: Sequence[Departure]) -> str:
     chosen = sorted(runs, key=lambda run: -run.heading_deg)[:3]
     named = "; ".join(str(run) for run in sorted(chosen, key=lambda run: run.start_s))
     return named + ("; …" if len(runs) > len(chosen) else "")
-
-
-def _worst(outcome: Fit | FlindersError) -> float | None:
-    """Worst heading error of what is not refused."""
-    return outcome.heading_error_deg.worst if isinstance(outcome, Fit) else None

@@ -9,6 +9,7 @@ array([[ 1., -2., -3.]])
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from itertools import permutations, product
@@ -66,8 +67,9 @@ class Axes:
     @property
     def is_mirror(self) -> bool:
         """A right-handed frame becomes left-handed: usually a mistake in the mapping, or a left-handed sensor."""
-        turned = np.linalg.det(np.eye(3)[list(self.order)] * np.array(self.signs)[:, np.newaxis])
-        return bool(turned < 0)
+        first, second, third = self.order
+        parity = (second - first) * (third - first) * (third - second)  # 2 or −2
+        return parity * math.prod(self.signs) < 0
 
     def apply(self, vector: ArrayLike) -> Floats:
         """Map (..., 3) vectors from the recorded axes; values that are not finite pass through."""
@@ -86,3 +88,6 @@ EXCHANGES: Final = tuple(
     for signs in product((1, -1), repeat=3)
 )
 """The 48 ways to exchange axes and their signs, mirror images among them; the identity first."""
+
+TURNS: Final = tuple(axes for axes in EXCHANGES if not axes.is_mirror)
+"""The 24 ways to exchange axes and stay right-handed, the one that changes nothing first."""

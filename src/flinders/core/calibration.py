@@ -13,7 +13,9 @@ array([-50.,  20., 150.])
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
@@ -49,7 +51,7 @@ UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """``corrected = matrix @ (raw - offset)``, and ``|corrected| = field_strength``.
 
@@ -162,12 +164,16 @@ class Calibration:
         >>> round(found.field_strength, 4), np.diag(found.matrix).round(5)
         (31.0723, array([1.03574, 1.55362, 0.62145]))
         """
-        radii, directions = np.linalg.eigh(_symmetric(matrix(shape, "shape"), "shape"))
-        if radii[0] <= 0:
-            raise ArrayError(f"shape has radii {np.array2string(radii, precision=4)}: all three must be positive")
+        array = _symmetric(matrix(shape, "shape"), "shape")
+        try:
+            roots = np.linalg.cholesky(array).diagonal().tolist()  # the squares of their product are that of the radii
+        except np.linalg.LinAlgError:
+            radii = np.array2string(np.linalg.eigvalsh(array), precision=4)
+            raise ArrayError(f"shape has radii {radii}: all three must be positive") from None
         known = field_strength is not None
-        strength = _positive(field_strength, "field_strength") if known else float(np.exp(np.log(radii).mean()))
-        inverse = (directions * (strength / radii)) @ directions.T
+        mean_radius = math.prod(root ** (2 / 3) for root in roots)
+        strength = _positive(field_strength, "field_strength") if known else mean_radius
+        inverse = strength * np.linalg.inv(array)
         inverse = (inverse + inverse.T) / 2
         return cls(inverse, vectors(centre, "centre"), strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
 
@@ -181,10 +187,12 @@ class Calibration:
         """(3, 3), in `unit`: maps unit directions of the field to readings about the offset, ``F matrix⁻¹``."""
         return self.field_strength * floats(np.linalg.inv(self.matrix))
 
-    @property
+    @cached_property
     def ellipsoid(self) -> Ellipsoid:
         """The ellipsoid that it makes a sphere, in the magnetometer's own axes: an ellipsoid knows no rotation."""
         shape = self.shape
+        if self.rotation == "symmetric" and _is_positive(shape):
+            return Ellipsoid(self.offset, (shape + shape.T) / 2.0)
         squares, axes = np.linalg.eigh(shape @ shape.T)
         return Ellipsoid(self.offset, (axes * np.sqrt(squares)) @ axes.T)
 
@@ -573,17 +581,29 @@ def _drive_alike(ours: tuple[Disturbance, ...], theirs: tuple[Disturbance, ...],
 def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:
     """Let through a matrix that has an inverse, and is symmetric where `rotation` says so."""
     array = matrix(values)
-    if np.linalg.matrix_rank(array) < 3:
-        raise ArrayError("matrix is singular: it would flatten all readings into a plane, and has no inverse")
     if rotation == "symmetric":
         _symmetric(array, "matrix", "; say rotation='estimated' or 'composed' if that is meant")
+        if _is_positive(array):
+            return array
+    largest, _, smallest = np.linalg.svd(array, compute_uv=False)
+    if smallest <= largest * 3.0 * np.finfo(float).eps:  # as numpy.linalg.matrix_rank
+        raise ArrayError("matrix is singular: it would flatten all readings into a plane, and has no inverse")
     return array
+
+
+def _is_positive(array: Floats) -> bool:
+    """Whether a symmetric matrix is positive definite beyond doubt: all there is to know of most."""
+    try:
+        roots = np.linalg.cholesky(array).diagonal().tolist()
+    except np.linalg.LinAlgError:
+        return False
+    return bool(min(roots) > 1e-6 * max(roots))
 
 
 def _symmetric(array: Floats, name: str, advice: str = "") -> Floats:
     """Let through a matrix that equals its transpose to within a millionth."""
     lack = float(np.abs(array - array.T).max())
-    if lack > 1e-6 * np.abs(array).max():
+    if lack and lack > 1e-6 * np.abs(array).max():
         raise ArrayError(f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}")
     return array
 

@@ -204,6 +204,13 @@ class Samples:
         )
         return samples._without_gaps()
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """Earliest and latest time in s; NaN where times are not known."""
+        if self.time is None or not len(self.time):
+            return np.nan, np.nan
+        return float(np.fmin.reduce(self.time)), float(np.fmax.reduce(self.time))
+
     def __len__(self) -> int:
         return len(self.field)
 
@@ -336,6 +343,41 @@ class Wrapped:
     def frame(self) -> str:
         """That of the recording."""
         return frame_of(self.recording)
+
+
+@dataclass(slots=True, eq=False)
+class CountedRecording(Wrapped):
+    """A recording that counts its readings, and notes their earliest and latest time, on each pass.
+
+    Attributes
+    ----------
+    recording : Recording
+    rows : int
+    span : (float, float), s
+        NaN where times are not known.
+
+    Examples
+    --------
+    >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
+    >>> [len(block) for block in counted.blocks()], counted.rows, counted.span
+    ([2], 2, (4.0, 5.0))
+    """
+
+    recording: Recording
+    rows: int = 0
+    span: tuple[float, float] = (np.nan, np.nan)
+
+    def __len__(self) -> int:
+        return self.rows
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        self.rows, self.span = 0, (np.nan, np.nan)
+        for block in self.recording.blocks():
+            self.rows += len(block)
+            first, last = block.span
+            self.span = float(np.fmin(self.span[0], first)), float(np.fmax(self.span[1], last))
+            yield block
 
 
 @dataclass(frozen=True, slots=True)

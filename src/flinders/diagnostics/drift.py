@@ -9,6 +9,7 @@ scatter that the remaining residuals, as they are correlated, would give them by
 pole to pole along a spiral has time and direction in one: what only noise tells apart there is left out
 (`flinders.likelihood.identifiability`).
 
+>>> from flinders.geometry.ellipsoid import Ellipsoid
 >>> rng = np.random.default_rng(1)
 >>> directions = rng.normal(size=(1000, 3))
 >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -22,27 +23,16 @@ pole to pole along a spiral has time and direction in one: what only noise tells
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from flinders.estimators.covariance import Residuals, time_of
-from flinders.geometry.ellipsoid import Ellipsoid, upper
-from flinders.heading.error_propagation import level_error
-from flinders.likelihood import magnitude
-from flinders.likelihood.equations import FINEST
-from flinders.likelihood.identifiability import Support, turning
-from flinders.summary.coverage import directions_of
-from flinders.summary.pooling import chance_of, chi_square_of
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-
-FEWEST, FEWEST_INDEPENDENT = 100, 20
-"""Readings, and independent ones beyond those that the parameters take, below which a drift is not told from chance."""
-
-LEAST_SHARE: Final = 0.1
-"""Part that a change has in a direction of which readings say nothing, from which on it is not told."""
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.native.engine import Records
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,55 +59,16 @@ class Drift:
 
 def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:
     """Look for a steady change in (N, 3) readings, in the order of recording; None where nothing can be told of it."""
-    if len(readings) < FEWEST:
-        return None
-    directions = directions_of(readings, ellipsoid)
-    pointing = directions.any(axis=1)  # a reading right in the centre has no direction
-    time = np.linspace(-0.5, 0.5, len(readings))[pointing]
-    readings, directions = readings[pointing], directions[pointing]
-    distances = magnitude.distances(readings, ellipsoid)
-    rows = _with_change(magnitude.information(directions, ellipsoid), time, ellipsoid)
-    variance = max(float(np.mean(distances**2)), (FINEST * ellipsoid.radius) ** 2)
+    return drift_in(engine().drift(readings, ellipsoid.centre, ellipsoid.shape, dip_deg=dip_deg))
 
-    def spurious() -> Floats:
-        each = (_with_change(turned, time, ellipsoid) for turned in turning(directions, ellipsoid))
-        total: Floats = np.sum([noise.T @ noise for noise in each], axis=0)
-        return total
 
-    support = Support.of(rows.T @ rows / variance, spurious)
-    observed = _observed(support.vectors[9:, ~support.seen])
-    if not observed.any():
+def drift_in(record: Records) -> Drift | None:
+    """The steady change that a record tells of; None where it tells nothing."""
+    if np.isnan(record["drift_deg"]):
         return None
-    axes = support.vectors[:, support.seen]
-    inverse = axes / (variance * support.values[support.seen]) @ axes.T
-    rows /= support.scale
-    solution = inverse @ (rows.T @ distances)
-    left = Residuals(distances - rows @ solution, rows, [np.arange(len(readings))])
-    autocovariance = left.autocovariance()
-    independent = len(readings) / time_of(autocovariance) - rows.shape[1]
-    if independent < FEWEST_INDEPENDENT:
-        return None
-    observed /= support.scale[9:, np.newaxis]
-    covariance = inverse @ left.scatter(autocovariance) @ inverse
-    change, spread = observed @ solution[9:], observed @ covariance[9:, 9:] @ observed.T
-    moved = np.concatenate([change[:3], np.zeros(6)])
     return Drift(
-        offset=(float(change[0]), float(change[1]), float(change[2])),
-        strength=float(change[3]),
-        heading_deg=level_error(ellipsoid, np.outer(moved, moved), dip_deg=dip_deg).worst,
-        p_value=chance_of(*chi_square_of(change, spread), independent),
+        offset=tuple(record["drift_offset"].tolist()),
+        strength=float(record["drift_strength"]),
+        heading_deg=float(record["drift_deg"]),
+        p_value=float(record["drift_by_chance"]),
     )
-
-
-def _with_change(jacobian: Floats, time: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(N, 13) rows of the nine parameters (N, 9), and of what changes with (N,) time."""
-    growth = jacobian[:, 3:] @ upper(ellipsoid.shape)
-    return np.column_stack([jacobian, time[:, np.newaxis] * jacobian[:, :3], time * growth])
-
-
-def _observed(unobserved: Floats) -> Floats:
-    """(4, 4) projection of changes on those that no direction (4, K) takes part in of which readings say nothing."""
-    axes, shares, _ = np.linalg.svd(unobserved)
-    taken = axes[:, : len(shares)][:, shares > LEAST_SHARE]
-    observed: Floats = np.eye(4) - taken @ taken.T
-    return observed if taken.shape[1] < 4 else np.zeros((4, 4))

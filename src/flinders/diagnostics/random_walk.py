@@ -42,8 +42,8 @@ import numpy as np
 from flinders.core.samples import singles
 from flinders.errors import NeedsSamples, TooFewSamples, figures
 from flinders.estimators.covariance import Residuals, time_of
-from flinders.estimators.disturbance_solver import spread_of
 from flinders.estimators.in_plane import equator
+from flinders.estimators.robust import robust_sigma
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
 from flinders.likelihood import magnitude
@@ -325,7 +325,7 @@ def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool
     distances = magnitude.distances(readings, ellipsoid)
     jacobian = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)
     beside = distances if is_own else distances - _in_pieces(distances, jacobian, time)
-    noise = max(spread_of(beside), 1e-9 * ellipsoid.radius)
+    noise = max(robust_sigma(beside), 1e-9 * ellipsoid.radius)
     weights = np.minimum(1.0, NEAR * noise / np.maximum(np.abs(beside), np.finfo(float).tiny)) ** 2
     left = distances * np.sqrt(weights)
     alike = _time_of_noise(left, jacobian, time)

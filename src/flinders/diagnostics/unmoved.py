@@ -32,10 +32,15 @@ import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import Unmoved
+from flinders.likelihood.identifiability import FLATTEST
+from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
 from flinders.summary.summary import Summary  # noqa: TC001 - the example above makes some
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from flinders.arrays import Floats
+    from flinders.native.engine import Records
     from flinders.summary.cloud import Cloud
 
 FEWEST: Final = 20
@@ -96,6 +101,31 @@ def require_moved(summary: Summary, unit: str, how: str = "through all direction
         raise Unmoved(angle, how)
 
 
+def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> NDArray[np.bool_]:
+    """Whether a record alone shows a sensor that was turned out of one plane, and was at no rail.
+
+    Parameters
+    ----------
+    records : (...) of `flinders.native.engine.RECORD`
+    unit : str
+        Of the readings, ``uT`` or ``counts``.
+    weakest : float, µT
+        Least field that readings are compared with; 0 where noise that looks like a turn is refused later on.
+
+    Returns
+    -------
+    (...) bool
+        False where the summary has to be asked: `unmoved_deg`, rails, a level turn.
+    """
+    variances, size = records["principal_variances"], np.sqrt((records["mean"] ** 2).sum(axis=-1))
+    level = np.minimum(np.maximum(size, weakest), EARTH_UT[1]) if unit == MICROTESLA else size
+    is_wide = variances[..., 2] > (NARROW_BALL * level) ** 2
+    is_thick = variances[..., 0] > FLATTEST**2 * variances[..., 2]
+    counts = records["end_counts"].max(axis=-1)
+    turned: NDArray[np.bool_] = is_wide & is_thick & ((counts < RAIL_COUNT) | (counts <= RAIL_SHARE * records["rows"]))
+    return turned
+
+
 def unmoved_deg(summary: Summary, unit: str) -> float | None:
     """Angle within which all readings of a sensor lie that was hardly turned; None of one that was.
 
@@ -115,6 +145,8 @@ def unmoved_deg(summary: Summary, unit: str) -> float | None:
         return None
     level = min(max(size, EARTH_UT[0]), EARTH_UT[1]) if unit == MICROTESLA else size
     is_point = unit == MICROTESLA and size >= EARTH_UT[0] and reach < POINT * level
+    if not is_point and not _is_narrow(apart, level):  # and to a lower level it is wider still
+        return None
     radius = _radius_seen(apart)
     if not is_point and not _is_coarse(summary.cloud) and radius > MOST_IRON * size:
         level = min(level, radius)

@@ -1,7 +1,8 @@
 """Ways of finding the ellipsoid, one file each: the formula, when to use it and when not, its source and an example.
 
-Each file of a method ends with its row, ``METHOD``, by which it is found here: a new method is a new file and nothing
-else. `METHODS` maps names to classes, and the rows make the lists of docs and command line.
+Each file of a method ends with its row, ``METHOD``, by which it is found here: a new method is a new file of its name
+and nothing else. `METHODS` maps names to classes, and the rows make the lists of docs and command line; a file is
+imported when its method is asked for.
 
 >>> METHODS["consistent"]()
 Consistent()
@@ -11,10 +12,11 @@ general ellipsoid without bias from sums alone: streams, fleets, saved summaries
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from importlib import import_module
 from pkgutil import walk_packages
-from textwrap import indent
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from flinders.errors import UsageError
 from flinders.estimators.algebraic import fit_error
@@ -31,18 +33,61 @@ FIRST: Final = (
 """Methods in the order in which they are listed, the one to try first at the top; all others come after them."""
 
 
-def _found() -> dict[str, Method]:
-    """The row of each file that has one, by the name of its method."""
-    modules = (import_module(module.name) for module in walk_packages(__path__, f"{__name__}."))
-    rows = {row.kind.name: row for module in modules if (row := getattr(module, "METHOD", None))}
-    listed = [name for name in FIRST if name in rows]
-    return {name: rows[name] for name in (*listed, *sorted(rows.keys() - listed))}
+T = TypeVar("T")
 
 
-ROWS: Final = _found()
+@cache
+def _modules() -> dict[str, str]:
+    """Full names of the modules of this package, by their last part."""
+    return {module.name.rpartition(".")[2]: module.name for module in walk_packages(__path__, f"{__name__}.")}
+
+
+@cache
+def _row(name: str) -> Method | None:
+    """The row at the end of the file of a method; None where there is no such method."""
+    module = _modules().get(name.replace("-", "_"))
+    row: Method | None = getattr(import_module(module), "METHOD", None) if module else None
+    return row if row and row.kind.name == name else None
+
+
+@cache
+def _names() -> tuple[str, ...]:
+    """All methods, the one to try first at the top."""
+    names = {stem.replace("_", "-") for stem in _modules()}
+    there = {name for name in names if _row(name)}
+    listed = [name for name in FIRST if name in there]
+    return (*listed, *sorted(there.difference(listed)))
+
+
+class _ByName(Mapping[str, T]):
+    """Something of each method, by its name.
+
+    Parameters
+    ----------
+    part : callable
+        What it is, of the row of a method.
+    """
+
+    def __init__(self, part: Callable[[Method], T]) -> None:
+        self._part = part
+
+    def __getitem__(self, name: str) -> T:
+        row = _row(name)
+        if row is None:
+            raise KeyError(name)
+        return self._part(row)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_names())
+
+    def __len__(self) -> int:
+        return len(_names())
+
+
+ROWS: Final[Mapping[str, Method]] = _ByName(lambda row: row)
 """What each method is for and whom it follows, by name."""
 
-METHODS: Final[dict[str, type[Estimator]]] = {name: row.kind for name, row in ROWS.items()}
+METHODS: Final[Mapping[str, type[Estimator]]] = _ByName(lambda row: row.kind)
 """Every method by name, the one to try first at the top."""
 
 EMULATED: Final[dict[str, str]] = {
@@ -83,13 +128,11 @@ def table() -> str:
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
     """The class of a method by its own name: ``flinders.estimators.Likelihood``."""
-    for kind in METHODS.values():
+    for kind in METHODS.values() if name[0].isupper() else ():
         if kind.__name__ == name:
             return kind
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
-
-__doc__ = f"{__doc__}\n::\n\n{indent(table(), '    ')}"
 
 __all__ = [
     "EMULATED",

@@ -30,7 +30,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
+from flinders.estimators.auto import Auto
 from flinders.estimators.base import Estimate
+from flinders.estimators.data import Readings
 from flinders.estimators.joint_covariance import (
     random_walk_of,
     scatter_of,
@@ -38,24 +40,14 @@ from flinders.estimators.joint_covariance import (
     spurious_information_of,
     without,
 )
-from flinders.estimators.solver import (
-    Equations,
-    Iterate,
-    JointProblem,
-    deviance,
-    initial,
-    iterated,
-    reweighed,
-    solved,
-    starts,
-    stepped,
-    without_outliers,
-)
+from flinders.estimators.likelihood import spheres_about
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
 from flinders.likelihood.dip import ACCELERATION_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
+from flinders.likelihood.joint import JointProblem, deviance, initial, misfits, without_outliers
 from flinders.likelihood.parameters import ROTATION_SIGMA, TERMS
+from flinders.likelihood.solver import bias_corrected, levenberg_marquardt
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -65,17 +57,16 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.likelihood.disturbance import Disturbances
+    from flinders.likelihood.joint import JointIterate
     from flinders.likelihood.parameters import ParameterLayout, Parameters
     from flinders.likelihood.site_field import Site
+    from flinders.likelihood.solver import Equations
 
 AIDS: Final = {term.name: term.words for term in TERMS.values()}
 """What can be asked for, and what it goes by."""
 
 UNSEEN: Final = 0.5
 """Share of the prior's variance that is left of a rotation that nothing has seen."""
-
-CORRECTED: Final = 8
-"""Steps with the mean gradient of the noise taken off."""
 
 SPANNED, SAME_SPAN = 3, 0.2
 """Times that is looked at how verticals are correlated, and change of a logarithm that is none."""
@@ -85,9 +76,6 @@ WALKED: Final = 4
 
 STILL: Final = 0.1
 """Standard deviations: what a walk moves by less is left."""
-
-EASED: Final = 0.03
-"""Standard deviations: such a step with it is the last, as the next would be shorter than `SETTLED`."""
 
 FAR_SCALES: Final = 5.0
 """Standard deviations of what is thought of a gyro's scales: beyond, something else is wrong, and they are held."""
@@ -285,7 +273,7 @@ def parameters_of(
     solved_for = _solved(put, gyro_scale, None, near)
     iterate = without_outliers(solved_for.problem, solved_for.found)
     problem = solved_for.problem.freed()
-    return _bias_corrected(problem, iterate, np.zeros(problem.layout.size))[0].at
+    return bias_corrected(problem, iterate)[0].at
 
 
 class _Prepared(NamedTuple):
@@ -313,7 +301,7 @@ class _Solved(NamedTuple):
     """Where the best start leads, and by how many seconds, in whole intervals, the rate was moved for it."""
 
     problem: JointProblem
-    found: Iterate
+    found: JointIterate
     late_s: float
 
     def finished(self) -> Aided:
@@ -335,12 +323,12 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    best: Iterate | None = None
+    best: JointIterate | None = None
     for begin in _begins(problem, put, start, near):
-        iterate = iterated(problem, initial(problem, begin))
+        iterate = levenberg_marquardt(problem, initial(problem, begin))
         if best is None or deviance(problem, iterate) < deviance(problem, best):
             best = iterate
-        if not iterate.misfits:
+        if not misfits(iterate):
             break
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "aided")
@@ -350,15 +338,26 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     late_s = late * problem.interval
     behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
-    return _Solved(behind, iterated(behind, initial(behind, behind.begin_near(at, problem.layout))), late_s)
+    return _Solved(behind, levenberg_marquardt(behind, initial(behind, behind.begin_near(at, problem.layout))), late_s)
 
 
 def _begins(problem: JointProblem, put: _Prepared, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:
     """Where to start: near another fit, and where readings by themselves say."""
     if near is not None:
         yield problem.begin_near(near.parameters, near.layout)
-    for ellipsoid in starts(put.samples, put.site) if start is None else [start]:
+    for ellipsoid in _starts(put.samples, put.site) if start is None else [start]:
         yield problem.begin(ellipsoid)
+
+
+def _starts(samples: Samples, site: Site | None) -> Iterator[Ellipsoid]:
+    """Ellipsoids to begin with: that of all readings, and spheres about them."""
+    try:
+        estimate = Auto().estimate(Readings.of(samples.field))
+        if not estimate.plane and not estimate.unobserved:
+            yield estimate.ellipsoid
+    except FitError:
+        pass
+    yield from spheres_about(samples.field, None if site is None else site.strength)
 
 
 def _refuse_nothing(problem: JointProblem, samples: Samples) -> None:
@@ -413,9 +412,9 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
                 )
 
 
-def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
+def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    iterate, equations = _bias_corrected(problem, iterate, np.zeros(problem.layout.size))
+    iterate, equations = bias_corrected(problem, iterate)
     iterate, equations = _spanned(problem, iterate, equations)
     inverse = _inverse(equations)
     walk = random_walk_of(problem, iterate, inverse)
@@ -424,7 +423,7 @@ def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
         left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
         if float(left @ inverse @ left) < STILL**2:
             break
-        iterate, equations = _bias_corrected(problem, iterate, walk.bent)
+        iterate, equations = bias_corrected(problem, iterate, walk.bent)
         inverse = _inverse(equations)
         walk = random_walk_of(problem, iterate, inverse)
     scatter = scatter_of(problem, iterate, walk)
@@ -433,8 +432,6 @@ def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
     information = without(equations.matrix, spurious_information_of(problem, iterate), believed)
     textbook = replace(equations.prior, matrix=information).inverse()
     covariance = textbook @ whole @ textbook
-    of_shape = prior.equations(Ellipsoid(iterate.at.offset, iterate.at.shape), spread=problem.spread).matrix
-    prior_influence = float(np.clip(np.real(np.linalg.eigvals(textbook[:9, :9] @ of_shape)).max(), 0.0, 1.0))
     seen: Floats = np.ones(3)
     if "rotation" in problem.layout:
         columns = problem.layout.columns["rotation"]
@@ -450,7 +447,7 @@ def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
         problem.aiding,
         sum(group.count for group in iterate.groups),
         np.sort(np.concatenate(outliers)),
-        prior_influence,
+        problem.prior.influence(iterate.at, textbook[:9, :9]),
         math.sqrt(walk.variance / max(problem.interval, 1e-9)),
         seen,
         scatter.excess_variance,
@@ -459,32 +456,17 @@ def _finished(problem: JointProblem, iterate: Iterate) -> Aided:
     )
 
 
-def _spanned(problem: JointProblem, iterate: Iterate, equations: Equations) -> tuple[Iterate, Equations]:
+def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations) -> tuple[JointIterate, Equations]:
     """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
     span = span_of(problem, iterate)
     for _ in range(SPANNED):
         if abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN:
             break
         iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
-        iterate, equations = _bias_corrected(problem, iterate, np.zeros(problem.layout.size))
+        iterate, equations = bias_corrected(problem, iterate)
         span = span_of(problem, iterate)
         iterate = replace(iterate, weights=iterate.weights._replace(vertical=span.noise))
     return iterate, equations
-
-
-def _bias_corrected(problem: JointProblem, iterate: Iterate, bent: Floats) -> tuple[Iterate, Equations]:
-    """Take off the mean gradient that noise makes: what the equations know of, and (P,) what a walk adds."""
-    for _ in range(CORRECTED):
-        equations = Equations.of(problem, iterate)
-        matrix = equations.matrix + equations.prior.matrix
-        step = solved(matrix, equations.gradient - equations.bent - bent + equations.prior.gradient, 0.0)
-        moved = stepped(problem, iterate, equations, step)
-        if moved is None:
-            break
-        iterate = reweighed(problem, moved, equations)
-        if float(step @ matrix @ step) < EASED**2:
-            break
-    return iterate, Equations.of(problem, iterate)
 
 
 def _inverse(equations: Equations) -> Floats:
@@ -492,7 +474,7 @@ def _inverse(equations: Equations) -> Floats:
     return replace(equations.prior, matrix=equations.matrix + equations.prior.matrix).inverse()
 
 
-def _site_off(problem: JointProblem, iterate: Iterate, covariance: Floats) -> float | None:
+def _site_off(problem: JointProblem, iterate: JointIterate, covariance: Floats) -> float | None:
     """How far the dip found is from that of the site, in standard deviations of what the site is known to."""
     if problem.site is None or problem.site.sine is None:
         return None

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.errors import NeedsSamples, NotAnEllipsoid
+from flinders.errors import NeedsSamples
 from flinders.estimators.base import Method
 from flinders.estimators.consistent import Consistent
 from flinders.estimators.level import Level, is_level
-from flinders.estimators.likelihood import ENOUGH, Likelihood
-from flinders.estimators.robust import Robust, asks_for_it
+from flinders.estimators.likelihood import ENOUGH, Likelihood, estimated, recorded
+from flinders.estimators.robust import Robust
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import prior
 from flinders.likelihood.identifiability import NEARLY_FLAT_NOISE
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
+    from flinders.native.engine import Records
 
 TRIMS, TRIMMED = 3, 0.03
 """Of readings with outliers: the share that is left out, and how often, to see whether the rest is flat."""
@@ -97,7 +98,9 @@ class Auto:
         level = Level(self.prior, self.dip_deg) if self.prior is not None and _can_be_level(readings) else None
         if level is not None and is_level(readings.summary.moments.covariance, noise=0.0):
             return level.estimate(readings)
-        estimate = self._of_all_or_most(readings)
+        method = Robust if self.robust else Likelihood
+        readings.require(method.unknowns, method.name)
+        estimate = estimated(self.recorded(readings), readings, has_statistics=True)
         if level is None:
             return estimate
         # Of all readings, too: to an ellipsoid through a rest, the turn itself is astray.
@@ -112,21 +115,13 @@ class Auto:
         much = 1.0 if nearly else np.inf if turned.outliers else MUCH_BETTER  # what leaves the plane are no outliers
         return turned if is_turn or much * self._claimed(turned) < self._claimed(estimate) else estimate
 
+    def recorded(self, readings: Readings) -> Records:
+        """The engine's record of what `estimate` does with readings out of one plane."""
+        return recorded(readings, self.prior, robust=2 if self.robust else 1, dip_deg=self.dip_deg)
+
     def _claimed(self, estimate: Estimate) -> float:
         """Worst level heading error that an estimate claims, in degrees."""
         return level_error(estimate.ellipsoid, estimate.covariance, dip_deg=self.dip_deg).worst
-
-    def _of_all_or_most(self, readings: Readings) -> Estimate:
-        """Fit all readings; the majority alone where that is asked for, or their residuals ask and there is one."""
-        if self.robust:
-            return Robust(prior=self.prior).estimate(readings)
-        estimate = Likelihood(prior=self.prior).estimate(readings)
-        if len(readings) < Robust.unknowns or not asks_for_it(readings, estimate.ellipsoid):
-            return estimate
-        try:
-            return Robust(prior=self.prior).estimate(readings)
-        except NotAnEllipsoid:
-            return estimate
 
     def _from_sums(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid without looking at a reading."""
@@ -142,6 +137,11 @@ def _can_be_level(readings: Readings) -> bool:
     return bool(readings.summary.health.extent.all())
 
 
+def hides_plane(readings: Readings, estimate: Estimate) -> bool:
+    """Whether readings may lie in one plane across z, as those of a level turn, but for the outliers of an estimate."""
+    return bool(estimate.outliers) and is_level(_covariance(readings, estimate), THICK)
+
+
 def _covariance(readings: Readings, estimate: Estimate) -> Floats:
     """(3, 3) of the readings about their mean; of outliers, without those left out and the farthest from their plane.
 
@@ -150,8 +150,11 @@ def _covariance(readings: Readings, estimate: Estimate) -> Floats:
     if not estimate.outliers:
         return readings.summary.moments.covariance
     field = readings.near(estimate.ellipsoid, estimate.rejected_beyond).thinned(ENOUGH)
-    if len(field) < FEWEST_LEFT:
-        return readings.summary.moments.covariance
+    return readings.summary.moments.covariance if len(field) < FEWEST_LEFT else trimmed_covariance(field)
+
+
+def trimmed_covariance(field: Floats) -> Floats:
+    """(3, 3) of (N, 3) readings without those farthest from their plane."""
     for _ in range(TRIMS):
         local = field - field.mean(axis=0)
         across = np.abs(local @ np.linalg.eigh(local.T @ local)[1][:, 0])

@@ -106,6 +106,8 @@ class Estimate:
     follows : str
         ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests
         on it; `strength` is then its mean, and known.
+    may_be_swapped : bool
+        False where the engine saw no moment at which axes changed sign or place.
     z_down : bool, optional
         False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
         that dip was used and neither an accelerometer nor anybody says which way z points.
@@ -126,6 +128,7 @@ class Estimate:
     strength: float | None = None
     plane: Plane | None = None
     follows: Literal["", "constant", "varying"] = ""
+    may_be_swapped: bool = True
     z_down: bool | None = True
 
 
@@ -173,3 +176,8 @@ class Method:
     kind: type[Estimator]
     use: str
     source: str
+
+    @property
+    def parameters(self) -> int:
+        """Parameters of its ellipsoid, which has no more than nine, without the noise."""
+        return min(self.kind.unknowns - 1, 9)

@@ -32,7 +32,6 @@ consistency.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -42,12 +41,10 @@ from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import magnitude
 from flinders.likelihood.equations import FINEST, ROUNDING
 from flinders.likelihood.identifiability import Support, spurious_information
-from flinders.summary.coverage import CELLS, cells_of, directions_of
+from flinders.summary.coverage import directions_of
 from flinders.summary.pooling import DEPENDENT, chance_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
@@ -81,7 +78,7 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
     steepness = 4.0 * float(np.sum(form * scatter[6:9, 6:9]))
     freedom = max(moments.count - unknowns, 1.0) / moments.count
     if not steepness > 0.0:  # nothing but rounding is left of a surface far away from its readings
-        raise NotAnEllipsoid((0.0, 0.0, 0.0))
+        raise NotAnEllipsoid()
     square = max(float(local @ scatter @ local), 0.0) / steepness / freedom
     return scale * float(np.sqrt(square))
 
@@ -123,27 +120,14 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     return covariance
 
 
-FEW: Final = 50
-"""Fewer readings than this say nothing of their correlation."""
-
 LONGEST_LAG: Final = 1000
 """Readings: twenty seconds at 50 Hz, longer than a turn by hand takes."""
 
 PARTNERS: Final = 0.75
 """Of the readings: with fewer pairs than that a lag is not looked at, as their sum falls short of it."""
 
-SMOOTH: Final = np.deg2rad(30.0)
-"""Angle over which a distortion that belongs to the direction stays alike."""
-
 SIGNIFICANT: Final = 2.0
 """Standard errors beyond which a correlation is one."""
-
-PROVEN: Final = 3.0
-"""The same for a distortion that belongs to directions: what is not there would cost the claim much."""
-
-MOST_FREEDOM: Final = 1.3
-"""Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
-
 
 BLOCKS: Final = 8
 """Blocks of a recording, put together to four, that tell what creeps."""
@@ -152,14 +136,12 @@ BY_CHANCE: Final = 0.02
 """Creeping that chance makes more often than this is not one."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Correlation:
     """What residuals say of each other.
 
     Attributes
     ----------
-    scatter : (9, 9) float
-        Covariance of Σ J s over all readings, in the square of the distances' unit.
     lag_one : float
         Correlation of a residual with the next.
     time : float
@@ -170,7 +152,6 @@ class Correlation:
         Factor by which blocks of the recording scatter more than that allows, in variance.
     """
 
-    scatter: Floats
     lag_one: float
     time: float
     direction: float
@@ -184,46 +165,6 @@ class Correlation:
     def effective(self, count: float) -> float:
         """How many independent readings say as much as `count` of these."""
         return count / (self.time * self.excess_variance)
-
-
-def correlation_of(segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> Correlation:
-    """Look at stretches of consecutive readings.
-
-    Parameters
-    ----------
-    segments : sequence of (m, 3) float
-        Readings in the order of recording, without gaps within a stretch.
-    count : int
-        Readings that they stand for.
-    ellipsoid : Ellipsoid
-        The fit.
-    """
-    lengths = np.array([len(segment) for segment in segments])
-    readings = segments[0] if len(segments) == 1 else np.concatenate(segments)
-    directions = directions_of(readings, ellipsoid)
-    residuals = Residuals(
-        magnitude.distances(readings, ellipsoid),
-        magnitude.information(directions, ellipsoid),
-        np.split(np.arange(len(readings)), np.cumsum(lengths)[:-1]),
-    )
-    share = count / len(readings)
-    if float(np.sqrt(np.mean(residuals.distances**2))) < FINEST * ellipsoid.radius:
-        return Correlation(share * residuals.scatter(residuals.variance()), 0.0, 1.0, 0.0)
-    autocovariance = residuals.autocovariance()
-    time = time_of(autocovariance)
-    sphere = _Sphere(directions, cells_of(directions), ellipsoid)
-    direction = sphere.distortion(residuals.distances, apart=3 * len(autocovariance), time=time)
-    scatter: Floats = np.zeros((9, 9))
-    if direction > 0.0:
-        scatter = scatter + share**2 * sphere.scatter(direction)
-        residuals = residuals.less(sphere.smoothed(residuals.distances, direction, time))
-        autocovariance = residuals.autocovariance()
-    lag_one = residuals.lag_one()
-    independent = len(readings) * share / time
-    freedom = min(independent / max(independent - 9.0, 1.0), MOST_FREEDOM)
-    in_time = freedom * residuals.scatter(autocovariance)
-    excess_variance = 1.0 + share * (residuals.excess_variance(in_time) - 1.0)
-    return Correlation(scatter + share * excess_variance * in_time, lag_one, time, direction, excess_variance)
 
 
 def time_of(autocovariance: Floats) -> float:
@@ -246,10 +187,6 @@ class Residuals:
     distances: Floats
     jacobian: Floats
     segments: list[NDArray[np.int64]]
-
-    def less(self, smooth: Floats) -> Residuals:
-        """Take something off."""
-        return Residuals(self.distances - smooth, self.jacobian, self.segments)
 
     def lag_one(self) -> float:
         """Correlation of one with the next."""
@@ -306,15 +243,31 @@ class Residuals:
         gradients = np.stack([self.distances[block] @ rows[block] for block in blocks])
         squares = np.stack([rows[block].T @ rows[block] for block in blocks])
         inverse = np.linalg.inv(squares.sum(axis=0))
-        largest = 1.0
-        while len(gradients) >= 4:
-            shares = inverse @ squares
-            taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
-            observed, expected = float(np.sum(gradients**2)), len(values) - taken
-            if expected > 0.0 and chance_of(observed * expected / taken, round(expected**2 / taken)) < BY_CHANCE:
-                largest = max(largest, observed / expected)
-            gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
-        return largest
+        return largest_excess(gradients, squares, inverse)
+
+
+def largest_excess(gradients: Floats, squares: Floats, inverse: Floats) -> float:
+    """Largest q over its mean that chance does not explain, of blocks, of pairs of them and so on; at least 1.
+
+    Parameters
+    ----------
+    gradients : (B, P) float
+        Of blocks of a recording, in a basis in which their scatter should be the unit matrix.
+    squares : (B, P, P) float
+        Their Σ JJᵀ.
+    inverse : (P, P) float
+        That of the sum of the squares.
+    """
+    largest = 1.0
+    while len(gradients) >= 4:
+        shares = inverse @ squares
+        taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
+        observed, expected = float(np.sum(gradients**2)), gradients.shape[1] - taken
+        freedom = max(round(expected**2 / taken), 1)
+        if expected > 0.0 and chance_of(observed * expected / taken, freedom) < BY_CHANCE:
+            largest = max(largest, observed / expected)
+        gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
+    return largest
 
 
 def _not_below(scatter: Floats, white: Floats) -> Floats:
@@ -352,99 +305,3 @@ def quadrature(autocovariance: Floats) -> tuple[list[int], Floats]:
     hats = np.array([np.interp(every, lags, unit) for unit in np.eye(len(lags))])
     weights: Floats = hats @ autocovariance[1:]
     return lags, weights
-
-
-class _Sphere:
-    """Residuals by direction, in cells of the sphere.
-
-    Parameters
-    ----------
-    directions : (N, 3) float
-    cells : (N,) int
-    ellipsoid : Ellipsoid
-    """
-
-    def __init__(self, directions: Floats, cells: NDArray[np.int64], ellipsoid: Ellipsoid) -> None:
-        self.cells: NDArray[np.int64] = cells
-        counts = np.bincount(cells, minlength=len(CELLS)).astype(float)
-        self.seen = np.flatnonzero(counts)
-        self.counts = counts[self.seen]
-        sums = np.stack([np.bincount(cells, weights=axis, minlength=len(CELLS)) for axis in directions.T], axis=1)
-        middles = sums[self.seen] / np.linalg.norm(sums[self.seen], axis=1, keepdims=True)
-        self._middles = middles
-        self._ellipsoid = ellipsoid
-
-    @cached_property
-    def jacobian(self) -> Floats:
-        """(seen, 9) Jacobian in the middle of each seen cell."""
-        return magnitude.information(self._middles, self._ellipsoid)
-
-    @cached_property
-    def _kernel(self) -> Floats:
-        return _kernel(self._middles, self.jacobian, magnitude.information(CELLS, self._ellipsoid))
-
-    def distortion(self, residuals: Floats, *, apart: int, time: float) -> float:
-        """Standard deviation of what residuals of one direction have in common at different times; 0 where unproven.
-
-        Visits to a cell are stretches of readings there, separated by more than `apart` readings. Products of
-        the sums of different visits have no part in the noise of either.
-        """
-        order = np.argsort(self.cells, kind="stable")
-        cells = self.cells[order]
-        begins = np.concatenate([[True], (cells[1:] != cells[:-1]) | (np.diff(order) > apart)])
-        visit = np.cumsum(begins) - 1
-        at = cells[begins]
-        cross = self._between_visits(at, np.asarray(np.bincount(visit, weights=residuals[order]), float))
-        pairs = self._between_visits(at, 1.0 * np.bincount(visit))
-        shared_variance = float(np.sum(cross / self.counts))
-        noise = float(np.mean(residuals**2)) * time * np.sqrt(2.0 * float(np.sum(pairs / self.counts**2)))
-        if shared_variance <= PROVEN * noise:
-            return 0.0
-        expected = float(np.sum(pairs * self._left_over() / self.counts))
-        return float(np.sqrt(shared_variance / expected)) if expected > 0.0 else 0.0
-
-    def scatter(self, direction: float) -> Floats:
-        """(9, 9) Σ JJᵀD over all pairs of readings, for a distortion of that standard deviation."""
-        weighted = self.jacobian * self.counts[:, np.newaxis]
-        scatter: Floats = direction**2 * weighted.T @ self._kernel @ weighted
-        return scatter
-
-    def smoothed(self, residuals: Floats, direction: float, time: float) -> Floats:
-        """(N,) the most probable distortion at each reading."""
-        means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
-        noise = float(np.mean(residuals**2)) * time / self.counts
-        prior = direction**2 * self._kernel
-        everywhere = np.zeros(len(CELLS))
-        everywhere[self.seen] = prior @ np.linalg.solve(prior + np.diag(noise), means)
-        at_each: Floats = everywhere[self.cells]
-        return at_each
-
-    def _between_visits(self, cells: NDArray[np.intp], sums: Floats) -> Floats:
-        """(seen,) Σ over pairs of different visits to a cell of the products of their sums."""
-        whole, squares = (np.bincount(cells, weights=part, minlength=len(CELLS)) for part in (sums, sums**2))
-        products: Floats = np.asarray(whole**2 - squares, float)[self.seen]
-        return products
-
-    def _left_over(self) -> Floats:
-        """(seen,) variance that a distortion of unit size leaves in the residuals of a fit to these readings."""
-        weighted = self.jacobian.T * self.counts
-        fitted = self.jacobian @ np.linalg.pinv(weighted @ self.jacobian, rcond=1e-10, hermitian=True) @ weighted
-        rest = np.eye(len(self.seen)) - fitted
-        variance: Floats = np.einsum("ij,jk,ik->i", rest, self._kernel, rest)
-        return variance
-
-
-def _kernel(middles: Floats, jacobian: Floats, everywhere: Floats) -> Floats:
-    """(K, K) covariance of a smooth function on the sphere, less what an ellipsoid fitted all around absorbs."""
-    inside = _alike(middles, middles)
-    across = _alike(middles, CELLS)
-    absorbed = jacobian @ np.linalg.solve(everywhere.T @ everywhere, everywhere.T)
-    mixed = absorbed @ across.T
-    kernel: Floats = inside - mixed - mixed.T + absorbed @ _alike(CELLS, CELLS) @ absorbed.T
-    return kernel
-
-
-def _alike(some: Floats, others: Floats) -> Floats:
-    angles = np.arccos(np.clip(some @ others.T, -1.0, 1.0))
-    likeness: Floats = np.exp(-0.5 * (angles / SMOOTH) ** 2)
-    return likeness

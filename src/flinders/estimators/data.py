@@ -59,8 +59,9 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Rail
 
-HELD: Final = 500_000
-"""Readings that are kept in memory, 16 MB with times, 76 MB with all columns; what is longer is gone through again."""
+HELD: Final = 1_000_000
+"""Readings that are kept in memory, 32 MB with times, 152 MB with all columns. A longer recording is gone through
+again, and fitted to every second, third … reading."""
 
 
 class Cached(Wrapped):
@@ -283,9 +284,6 @@ SMALLEST, LARGEST = 1e-12, 1e15
 FARTHEST: Final = 1000.0
 """Offset in spreads of the readings; a magnet that strong leaves no range to any sensor."""
 
-STRETCHES, STRETCH = 12, 1024
-"""Stretches of consecutive readings, and readings in each, that tell how residuals are correlated."""
-
 PER_CELL: Final = 4
 """Readings of one place that count, where what counts is how many places agree."""
 
@@ -327,13 +325,13 @@ class Readings:
             room -= len(part) if isinstance(part.recording, Samples) else 0
         if len(parts) == 1:
             return parts[0]
-        return cls._of_parts(reduce(Summary.beside, [part.summary for part in parts]), parts)
+        return cls._of_parts(reduce(Summary.combined, [part.summary for part in parts]), parts)
 
     @classmethod
     def _of_one(cls, recording: Recording, room: int) -> Self:
         """Summarise one recording, and keep it if it has no more readings than there is room for."""
         if isinstance(recording, Samples):
-            return cls(Summary.of(recording), recording)
+            return cls(Summary.deferred(recording), recording)
         cached = Cached(recording, room)
         return cls(Summary.through(cached), cached.in_memory())
 
@@ -373,23 +371,17 @@ class Readings:
             seen += len(block)
         return taken[0] if len(taken) == 1 else np.concatenate(taken)
 
+    def in_memory(self, method: str = "") -> tuple[Floats, NDArray[np.int64] | None]:
+        """(N, 3) readings, and where each of several recordings ends; of a longer one every second, third … reading."""
+        if not isinstance(self.recording, Samples):
+            return self.thinned(HELD, method), None
+        ends = np.cumsum([len(part) for part in self.parts]) if self.parts else None
+        return self.recording.field, ends
+
     @property
     def each(self) -> tuple[Readings, ...]:
         """The recordings one by one: the parts, or this."""
         return self.parts or (self,)
-
-    def segments(self, method: str) -> list[Floats]:
-        """Some consecutive readings, spread over the recordings; all of them where they are not too many."""
-        if len(self) <= STRETCHES * STRETCH:
-            return [part.thinned(len(part), method) for part in self.each if len(part)]
-        every = -(-len(self) // STRETCHES)
-        segments: list[Floats] = []
-        seen = 0
-        for part in self.each:
-            for block in part.blocks(method):
-                segments += [block[begin : begin + STRETCH] for begin in range(-seen % every, len(block), every)]
-                seen += len(block)
-        return segments
 
     def only(self, field: Floats) -> Self:
         """Some of the readings, in memory, with the sums of all."""
@@ -408,8 +400,8 @@ class Readings:
         if self.parts:
             return self._of_parts(self.summary, [part.through(wrapped) for part in self.parts])
         other = wrapped(self.recording)
-        is_short = isinstance(self.recording, Samples) and len(self) <= HELD
-        return replace(self, recording=concatenated(list(other.blocks()), other) if is_short else other)
+        is_held = isinstance(self.recording, Samples)
+        return replace(self, recording=concatenated(list(other.blocks()), other) if is_held else other)
 
     def spread_out(self, field: Floats, rng: Generator) -> Floats:
         """Take a few readings from each cell of the cloud: a rest or a clump then counts for no more than its place."""

@@ -6,8 +6,8 @@ Minimises
 
 over offset b, shape S, the offset per unit P of each disturbance, the growth a of the scale with the temperature, and
 the lag of motors, s being the Sampson distance. `flinders.estimators.regressors` has the columns,
-`flinders.estimators.disturbance_solver` takes the steps, `flinders.estimators.time_delay` looks for lags and keeps
-those that readings prove, and `flinders.estimators.regressor_quality` says whether a column is fit to be followed.
+`flinders.estimators.disturbance_problem` the sum for the solver, `flinders.estimators.time_delay` looks for lags and
+keeps those that readings prove, and `flinders.estimators.regressor_quality` says whether a column is fit to be used.
 
 Use it where a current, a throttle or a temperature was recorded beside the readings and changed while the sensor was
 turned. Not where the disturbance only changed in step with the attitude (see `DisturbanceQuality.shared`), nor for a
@@ -38,7 +38,7 @@ from flinders.core.compensation import compensated
 from flinders.core.disturbance import Disturbance, motor
 from flinders.core.samples import singles
 from flinders.errors import NotTurned, UsageError
-from flinders.estimators.disturbance_solver import DisturbanceProblem, Solver, settle
+from flinders.estimators.disturbance_problem import DisturbanceProblem, settle
 from flinders.estimators.regressor_quality import (
     RegressorError,
     attenuation,
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
-    from flinders.estimators.disturbance_solver import Solved
+    from flinders.estimators.disturbance_problem import Solved
     from flinders.estimators.regressor_quality import Noise
     from flinders.estimators.time_delay import Lag
     from flinders.geometry.ellipsoid import Ellipsoid
@@ -214,7 +214,7 @@ def driving_of(
     without = settle(DisturbanceProblem(logged, (), prior_spread, {}))
     if not moving:
         nothing = np.zeros((0, 0)), np.zeros((9, 0))
-        return Driving((), *nothing, without.ellipsoid, without.noise, without.noise, (), constant)
+        return Driving((), *nothing, without.at.ellipsoid, without.noise, without.noise, (), constant)
     lags, near = lags_of(logged, moving, prior_spread)
     problem = DisturbanceProblem(logged, moving, prior_spread, proven_lags(lags))
     return _identified(problem, settle(problem, near), lags, without, constant)
@@ -224,19 +224,18 @@ def _identified(
     problem: DisturbanceProblem, solved: Solved, lags: dict[str, Lag], without: Solved, constant: tuple[str, ...]
 ) -> Driving:
     """Put together what was found, with the covariance that the residuals allow."""
-    solver = Solver.of(problem)
-    equations = solver.equations(solved, solved.used / solved.noise**2)
-    matrix, inverse = equations.matrix, equations.inverse()
     residuals = residuals_of(solved)
+    believed = problem.prior_matrix(solved.at)
+    matrix = residuals.jacobian.T @ residuals.jacobian / solved.noise**2 + believed
+    inverse = NormalEquations(matrix, np.zeros(len(matrix)), 0.0, 0).inverse()
     scatter = residuals.scatter(residuals.autocovariance()) / solved.noise**4
-    believed = solver.equations(solved, np.zeros(len(solved.distances))).matrix
     covariance = _metered(problem, solved, inverse @ (scatter + believed) @ inverse, inverse)
     plain = NormalEquations(matrix[:9, :9], np.zeros(9), 0.0, 0).inverse()
     return Driving(
         _drivers(problem, solved),
         covariance[9:, 9:],
         -plain @ matrix[:9, 9:],
-        solved.ellipsoid,
+        solved.at.ellipsoid,
         solved.noise,
         _noise_on(without, solved.used),
         tuple(_found(problem, solved, inverse, name, lags.get(name)) for name in problem.names),
@@ -280,14 +279,12 @@ def _metered(problem: DisturbanceProblem, solved: Solved, covariance: Floats, in
         root = np.zeros((len(inverse), 3))
         root[9 + 3 * place : 12 + 3 * place] = per_variance
         meters.append(RegressorError(noises[name], rounded, root))
-        rows = solved.jacobian[used] * (normals @ solved.coefficients[3 * place : 3 * place + 3])[:, np.newaxis]
+        rows = solved.jacobian[used] * (normals @ solved.at.disturbances[place])[:, np.newaxis]
         pulls = np.stack([np.bincount(setting[used], weights=column) for column in rows.T], axis=1)
         moved = pulls @ inverse / solved.noise**2
         pulled += rounded * moved.T @ moved
-    coefficients = np.append(np.zeros(9), solved.coefficients)
-    coefficients[9 + 3 * len(problem.names) :] = (
-        0.0  # the growth of the scale is multiplied with no column of a meter alone
-    )
+    coefficients = np.zeros(len(inverse))  # the growth of the scale is multiplied with no column of a meter alone
+    coefficients[9 : 9 + 3 * len(problem.names)] = solved.at.disturbances.ravel()
     return widened(covariance, inverse, coefficients, meters) + pulled
 
 
@@ -295,7 +292,7 @@ def _noises(problem: DisturbanceProblem, solved: Solved) -> dict[str, Noise]:
     """Noise of each meter; those of motors that are followed one by one are of one kind."""
     used, departures, noises = solved.used, problem.departures, {}
     for place, name in enumerate(problem.names):
-        sensitivity = solved.jacobian[used, :3] @ solved.coefficients[3 * place : 3 * place + 3]
+        sensitivity = solved.jacobian[used, :3] @ solved.at.disturbances[place]
         noises[name] = noise_of(departures[used, place], solved.distances[used], sensitivity)
     for late in lagging(problem.names):
         noises |= zip(late, pooled([noises[name] for name in late]), strict=True)
@@ -317,11 +314,11 @@ def _drivers(problem: DisturbanceProblem, solved: Solved) -> tuple[Disturbance, 
     return tuple(
         Disturbance(
             name,
-            solved.coefficients[3 * place : 3 * place + 3],
+            solved.at.disturbances[place],
             problem.logged.reference(name),
             *problem.logged.range(name),
             problem.lags.get(name, 0.0),
-            float(solved.coefficients[-1]) if name == "temperature" else 0.0,
+            solved.at.slope if name == "temperature" else 0.0,
         )
         for place, name in enumerate(problem.names)
     )
@@ -336,7 +333,7 @@ def _found(
     values = problem.departures[used, place]
     normals = solved.jacobian[used, :3]
     coefficients = normals * (values - values.mean())[:, np.newaxis]
-    per_unit = solved.coefficients[3 * place : 3 * place + 3]
+    per_unit = solved.at.disturbances[place]
     return DisturbanceQuality(
         name,
         shared=disturbance.shared(solved.jacobian[used, :9], coefficients),

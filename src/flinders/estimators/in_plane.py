@@ -17,7 +17,7 @@ from flinders.errors import FitError, NotAnEllipsoid, Unmoved
 from flinders.estimators.data import FARTHEST, SMALLEST
 from flinders.estimators.level import THINNEST, ellipse_start
 from flinders.estimators.likelihood import ENOUGH, Likelihood
-from flinders.estimators.robust import SEED, Robust, asks_for_it
+from flinders.estimators.robust import SEED
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.plane import PlaneEllipse, order_of
 
@@ -102,10 +102,7 @@ def fitted_flat(flat: Readings, spread: float) -> Estimate:
         if not start.semi_axes[0] > max(SMALLEST, THINNEST * float(np.ptp(points, axis=0).max())):
             raise NotAnEllipse("ellipse")
         with np.errstate(over="raise", divide="raise", invalid="raise"):
-            estimate = Likelihood(prior=spread).polish(flat, start)
-            if len(flat) >= Robust.unknowns and asks_for_it(flat, estimate.ellipsoid):
-                return Robust(prior=spread).majority(flat, ellipse_start)
-            return estimate
+            return Likelihood(prior=spread).polish(flat, start, robust=True)
     except (FloatingPointError, ZeroDivisionError, NotAnEllipsoid):
         raise NotAnEllipse("ellipse") from None
 

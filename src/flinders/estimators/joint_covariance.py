@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.estimators.covariance import Residuals, time_of
+from flinders.estimators.covariance import BLOCKS, Residuals, largest_excess, time_of
 from flinders.geometry.rotation import across, on_the_sphere
 from flinders.likelihood import gyro_noise as walked
 from flinders.likelihood.observations import (
@@ -39,7 +39,6 @@ from flinders.likelihood.observations import (
     residuals_of,
     rows_of,
 )
-from flinders.summary.pooling import chance_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -47,7 +46,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.estimators.solver import Iterate, JointProblem
+    from flinders.likelihood.joint import JointIterate, JointProblem
     from flinders.likelihood.observations import ObservationGroup
 
 INFORMATION_READINGS: Final = 2000
@@ -57,7 +56,7 @@ MOST: Final = 0.9
 """Share of what a direction of parameters is told that noise may pretend: beyond, the prior alone speaks."""
 
 
-def spurious_information_of(problem: JointProblem, iterate: Iterate) -> Floats:
+def spurious_information_of(problem: JointProblem, iterate: JointIterate) -> Floats:
     """(P, P) what noise adds to the normal matrix, in standard deviations."""
     size = problem.layout.size
     total = np.zeros((size, size))
@@ -93,7 +92,7 @@ def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
 
 
 def _moved(
-    group: ObservationGroup, directions: Floats, problem: JointProblem, iterate: Iterate
+    group: ObservationGroup, directions: Floats, problem: JointProblem, iterate: JointIterate
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield Jacobians on both sides of where noise has put them, a standard deviation away, of each kind of noise."""
 
@@ -114,10 +113,6 @@ def _moved(
         up, down = group.down + alternating * aside, group.down - alternating * aside
         yield jacobian(replace(group, down=up), directions), jacobian(replace(group, down=down), directions)
 
-
-BLOCKS: Final = 8
-BY_CHANCE: Final = 0.02
-"""Stretches of a recording that are compared with each other; what chance makes more often than this is chance."""
 
 MOST_WALKED: Final = 0.1
 """rad within a window: a walk that is longer is a gyro that does not fit, of which second order says nothing."""
@@ -191,7 +186,7 @@ class CorrelationLength(NamedTuple):
     noise: float
 
 
-def span_of(problem: JointProblem, iterate: Iterate) -> CorrelationLength:
+def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
     """Look at the verticals' residuals, one after the other.
 
     Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
@@ -225,7 +220,7 @@ def _left_of(rows: ObservationRows) -> Floats:
     return left
 
 
-def random_walk_of(problem: JointProblem, iterate: Iterate, textbook: Floats) -> DirectionRandomWalk:
+def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Floats) -> DirectionRandomWalk:
     """Look at how residuals of windows grow with time; textbook is the (P, P) covariance for white residuals."""
     size = problem.layout.size
     walks, bent, steps = np.zeros(2), np.zeros(size), np.zeros((size, size))
@@ -252,7 +247,7 @@ def random_walk_of(problem: JointProblem, iterate: Iterate, textbook: Floats) ->
     return DirectionRandomWalk(variance, min(variance, MOST_WALKED**2 / longest) * bent, own, steps)
 
 
-def scatter_of(problem: JointProblem, iterate: Iterate, walk: DirectionRandomWalk) -> Scatter:
+def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
     """Look at the residuals of a fit.
 
     Parameters
@@ -405,15 +400,5 @@ def _excess_variance(evidence: _Evidence) -> float:
     gradients = evidence.gradients @ basis
     squares = np.swapaxes(basis, 0, 1) @ evidence.squares @ basis
     inverse = np.linalg.pinv(squares.sum(axis=0))
-    gradients = gradients - squares @ (
-        inverse @ gradients.sum(axis=0)
-    )  # where it settled, their sum is what noise makes
-    largest = 1.0
-    while len(gradients) >= 4:
-        shares = inverse @ squares
-        taken = float(np.sum(shares * np.swapaxes(shares, 1, 2)))
-        total, expected = float(np.sum(gradients**2)), gradients.shape[1] - taken
-        if expected > 0.0 and chance_of(total * expected / taken, max(round(expected**2 / taken), 1)) < BY_CHANCE:
-            largest = max(largest, total / expected)
-        gradients, squares = gradients[::2] + gradients[1::2], squares[::2] + squares[1::2]
-    return largest
+    gradients = gradients - squares @ (inverse @ gradients.sum(axis=0))  # where it settled, the sum is what noise makes
+    return largest_excess(gradients, squares, inverse)

@@ -12,7 +12,7 @@ from flinders.core.samples import Wrapped
 from flinders.errors import NotAnEllipsoid, UsageError
 from flinders.estimators.base import Method
 from flinders.estimators.likelihood import ENOUGH, Likelihood
-from flinders.estimators.robust import SEED, Robust, asks_for_it
+from flinders.estimators.robust import SEED
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import prior
 from flinders.likelihood.equations import ROUNDING
@@ -112,9 +112,7 @@ class Level:
         flat = readings.through(lambda recording: _Flat(recording, height))
         rng = np.random.default_rng(SEED)
         start = ellipse_start(flat.spread_out(flat.thinned(ENOUGH, self.name), rng), rng)
-        estimate = Likelihood(prior=self.prior).polish(flat, start)
-        if len(flat) >= Robust.unknowns and asks_for_it(flat, estimate.ellipsoid):
-            estimate = Robust(prior=self.prior).majority(flat, ellipse_start)
+        estimate = Likelihood(prior=self.prior).polish(flat, start, robust=True)
         return self._lifted(estimate)
 
     def _lifted(self, flat: Estimate) -> Estimate:
@@ -166,7 +164,7 @@ def turned_level(field: Floats) -> bool:
 def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
     """Least median of squares: of many ellipses through seven readings each, the one that is nearest to half of all.
 
-    As `subset_start` in the plane: conics with tr Q = 2 and a slight pull towards the circle. A circle around the
+    As of `Robust`, in the plane: conics with tr Q = 2 and a slight pull towards the circle. A circle around the
     readings where no seven of them lie on an ellipse.
 
     Parameters
@@ -185,14 +183,14 @@ def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
     apart = np.linalg.norm(some - origin, axis=1)
     scale = float(np.median(apart))
     if not scale > THINNEST * float(apart.max()):
-        raise NotAnEllipsoid((0.0, 0.0, 0.0), Level.name)
+        raise NotAnEllipsoid(method=Level.name)
     points = (some[:, :2] - origin[:2]) / scale
     chosen = points[np.argsort(rng.random((DRAWS, len(points))), axis=1)[:, :POINTS]]
     centres, inverses = _closed(_conics(chosen))
     if not len(centres):  # a short arc, or a line
         across, along = np.linalg.eigvalsh(np.cov(points.T))
         if across <= STRAIGHT * along:
-            raise NotAnEllipsoid((0.0, 0.0, 0.0), Level.name)
+            raise NotAnEllipsoid(method=Level.name)
         return Ellipsoid(origin, scale * np.eye(3))
     y = np.matmul(inverses, (points - centres[:, np.newaxis]).transpose(0, 2, 1))
     lengths = np.maximum(np.linalg.norm(y, axis=1), THINNEST)

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.axes import EXCHANGES, Axes
+from flinders.core.axes import TURNS, Axes
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import dip, gyro
 
@@ -74,10 +74,6 @@ EXPLAINED: Final = 0.5
 
 ONE_AXIS: Final = 0.05
 """Turning about the second axis, of that about the first, below which all of it is about one."""
-
-TURNS: Final = tuple(axes for axes in EXCHANGES if not axes.is_mirror)
-"""The 24 ways to exchange axes and stay right-handed, the one that changes nothing first."""
-
 
 REVERSED: Final = Axes(signs=(-1, -1, -1))
 """All signs the other way round."""

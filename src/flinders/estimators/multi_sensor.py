@@ -4,10 +4,10 @@ Minimises over all sensors i and moments k, each sensor in its own noise σᵢ,
 
     Σ |xᵢₖ − bᵢ − Sᵢ Rᵢᵀ qₖ|² / σᵢ²   over (bᵢ, Sᵢ, Rᵢ) and qₖ, |qₖ| = 1
 
-with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.observations`): of 3m readings 3m −
+with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.sensors`): of 3m readings 3m −
 2 are left, m of them lengths, and 2(m − 1) that hold the directions of the sensors against each other. The σᵢ come from
-their residuals by Fisher's scoring, the mean gradient that noise makes on the sphere is taken off, and a reading that
-does not belong to the others is left out.
+their residuals by Fisher's scoring, the mean gradient that noise makes on the sphere is taken off
+(`flinders.likelihood.solver`), and a reading that does not belong to the others is left out.
 
 What it gives: how the sensors are turned against each other, and to each what the others know. Readings of two sensors
 are an affine map of each other, so that a noisy sensor becomes nearly as good as the best one beside it. What it does
@@ -35,7 +35,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -44,22 +44,16 @@ from flinders.estimators.auto import Auto
 from flinders.estimators.base import Estimate
 from flinders.estimators.covariance import Residuals
 from flinders.estimators.data import Readings
-from flinders.estimators.solver import solved
+from flinders.estimators.joint_covariance import projected
+from flinders.estimators.likelihood import spheres_about
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.rotation import across
 from flinders.likelihood import prior
-from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.identifiability import Support
-from flinders.likelihood.observations import (
-    Linearised,
-    ObservationGroup,
-    ObservationRows,
-    Weights,
-    eliminated,
-    inverse_of,
-    rows_of,
-)
-from flinders.likelihood.parameters import ParameterLayout, Parameters
+from flinders.likelihood.observations import inverse_of
+from flinders.likelihood.parameters import Parameters
+from flinders.likelihood.sensors import SensorProblem, Sensors
+from flinders.likelihood.solver import bias_corrected, levenberg_marquardt
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -67,9 +61,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-
-ROOM: Final = 4096
-"""Moments worked on at a time, whatever the length of the recording."""
+    from flinders.likelihood.observations import ObservationRows
+    from flinders.likelihood.sensors import SensorIterate
 
 ENOUGH: Final = 10_000
 """Moments on which the fit is iterated; of a longer recording all are gone through from there."""
@@ -80,30 +73,14 @@ TRIED: Final = 1_000
 GLANCE: Final = 2_000
 """Moments from which noise-induced information is computed."""
 
-STEPS: Final = 60
-"""Of Levenberg and Marquardt; ten are usual."""
-
-SETTLED: Final = 1e-3
-"""Standard deviations: a step shorter than this in all parameters is the last."""
-
-CORRECTED: Final = 4
-"""Steps with the mean gradient of the noise taken off."""
-
-ROTATION_SIGMA: Final = 0.35
-"""rad: how far from where it began a rotation is thought to be, where nothing sees it."""
-
 MIRROR_MARGIN: Final = 2.0
 """Times smaller that the residual of a mirror image has to be."""
 
-LEAST_CHANGE: Final = 0.2
-"""Of a variance in one step: what is far off is approached."""
+LOOKED_AT: Final = 16_384
+"""Moments that tell how residuals are correlated."""
 
-SAME: Final = 1e-2
-"""Relative change of a standard deviation that is none."""
-
-MOST_DAMPING: Final = 1e9
-LONGEST_STEP: Final = 0.5
-"""Of the radius: a longer step is cut."""
+LOUDEST: Final = 0.1
+"""Of the field: noise that the solver begins with."""
 
 STRAY: Final = 6.0
 """Times the median residual of a sensor beyond which its reading does not belong to the others."""
@@ -116,9 +93,6 @@ FEWEST_LEFT: Final = 0.5
 
 FEWEST: Final = 24
 """Moments that are needed."""
-
-SPREAD_OUT: Final = 5.0
-"""Times the noise that readings have to be thick for an affine map from them to be looked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,18 +214,18 @@ def solve(
         raise TooFewSamples(found=int(shared), needed=FEWEST, method="together")
     alone = [_alone(field) for field in fields] if starts is None else list(starts)
     few = fields[:, :: max(1, fields.shape[1] // TRIED)]
-    best: _State | None = None
-    for begin in _begins(few, reference, alone):
-        state = _settled(_Problem.of(few, reference, begin, spread), begin)
-        if state is not None and (best is None or _misfit(state) < _misfit(best)):
-            best = state
+    iterates = [_from_start(few, reference, begin, spread) for begin in _begins(few, reference, alone)]
+    best = min((iterate for iterate in iterates if iterate is not None), key=_misfit, default=None)
     if best is None:
         raise NotAnEllipsoid((float("nan"),) * 3, "together")
     thinned = fields[:, :: max(1, fields.shape[1] // ENOUGH)]
-    best = _without_outliers(_iterated(best.over(thinned)))
+    problem = SensorProblem.of(thinned, best.at, reference=reference, spread=spread)
+    best = levenberg_marquardt(problem, problem.initial(best.at, best.weights))
+    best = _without_outliers(problem, best)
     if thinned.shape[1] < fields.shape[1]:
-        best = _without_outliers(best.over(fields))
-    return _finished(best, alone)
+        problem = SensorProblem.of(fields, best.at, reference=reference, spread=spread)
+        best = _without_outliers(problem, problem.initial(best.at, best.weights))
+    return _finished(problem, best, alone, reference)
 
 
 def mirror_or_rotation(seen: Floats, into: Floats) -> Floats:
@@ -271,180 +245,6 @@ def mirror_or_rotation(seen: Floats, into: Floats) -> Floats:
     return mirrored if off[1] * MIRROR_MARGIN**2 < off[0] else proper
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
-    """Readings, and what is thought of the parameters before."""
-
-    fields: Floats
-    there: NDArray[np.bool_]
-    reference: int
-    layouts: tuple[ParameterLayout, ...]
-    columns: tuple[slice, ...]
-    rotations: tuple[Floats, ...]
-    middles: Floats
-    widths: Floats
-    spread: float
-
-    @classmethod
-    def of(cls, fields: Floats, reference: int, begin: Sequence[Parameters], spread: float) -> Self:
-        """Lay out what is to be found."""
-        there: NDArray[np.bool_] = np.all(np.isfinite(fields), axis=2)
-        clean = np.where(there[..., np.newaxis], fields, 0.0)
-        counts = np.maximum(there.sum(axis=1), 1)
-        middles = clean.sum(axis=1) / counts[:, np.newaxis]
-        off = (clean - middles[:, np.newaxis]) * there[..., np.newaxis]
-        widths = np.sqrt(np.sum(off**2, axis=(1, 2)) / counts)
-        layouts = tuple(ParameterLayout.of(rotation=sensor != reference) for sensor in range(len(fields)))
-        ends = np.cumsum([layout.size for layout in layouts]).tolist()
-        columns = tuple(slice(end - layout.size, end) for end, layout in zip(ends, layouts, strict=True))
-        turns = tuple(at.rotation for at in begin)
-        return cls(clean, there, reference, layouts, columns, turns, middles, widths, spread)
-
-    @property
-    def size(self) -> int:
-        """Of all parameters."""
-        return int(self.columns[-1].stop)
-
-    def believed(self, at: Sequence[Parameters]) -> NormalEquations:
-        """What was thought before, in standard deviations."""
-        matrix, gradient, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
-        for sensor, (own, columns) in enumerate(zip(at, self.columns, strict=True)):
-            ellipsoid = Ellipsoid(own.offset, own.shape)
-            middle, width = self.middles[sensor], float(self.widths[sensor])
-            shaped = prior.equations(ellipsoid, spread=self.spread) + prior.sense(ellipsoid, middle, width)
-            nine = slice(columns.start, columns.start + 9)
-            matrix[nine, nine], gradient[nine] = shaped.matrix, shaped.gradient
-            cost += shaped.cost
-            if sensor != self.reference:
-                turn = slice(columns.start + 9, columns.stop)
-                turned = own.rotation @ self.rotations[sensor].T
-                angle = 0.5 * np.array(
-                    [turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]
-                )
-                matrix[turn, turn] = np.eye(3) / ROTATION_SIGMA**2
-                gradient[turn] = -angle / ROTATION_SIGMA**2
-                cost += float(angle @ angle) / ROTATION_SIGMA**2
-        return NormalEquations(matrix, gradient, cost, 0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _State:
-    """Where the iteration stands."""
-
-    problem: _Problem
-    at: tuple[Parameters, ...]
-    noise: Floats
-    weight: Floats
-    directions: Floats
-
-    def over(self, fields: Floats) -> Self:
-        """The same parameters over other moments of the same sensors."""
-        problem = _Problem.of(fields, self.problem.reference, self.at, self.problem.spread)
-        weight = problem.there.astype(float)
-        return replace(self, problem=problem, weight=weight, directions=_guessed(problem, self.at, self.noise, weight))
-
-    def rows(self, moments: slice, directions: Floats | None = None) -> ObservationRows:
-        """Residuals and Jacobians (W, 3, m, P) of some moments, in standard deviations."""
-        problem = self.problem
-        q = self.directions[moments] if directions is None else directions
-        sensors = len(self.at)
-        shape = (len(q), 3, sensors)
-        residual, model, jacobian = np.empty(shape), np.empty(shape), np.zeros((*shape, problem.size))
-        own = np.empty((*shape, 2))
-        number = np.arange(len(q))[:, np.newaxis]
-        for sensor, at in enumerate(self.at):
-            group = ObservationGroup(
-                number, problem.fields[sensor, moments, np.newaxis], self.weight[sensor, moments, np.newaxis]
-            )
-            part = rows_of(group, at, q, problem.layouts[sensor], Weights(float(self.noise[sensor])))
-            residual[:, :, sensor], model[:, :, sensor] = part.residual[:, :, 0], part.model[:, :, 0]
-            own[:, :, sensor] = part.own[:, :, 0]
-            jacobian[:, :, sensor, problem.columns[sensor]] = part.jacobian[:, :, 0]
-        counts = 3.0 * float(self.weight[:, moments].sum()), 0.0
-        return ObservationRows(residual, jacobian, own, model, np.zeros(shape), np.zeros(problem.size), counts)
-
-    def blocks(self) -> Iterator[slice]:
-        """All moments, so many at a time."""
-        for begin in range(0, len(self.directions), ROOM):
-            yield slice(begin, begin + ROOM)
-
-    def residuals(self) -> Floats:
-        """(m, N) length of what each reading is off, in the sensor's standard deviations, whether it counts or not."""
-        off = np.empty(self.weight.shape)
-        for sensor, at in enumerate(self.at):
-            left = self.problem.fields[sensor] - at.offset - self.directions @ at.ellipsoid_like.T
-            off[sensor] = np.sqrt(np.einsum("ni,ni->n", left, left)) / self.noise[sensor]
-        return off
-
-    @property
-    def cost(self) -> float:
-        """χ² of everything, and of the variances."""
-        squares = np.sum(self.residuals() ** 2 * self.weight)
-        return float(squares) + self.problem.believed(self.at).cost
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Equations:
-    """Normal equations of all moments and of the prior."""
-
-    parts: tuple[Linearised, ...]
-    matrix: Floats
-    gradient: Floats
-    bent: Floats
-    prior: NormalEquations
-    squares: Floats
-    expected: Floats
-    curvature: Floats
-
-    @classmethod
-    def of(cls, state: _State) -> Self:
-        """Linearise everything."""
-        size, sensors = state.problem.size, len(state.at)
-        parts: list[Linearised] = []
-        sums = [np.zeros(sensors), np.zeros(sensors), np.zeros((sensors, sensors))]
-        for block in state.blocks():
-            rows = state.rows(block)
-            part = eliminated(rows)
-            terms = _components(rows, part, state.weight[:, block])
-            sums = [total + one for total, one in zip(sums, terms, strict=True)]
-            parts.append(part)
-        matrix, gradient, bent = np.zeros((size, size)), np.zeros(size), np.zeros(size)
-        for part in parts:
-            matrix, gradient, bent = matrix + part.matrix, gradient + part.gradient, bent + part.bent
-        return cls(tuple(parts), matrix, gradient, bent, state.problem.believed(state.at), *sums)
-
-    def noise(self, state: _State) -> Floats:
-        """(m,) what the residuals say of each sensor's noise: a step of Fisher's scoring."""
-        sizes = np.array([layout.size for layout in state.problem.layouts])
-        change = np.linalg.lstsq(self.curvature, self.squares - self.expected + sizes, rcond=1e-6)[0]
-        factor = np.sqrt(np.clip(1.0 + change, LEAST_CHANGE, 1.0 / LEAST_CHANGE))
-        floor = FINEST * np.array([np.cbrt(np.linalg.det(at.shape)) for at in state.at])
-        noise: Floats = np.maximum(state.noise * factor, floor)
-        return noise
-
-    def moved_directions(self, state: _State, step: Floats) -> Floats:
-        """(N, 3) directions that go with a step of the parameters."""
-        return np.concatenate([
-            part.follow(state.directions[block], step)
-            for part, block in zip(self.parts, state.blocks(), strict=True)
-        ])  # fmt: skip
-
-
-def _components(rows: ObservationRows, part: Linearised, weight: Floats) -> tuple[Floats, Floats, Floats]:
-    """Squares (m,) once directions have settled, what they would be if the noise were right, and how they follow it.
-
-    The latter two are tr Q over the rows of a sensor and (m, m) tr Q_ij Q_ji, of Q = 1 − V C Vᵀ.
-    """
-    own, inverse = rows.own, part.inverse
-    eased = np.einsum("wab,wb->wa", inverse, part.own)
-    left = rows.residual - np.einsum("wksa,wa->wks", own, eased)
-    shares = inverse @ np.einsum("wksa,wksb->swab", own, own)
-    traces = np.trace(shares, axis1=2, axis2=3).sum(axis=1)
-    counts = 3.0 * weight.sum(axis=1)
-    products = np.einsum("swab,twba->st", shares, shares)
-    return np.sum(left**2, axis=(0, 1)), counts - traces, np.diag(counts - 2.0 * traces) + products
-
-
 def is_sound(estimate: Estimate) -> bool:
     """Whether a sensor by itself leaves nothing open."""
     return not estimate.plane and not estimate.unobserved
@@ -458,7 +258,7 @@ def _alone(field: Floats) -> Estimate | None:
         return None
 
 
-def _begins(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[tuple[Parameters, ...]]:
+def _begins(fields: Floats, reference: int, alone: Sequence[Estimate | None]) -> Iterator[Sensors]:
     """Where to start: with what each finds by itself, the rest from the best of those; else with spheres."""
     sound = [each.ellipsoid if each is not None and is_sound(each) else None for each in alone]
     if all(each is not None for each in sound):
@@ -474,22 +274,12 @@ def _begins(fields: Floats, reference: int, alone: Sequence[Estimate | None]) ->
         ]
         yield _turned(fields, reference, mapped)
         return
-    for ellipsoid in _spheres(fields[reference]):
+    for ellipsoid in spheres_about(fields[reference]):
         others = [
             ellipsoid if sensor == reference else _mapped(fields[reference], ellipsoid, field)
             for sensor, field in enumerate(fields)
         ]
         yield _turned(fields, reference, others)
-
-
-def _spheres(field: Floats) -> Iterator[Ellipsoid]:
-    """Spheres about readings, and beside the plane that they are nearly in."""
-    readings = field[np.isfinite(field).all(axis=1)]
-    middle = readings.mean(axis=0)
-    width = float(np.sqrt(np.mean(np.sum((readings - middle) ** 2, axis=1))))
-    normal = np.linalg.eigh(np.cov(readings.T))[1][:, 0]
-    for lift in (0.0, 1.0, -1.0, 2.0, -2.0):
-        yield Ellipsoid(middle + lift * width * normal, max(width * math.hypot(1.0, lift), 1e-300) * np.eye(3))
 
 
 def _mapped(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
@@ -507,7 +297,7 @@ def _mapped(field: Floats, ellipsoid: Ellipsoid, other: Floats) -> Ellipsoid:
     return Ellipsoid(mean + linear @ (ellipsoid.centre - middle), (axes * radii) @ axes.T)
 
 
-def _turned(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> tuple[Parameters, ...]:
+def _turned(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> Sensors:
     """Parameters at these ellipsoids, each sensor turned as its directions are against those of the reference."""
     seen = [
         (field - ellipsoid.centre) @ np.linalg.inv(ellipsoid.shape)
@@ -520,7 +310,7 @@ def _turned(fields: Floats, reference: int, ellipsoids: Sequence[Ellipsoid]) -> 
         if sensor != reference and both.any():
             at = replace(at, rotation=mirror_or_rotation(_unit(seen[sensor][both]), _unit(seen[reference][both])))
         made.append(at)
-    return tuple(made)
+    return Sensors(tuple(made))
 
 
 def _unit(vectors: Floats) -> Floats:
@@ -528,203 +318,128 @@ def _unit(vectors: Floats) -> Floats:
     return unit
 
 
-def _guessed(problem: _Problem, at: Sequence[Parameters], noise: Floats, weight: Floats) -> Floats:
-    """(N, 3) the direction at each moment that the sensors agree on best."""
-    total = np.zeros(problem.fields.shape[1:])
-    for sensor, own in enumerate(at):
-        seen = (problem.fields[sensor] - own.offset) @ np.linalg.inv(own.ellipsoid_like).T
-        radius = float(np.cbrt(np.linalg.det(own.shape)))
-        total += seen * (weight[sensor] * (radius / noise[sensor]) ** 2)[:, np.newaxis]
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    unit: Floats = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), [1.0, 0.0, 0.0])
-    return unit
-
-
-def _misfit(state: _State) -> float:
+def _misfit(iterate: SensorIterate) -> float:
     """Noise of all sensors, each in its own size."""
-    return float(sum(math.log(noise / np.cbrt(np.linalg.det(at.shape)))
-                     for noise, at in zip(state.noise, state.at, strict=True)))  # fmt: skip
+    return float(np.log(iterate.weights / iterate.at.radii).sum())
 
 
-def _settled(problem: _Problem, begin: tuple[Parameters, ...]) -> _State | None:
-    """Levenberg–Marquardt from a start; None where that leads nowhere."""
-    noise = 0.1 * np.array([np.cbrt(np.linalg.det(at.shape)) for at in begin])
-    weight = problem.there.astype(float)
-    state = _State(problem, begin, noise, weight, _guessed(problem, begin, noise, weight))
+def _from_start(fields: Floats, reference: int, begin: Sensors, spread: float) -> SensorIterate | None:
+    """Where the solver leads from a start; None where that is nowhere."""
+    problem = SensorProblem.of(fields, begin, reference=reference, spread=spread)
     try:
-        return _iterated(state)
+        return levenberg_marquardt(problem, problem.initial(begin, LOUDEST * begin.radii))
     except np.linalg.LinAlgError:
         return None
 
 
-def _iterated(state: _State) -> _State:
-    """Take steps until they are small beside what is claimed, each sensor weighed as its residuals ask for."""
-    damping = 1e-3
-    for _ in range(STEPS):
-        equations = _Equations.of(state)
-        matrix, gradient = equations.matrix + equations.prior.matrix, equations.gradient + equations.prior.gradient
-        step: Floats = gradient
-        before, moved = state.cost, None
-        while moved is None and damping < MOST_DAMPING:
-            step = solved(matrix, gradient, damping)
-            tried = _stepped(state, equations, _cut(state, step))
-            moved = tried if tried is not None and tried.cost <= before * (1.0 + 1e-9) + 1e-6 else None
-            damping = damping * 8.0 if moved is None else max(damping / 10.0, 1e-12)
-        noise = equations.noise(state)
-        is_weighed = bool(np.all(np.abs(np.log(noise / state.noise)) < SAME))
-        is_small = moved is None or (float(step @ matrix @ step) < SETTLED**2 * len(step) and damping < 1.0)
-        state, damping = replace(state if moved is None else moved, noise=noise), min(damping, 1.0)
-        if is_weighed and is_small:
-            break
-    return state
-
-
-def _cut(state: _State, step: Floats) -> Floats:
-    """A step that moves no surface by more than a part of its size, and turns nothing by more than as much."""
-    longest = 0.0
-    for at, columns in zip(state.at, state.problem.columns, strict=True):
-        own = step[columns]
-        longest = max(longest, float(np.abs(own[:9]).max()) / float(np.cbrt(np.linalg.det(at.shape))))
-        longest = max(longest, float(np.abs(own[9:]).max(initial=0.0)))
-    return step * min(1.0, LONGEST_STEP / max(longest, 1e-300))
-
-
-def _stepped(state: _State, equations: _Equations, step: Floats) -> _State | None:
-    """Where a step leads; None where a surface is not closed."""
-    at = []
-    for own, columns, layout in zip(state.at, state.problem.columns, state.problem.layouts, strict=True):
-        moved = own.moved(step[columns], layout)
-        axes = np.linalg.eigvalsh(moved.shape)
-        if not axes[0] > 1e-3 * axes[2]:
-            return None
-        at.append(moved)
-    return replace(state, at=tuple(at), directions=equations.moved_directions(state, step))
-
-
-def _without_outliers(state: _State) -> _State:
+def _without_outliers(problem: SensorProblem, iterate: SensorIterate) -> SensorIterate:
     """Leave out readings that do not belong to the others, of each moment the worst at first, and go on without."""
     for _ in range(ROUNDS):
-        weight = _inliers(state)
-        if np.array_equal(weight, state.weight):
+        inliers = _inliers(problem, iterate)
+        if np.array_equal(inliers, iterate.groups[0].inliers):
             break
-        directions = _guessed(state.problem, state.at, state.noise, weight)
-        state = _iterated(replace(state, weight=weight, directions=directions))
-    return state
+        iterate = levenberg_marquardt(problem, problem.initial(iterate.at, iterate.weights, inliers))
+    return iterate
 
 
-def _inliers(state: _State) -> Floats:
-    """(m, N) 1 for readings that belong: what was left out and still does not stays out, and the worst goes, too."""
-    off = np.where(state.problem.there, state.residuals(), np.nan)
-    usual = np.nanmedian(np.where(state.weight > 0.0, off, np.nan), axis=1, keepdims=True)
-    far = np.nan_to_num(off) > STRAY * usual
-    counted = np.where((state.weight > 0.0) & far, np.nan_to_num(off / usual), 0.0)
-    worst = (counted == counted.max(axis=0)) & (counted > 0.0)
-    if len(off) == 2:
-        worst |= far & (state.weight > 0.0)  # of two it is not told which
-    kept = state.problem.there & ~worst & ~((state.weight == 0.0) & far)
-    share = kept.sum(axis=1) / np.maximum(state.problem.there.sum(axis=1), 1)
-    for sensor in np.flatnonzero(share < FEWEST_LEFT):
-        kept[sensor] = state.problem.there[sensor]
-    inlier_share: Floats = kept.astype(float)
-    return inlier_share
+def _inliers(problem: SensorProblem, iterate: SensorIterate) -> NDArray[np.bool_]:
+    """(m, N) readings that belong: what was left out and still does not stays out, and the worst goes, too."""
+    recorded, counted = problem.group.inliers, iterate.groups[0].inliers
+    distances = iterate.groups[0].distances(iterate.at, iterate.directions[0], iterate.weights)
+    usual = np.nanmedian(np.where(counted, distances, np.nan), axis=1, keepdims=True)
+    far = recorded & (distances > STRAY * usual)
+    excess = np.where(counted & far, distances / usual, 0.0)
+    worst = (excess == excess.max(axis=0)) & (excess > 0.0)
+    if len(distances) == 2:
+        worst |= far & counted  # of two it is not told which
+    inliers: NDArray[np.bool_] = recorded & ~worst & ~(~counted & far)
+    share = inliers.sum(axis=1) / np.maximum(recorded.sum(axis=1), 1)
+    few = share < FEWEST_LEFT
+    inliers[few] = recorded[few]
+    return inliers
 
 
-def _finished(state: _State, alone: Sequence[Estimate | None]) -> Several:
+def _finished(
+    problem: SensorProblem, iterate: SensorIterate, alone: Sequence[Estimate | None], reference: int
+) -> Several:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    support = None
-    for _ in range(CORRECTED):
-        equations = _Equations.of(state)
-        support = Support.of(equations.matrix, lambda at=state: _spurious_information(at))  # type: ignore[misc]
-        plain = NormalEquations(equations.matrix, equations.gradient - equations.bent, 0.0, 0)
-        step = (support.keep(plain) + equations.prior).step()
-        moved = _stepped(state, equations, _cut(state, step))
-        if moved is None:
-            break
-        state = replace(moved, noise=equations.noise(state))
-        if float(step @ (equations.matrix + equations.prior.matrix) @ step) < SETTLED**2:
-            break
-    equations = _Equations.of(state)
-    support = Support.of(equations.matrix, lambda: _spurious_information(state))
+    iterate, equations = bias_corrected(
+        problem, iterate, observed=lambda now, plain: _support(problem, now, plain.matrix).keep(plain)
+    )
+    support = _support(problem, iterate, equations.matrix)
     textbook = replace(equations.prior, matrix=support.information + equations.prior.matrix).inverse()
-    scatter, excess_variance = _scatter(state, textbook, alone)
+    scatter, excess_variance = _scatter(problem, iterate, textbook, alone)
+    prior_influence = [
+        before.influence(at, textbook[columns, columns][:9, :9])
+        for at, before, columns in zip(iterate.at.each, problem.priors, problem.layout.columns, strict=True)
+    ]
     covariance = textbook @ (equations.prior.matrix + excess_variance * support.projected(scatter)) @ textbook
-    covariance = 0.5 * (covariance + covariance.T)
-    prior_influence = []
-    for at, columns in zip(state.at, state.problem.columns, strict=True):
-        nine = slice(columns.start, columns.start + 9)
-        believed = prior.equations(Ellipsoid(at.offset, at.shape), spread=state.problem.spread).matrix
-        prior_influence.append(
-            float(np.clip(np.real(np.linalg.eigvals(textbook[nine, nine] @ believed)).max(), 0.0, 1.0))
-        )
     return Several(
-        state.at, state.problem.reference, state.problem.columns, covariance, textbook, state.noise, state.directions,
-        state.weight > 0.0, np.array(prior_influence), support.unobserved, excess_variance,
+        iterate.at.each, reference, problem.layout.columns, 0.5 * (covariance + covariance.T), textbook,
+        iterate.weights, iterate.directions[0], iterate.groups[0].inliers,
+        np.array(prior_influence), support.unobserved, excess_variance,
     )  # fmt: skip
 
 
-def _spurious_information(state: _State) -> Floats:
+def _support(problem: SensorProblem, iterate: SensorIterate, matrix: Floats) -> Support:
+    """What the readings see, of their normal matrix."""
+    return Support.of(matrix, lambda: _spurious_information(problem, iterate))
+
+
+def _thinned(iterate: SensorIterate, most: int) -> tuple[SensorIterate, int]:
+    """About so many moments, spread evenly, and one of how many they are."""
+    stride = max(1, len(iterate.directions[0]) // most)
+    some = replace(iterate, groups=(iterate.groups[0].every(stride),), directions=(iterate.directions[0][::stride],))
+    return some, stride
+
+
+def _rows(problem: SensorProblem, iterate: SensorIterate, directions: Floats) -> ObservationRows:
+    """Residuals and Jacobians with other directions."""
+    return iterate.groups[0].rows(iterate.at, directions, problem.layout, iterate.weights)
+
+
+def _spurious_information(problem: SensorProblem, iterate: SensorIterate) -> Floats:
     """(P, P) information that noise in the directions makes on average: Σ C_ab J(t_a)ᵀ Q J(t_b).
 
     J is linear in the direction; its noise along the tangents t_a has the covariance C.
     """
-    stride = max(1, len(state.directions) // GLANCE)
-    some = slice(None, None, stride)
-    rows = state.rows(some)
-    count, size = len(rows.residual), state.problem.size
-    own = rows.own.reshape(count, -1, 2)
-    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
-    tangents = across(state.directions[some])
-    along = [state.rows(some, tangents[..., axis]).jacobian.reshape(count, -1, size) for axis in range(2)]
-    fixed = np.zeros(size)  # the Jacobian of an offset is 1, whatever the direction
-    for columns in state.problem.columns:
-        fixed[columns.start + 3 : columns.stop] = 1.0
+    some, stride = _thinned(iterate, GLANCE)
+    rows = _rows(problem, some, some.directions[0])
+    along = np.stack(
+        [_rows(problem, some, tangent).jacobian for tangent in np.moveaxis(across(some.directions[0]), -1, 0)]
+    )
+    inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
     root = np.linalg.cholesky(inverse + 1e-300 * np.eye(2))
-    total = np.zeros((size, size))
+    for columns in problem.layout.columns:  # the Jacobian of an offset is 1, whatever the direction
+        along[..., columns.start : columns.start + 3] = 0.0
+    total = np.zeros((problem.layout.size, problem.layout.size))
     for axis in range(2):
-        mixed = fixed * sum(root[:, other, axis, np.newaxis, np.newaxis] * along[other] for other in range(2))
-        total += _off_own(mixed, own, inverse)
-    return stride * total
+        noisy = np.einsum("wa,awknp->wknp", root[:, :, axis], along)
+        left = projected(replace(rows, jacobian=noisy))[0].reshape(-1, problem.layout.size)
+        total += left.T @ left
+    return float(stride) * total
 
 
-def _off_own(jacobian: Floats, own: Floats, inverse: Floats) -> Floats:
-    """(P, P) Σ Jᵀ Q J, with Q = 1 − V C Vᵀ."""
-    size = jacobian.shape[-1]
-    flat = jacobian.reshape(-1, size)
-    mixed = np.swapaxes(jacobian, 1, 2) @ own
-    taken: Floats = np.einsum("wpa,wab,wqb->pq", mixed, inverse, mixed, optimize=True)
-    total: Floats = flat.T @ flat - taken
-    return total
-
-
-def _scatter(state: _State, textbook: Floats, alone: Sequence[Estimate | None]) -> tuple[Floats, float]:
+def _scatter(
+    problem: SensorProblem, iterate: SensorIterate, textbook: Floats, alone: Sequence[Estimate | None]
+) -> tuple[Floats, float]:
     """(P, P) scatter of the gradient, with correlated residuals, and the creep.
 
     Each component of each sensor is a series of its own, as in `flinders.estimators.covariance`; a sensor's part
     grows by no less than what it finds by itself, where distortions that belong to the direction are looked for.
     """
-    stride = max(1, len(state.directions) // (ROOM * 4))
-    some = slice(None, None, stride)
-    rows = state.rows(some)
-    count, sensors, size = len(rows.residual), len(state.at), state.problem.size
-    own = rows.own.reshape(count, -1, 2)
-    inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
-    taken = own @ inverse
-    residual = rows.residual.reshape(count, -1)
-    jacobian = rows.jacobian.reshape(count, -1, size)
-    residual = residual - (taken @ (residual[:, np.newaxis] @ own).swapaxes(1, 2))[..., 0]
-    jacobian = jacobian - taken @ (np.swapaxes(own, 1, 2) @ jacobian)
-    segments = [np.arange(count)]
+    some, stride = _thinned(iterate, LOOKED_AT)
+    jacobian, residual = projected(_rows(problem, some, some.directions[0]))
+    size = problem.layout.size
     total = np.zeros((size, size))
-    for sensor in range(sensors):
+    for sensor, own in enumerate(alone):
         white, coloured = np.zeros((size, size)), np.zeros((size, size))
         for axis in range(3):
-            kind = axis * sensors + sensor
-            series = Residuals(residual[:, kind], jacobian[:, kind], segments)
+            series = Residuals(residual[:, axis, sensor], jacobian[:, axis, sensor], [np.arange(len(residual))])
             autocovariance = series.autocovariance()
-            white += jacobian[:, kind].T @ jacobian[:, kind]
+            white += series.jacobian.T @ series.jacobian
             coloured += series.scatter(autocovariance / max(float(autocovariance[0]), 1e-300))
-        wide = _wider(alone[sensor]) * white
-        total += max(wide, coloured, key=lambda part: float(np.sum(part * textbook)))
+        total += max(_wider(own) * white, coloured, key=lambda part: float(np.sum(part * textbook)))
     flat = Residuals(residual.ravel(), jacobian.reshape(-1, size), [np.arange(residual.size)])
     return stride * total, flat.excess_variance(total)
 

@@ -32,7 +32,7 @@ import numpy as np
 from flinders.core.disturbance import Disturbance
 from flinders.errors import counted
 from flinders.estimators.covariance import Residuals
-from flinders.estimators.disturbance_solver import WEAK
+from flinders.estimators.disturbance_problem import WEAK
 from flinders.estimators.regressor_quality import (
     RegressorError,
     attenuation,
@@ -61,9 +61,6 @@ UNMOVED: Final = 0.03
 
 SHARES: Final = 0.9
 """Of the scatter of a recording that a disturbance has to explain for its sensor to have been still."""
-
-TILTED_DEG: Final = 0.5
-"""Degrees by which the vertical may turn over the range of a disturbance: a degree of heading at a dip of 60°."""
 
 PROVEN: Final = 4.0
 """Standard deviations from which on a turn of the vertical is one."""

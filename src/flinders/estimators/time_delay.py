@@ -35,13 +35,13 @@ import numpy as np
 
 from flinders.core.disturbance import motor
 from flinders.estimators.covariance import Residuals, time_of
-from flinders.estimators.disturbance_solver import DisturbanceProblem, settle
+from flinders.estimators.disturbance_problem import DisturbanceProblem, settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
-    from flinders.estimators.disturbance_solver import Solved
+    from flinders.estimators.disturbance_problem import Solved
     from flinders.estimators.regressors import Logged, Track
 
 SEARCHED_S: Final = 1.0
@@ -244,7 +244,7 @@ class _Cost:
         places = 3 * len(names)
         self._shape = solved.jacobian[self._used, :9]
         self._target = solved.distances[self._used]
-        self._target = self._target + solved.jacobian[self._used, 9 : 9 + places] @ solved.coefficients[:places]
+        self._target = self._target + solved.jacobian[self._used, 9 : 9 + places] @ solved.at.disturbances.ravel()
         self._variance = solved.noise**2 * time_of(residuals_of(solved).autocovariance())
 
     def __call__(self, lag_s: float) -> float:

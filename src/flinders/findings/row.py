@@ -79,6 +79,11 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
 
 
+def _scaled(factor: float, of: str, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
+    """A factor, of a quantity of the record or of one."""
+    return factor * record[of] if of else factor
+
+
 class Limit(NamedTuple):
     """A factor, of a quantity of the record or of one."""
 
@@ -87,7 +92,7 @@ class Limit(NamedTuple):
 
     def value(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
         """The limit for a record."""
-        return self.factor * record[self.of] if self.of else self.factor
+        return _scaled(self.factor, self.of, record)
 
 
 class Grade(NamedTuple):
@@ -99,7 +104,7 @@ class Grade(NamedTuple):
 
     def limit(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a number, or a column of them
         """The limit for a record."""
-        return Limit(self.factor, self.of).value(record)
+        return _scaled(self.factor, self.of, record) if self.of else self.factor
 
 
 class Needs(NamedTuple):
@@ -112,7 +117,7 @@ class Needs(NamedTuple):
 
     def holds(self, record: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a truth value, or a column of them
         """Whether it holds for a record."""
-        return COMPARISONS[self.comparison](record[self.quantity], Limit(self.factor, self.of).value(record))
+        return COMPARISONS[self.comparison](record[self.quantity], _scaled(self.factor, self.of, record))
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +149,11 @@ class Rule:
 
     def severity(self, record: Mapping[str, Any]) -> Severity | None:
         """How severe it is for one record; None where it is not found."""
-        return next((severity for severity, holds in self.holds(record).items() if holds), None)
+        number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None
+        for grade in self.grades:
+            if beyond(number, grade.limit(record)):
+                severity = grade.severity
+        return severity if severity and all(need.holds(record) for need in self.needs) else None
 
     def holds(self, record: Mapping[str, Any]) -> dict[Severity, Any]:
         """For each severity whether a record has it; of columns (U,) bool."""
@@ -243,7 +252,7 @@ class Quantity(float):
 class Record(dict[str, Any]):
     """Quantities by name, and words of a sentence, which may be made when a sentence asks for them.
 
-    >>> Record({"noise": 0.123456}, who=lambda: "somebody").told("{noise} {who}")
+    >>> Record({"noise": 0.123456}, who=lambda: "somebody").filled("{noise} {who}")
     '0.12 somebody'
     """
 
@@ -255,6 +264,6 @@ class Record(dict[str, Any]):
         word = self._words[name]
         return word if isinstance(word, str) else word()
 
-    def told(self, sentence: str) -> str:
+    def filled(self, sentence: str) -> str:
         """Fill a sentence."""
         return sentence.format_map(self)

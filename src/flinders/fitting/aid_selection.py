@@ -45,7 +45,7 @@ from flinders.errors import FitError, figures
 from flinders.estimators.aiding import AIDS, Aided, refuse_without, solve
 from flinders.estimators.data import Readings
 from flinders.estimators.likelihood import Likelihood, start
-from flinders.fitting.aiding import Aiding, AidingSensor
+from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
@@ -61,8 +61,6 @@ if TYPE_CHECKING:
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.parameters import Parameters
     from flinders.likelihood.site_field import Site
-
-AUTO: Final = "auto"
 
 NO_WORSE: Final = 1.02
 """Times larger residuals of what was left out that an aid may make."""
@@ -360,4 +358,4 @@ def without_rotation(aided: Aided) -> Aided:
     return replace(aided, parameters=replace(aided.parameters, rotation=np.eye(3)))
 
 
-__all__ = ["AIDS", "AUTO", "aided_by", "available", "change_deg", "claim_deg", "without_rotation"]
+__all__ = ["AIDS", "aided_by", "available", "change_deg", "claim_deg", "without_rotation"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 from msgspec import UNSET
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import BesideRecord
     from flinders.diagnostics.instruments import Mistake
+
+AUTO: Final = "auto"
+"""What is asked for where each aiding sensor and disturbance is to be used that makes the calibration better."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
 
@@ -20,31 +21,26 @@ from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.axis_swap import axis_swap_of
-from flinders.diagnostics.drift import drift_of
-from flinders.diagnostics.unmodelled import unmodelled_of
-from flinders.diagnostics.unmoved import require_moved
+from flinders.diagnostics.drift import drift_in, drift_of
+from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
 from flinders.estimators import Readings, at_one_strength, method_of, within_range
-from flinders.estimators.aiding import refuse_without
-from flinders.estimators.auto import Auto
+from flinders.estimators.auto import Auto, hides_plane
 from flinders.estimators.data import concatenated
-from flinders.estimators.disturbance import with_disturbances
-from flinders.estimators.known_dip import sited
 from flinders.estimators.level import Level, turned_level
-from flinders.estimators.regressors import DisturbanceEstimate
-from flinders.fitting.aid_selection import AUTO, aided_by, available
-from flinders.fitting.aiding import Aiding, AidingSensor
+from flinders.estimators.likelihood import estimated
+from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, repeated
-from flinders.fitting.disturbance_selection import earned
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.result import Fit, Refused, structure_error_deg
 from flinders.fitting.verdict import judge
 from flinders.geometry.plane import down_of
-from flinders.heading.error_propagation import alignment_error_deg, level_error
+from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.identifiability import is_flat
 from flinders.likelihood.prior import SPREAD
-from flinders.summary.coverage import Coverage
+from flinders.summary.coverage import Coverage, RecordCoverage
+from flinders.summary.summary import Statistics
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,12 +54,16 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
     from flinders.fitting.claim import Claim
-    from flinders.heading.error_propagation import HeadingError
     from flinders.likelihood.site_field import Site
+    from flinders.native.engine import Records
     from flinders.summary.summary import Summary
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
+
+SWAP_LAG_ONE: Final = 0.05
+"""Correlation of a residual with the next below which no axes were swapped: 1 − 1/1.1² = 17 % of the variance are those
+of the swap, which follow each other, where undoing it takes a tenth off the noise, as `AxisSwap.gain` has to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +127,66 @@ class _Frame(NamedTuple):
                 "unit and axes are for arrays and summaries; give them where the recording is read"
             )
         return cls(recording.unit, recording.axes, frame_of(recording))
+
+
+class _Evidence(NamedTuple):
+    """An estimate with what is known of the readings that it was made of.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    readings : Readings
+    statistics : Statistics
+    coverage : Coverage
+    record : Records, optional
+        Of the engine, where the other attributes were taken from it.
+    """
+
+    estimate: Estimate
+    readings: Readings
+    statistics: Statistics
+    coverage: Coverage
+    record: Records | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate, readings: Readings) -> Self:
+        """Take it from the summary of the readings."""
+        summary = readings.summary
+        coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
+        return cls(estimate, readings, summary.statistics, coverage)
+
+    @classmethod
+    def of_record(cls, estimator: Estimator, readings: Readings, unit: Unit | None) -> Self | None:
+        """Take it from the engine's record of one recording in memory; None where a record does not tell enough."""
+        samples = readings.recording
+        if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
+            return None
+        record = estimator.recorded(readings)
+        if record["status"] or not was_turned(record, (unit or Unit.of()).inside):
+            return None
+        estimate = estimated(record, readings, has_statistics=True)
+        if hides_plane(readings, estimate):
+            return None
+        statistics = Statistics.of_record(record, samples.time, readings.summary.skipped)
+        coverage = RecordCoverage(record, readings.summary, estimate.ellipsoid, estimate.rejected_beyond)
+        return cls(estimate, readings, statistics, coverage, record)
+
+    def heading_error(self, claim: Estimate, dip_deg: float, *, is_scaled: bool) -> HeadingError:
+        """That of a claimed estimate, the larger one where the readings leave the sign of the dip open.
+
+        The record holds that of its own covariance, of which the claimed one may be a multiple.
+        """
+        if self.record is not None and is_scaled:
+            wider = math.sqrt(claim.covariance[0, 0] / self.record["covariance"][0])
+            rms, worst, dip = (float(self.record[name]) for name in ("level_rms_deg", "level_worst_deg", "dip_deg"))
+            return HeadingError(wider * rms, wider * worst, dip)
+        down = down_of(claim.plane)
+        if self.record is not None:
+            dips: tuple[float, ...] = (float(self.record["dip_deg"]),)
+        else:
+            dips = (dip_deg,) if claim.plane else self.coverage.facings(dip_deg)
+        errors = (level_error(claim.ellipsoid, claim.covariance, dip_deg=dip, down=down) for dip in dips)
+        return max(errors, key=lambda error: error.worst)
 
 
 @renamed_keywords(drivers="disturbances", aids="aiding")
@@ -206,26 +266,41 @@ def fit(
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
     driving, tried = None, cast("tuple[AidingSensor, ...]", ())
     if aiding == AUTO and not disturbances and hasattr(source, "blocks"):
+        from flinders.fitting.disturbance_selection import earned
+
         disturbances, tried = earned(cast("Recording", source), spread=request.prior, dip_deg=request.dip_deg)
     if disturbances:
+        from flinders.estimators.disturbance import with_disturbances
+
         driving, source = with_disturbances(source, disturbances, spread=request.prior)
     frame = _Frame.of(source, unit, axes)
-    readings = within_range(_moved(Readings.of(source), method, estimator, frame.unit))
+    readings = Readings.of(source)
+    evidence = None if aiding or site else _Evidence.of_record(estimator, readings, frame.unit)
+    if evidence is None:
+        readings = within_range(_moved(readings, method, estimator, frame.unit))
     instruments = _Instruments(gyro_scale, acceleration_bias)
     if aiding and (method != "auto" or set(options) - {"prior"}):
         raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
     joint, aiding_result = _aided(readings, aiding, request, instruments)
     if aiding_result is not None:
         aiding_result = replace(aiding_result, each=(*tried, *aiding_result.each))
-    estimate = joint or _at_site(estimator.estimate(readings), readings, request)
-    readings = readings if joint else at_one_strength(readings, estimate)
+    if evidence is None:
+        estimate = joint or _at_site(estimator.estimate(readings), readings, request)
+        evidence = _Evidence.of(estimate, readings if joint else at_one_strength(readings, estimate))
     likelihood = Auto(request.prior, dip_deg=request.dip_deg)
-    claim = claimed(estimate, readings, likelihood, is_biased=estimator.is_biased, is_joint=joint is not None)
+    claim = claimed(
+        evidence.estimate,
+        evidence.readings,
+        likelihood,
+        evidence.statistics,
+        is_biased=estimator.is_biased,
+        is_joint=joint is not None,
+    )
     if driving is not None:
         covariance = driving.widened(claim.estimate.covariance)
         claim = claim._replace(estimate=replace(claim.estimate, covariance=covariance))
-    calibration = _turned(_calibration(estimate, request, frame, sensor), aiding_result)
-    result = _judged(claim, readings, calibration, request, driving=driving, aiding=aiding_result)
+    calibration = _turned(_calibration(evidence.estimate, request, frame, sensor), aiding_result)
+    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result)
     return _accepted(_mounted(result, alignment_sigma_deg))
 
 
@@ -258,10 +333,10 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request(target_deg, dip_deg, field_strength)
-    readings = within_range(Readings.of(source))
+    evidence = _Evidence.of(estimate, within_range(Readings.of(source)))
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
-    claim = repeated(estimate, readings.summary)
-    return _accepted(_judged(claim, readings, calibration, request, aiding=aiding_result))
+    claim = repeated(estimate, evidence.statistics)
+    return _accepted(_judged(claim, evidence, calibration, request, aiding=aiding_result))
 
 
 def _accepted(result: Fit) -> Fit:
@@ -342,6 +417,8 @@ def _aided(
     samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, aiding)
+    from flinders.fitting.aid_selection import aided_by
+
     aided, result = aided_by(
         samples,
         aiding,
@@ -363,6 +440,9 @@ def _of_no_use(samples: Samples, aiding: str | Sequence[str]) -> Aiding:
     UsageError
         For one that is not known or was not recorded.
     """
+    from flinders.estimators.aiding import refuse_without
+    from flinders.fitting.aid_selection import available
+
     names = available(samples) if aiding == AUTO else (aiding,) if isinstance(aiding, str) else tuple(aiding)
     refuse_without(samples, names)
     words = "the readings lie in one plane, as in a level turn, across which it tells nothing"
@@ -376,6 +456,8 @@ def _at_site(estimate: Estimate, readings: Readings, request: Request) -> Estima
         return estimate
     if site is not None and site.inclination_deg is not None and site.inclination_deg != request.dip_deg:
         site = replace(site, inclination_deg=None)
+    from flinders.estimators.known_dip import sited
+
     return sited(estimate, readings, site, dip_deg=request.dip_deg, alignment_sigma_deg=request.alignment_sigma_deg)
 
 
@@ -399,11 +481,14 @@ def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: st
     return replace(calibration, field_strength_known=is_known)
 
 
-def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | None:
+def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | None:
     """Whether something changed while one recording was made: if so, its residuals are not white.
 
     What a model is too simple for looks like a change, too, and is stated as a bias.
     """
+    readings = evidence.readings
+    if evidence.record is not None and not estimate.outliers:
+        return drift_in(evidence.record)
     if readings.recording is None or readings.parts or estimate.unobserved or estimate.bias.any():
         return None
     if estimate.correlation is None or estimate.correlation.is_white:
@@ -414,10 +499,14 @@ def _drift(estimate: Estimate, readings: Readings, dip_deg: float) -> Drift | No
 
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     """Whether axes were swapped while one recording in memory was made; if so, residuals are not white."""
-    if readings.parts or not isinstance(readings.recording, Samples):
+    if readings.parts or not isinstance(readings.recording, Samples) or not estimate.may_be_swapped:
         return None
-    if not estimate.outliers and (estimate.correlation is None or estimate.correlation.is_white):
-        return None
+    correlation = estimate.correlation
+    if not estimate.outliers:
+        if correlation is None or correlation.is_white:
+            return None
+        if not estimate.unobserved and correlation.lag_one < SWAP_LAG_ONE:
+            return None
     return axis_swap_of(readings.recording.field, estimate.noise)
 
 
@@ -425,16 +514,11 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
     if estimate.unobserved or not isinstance(readings.recording, Samples) or not readings.recording.disturbances:
         return None
+    from flinders.diagnostics.unmodelled import unmodelled_of
+
     near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
     return unmodelled_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
-
-
-def _textbook(estimate: Estimate, dip_deg: float) -> HeadingError | None:
-    """What independent residuals would allow to claim."""
-    if estimate.textbook is None:
-        return None
-    return level_error(estimate.ellipsoid, estimate.textbook, dip_deg=dip_deg, down=down_of(estimate.plane))
 
 
 def _independent(estimate: Estimate, count: float) -> float:
@@ -459,7 +543,7 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
 
 def _judged(
     claim: Claim,
-    readings: Readings,
+    evidence: _Evidence,
     calibration: Calibration,
     request: Request,
     *,
@@ -467,29 +551,28 @@ def _judged(
     aiding: Aiding | None = None,
 ) -> Fit:
     """Put together what is known and judge it."""
-    estimate, summary = claim.estimate, readings.summary
-    coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
-    error = _heading_error(estimate, coverage, request.dip_deg)
-    dip = error.dip_deg
+    estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
+    error = evidence.heading_error(estimate, request.dip_deg, is_scaled=driving is None)
+    dip, distortion = error.dip_deg, _distortion(estimate)
     result = Fit(
         calibration=calibration,
         method=estimate.method,
         covariance=estimate.covariance,
         noise=estimate.noise,
-        samples=estimate.used or len(summary),
-        coverage=coverage,
-        heading_error_deg=error,
-        distortion=_distortion(estimate),
+        samples=estimate.used or statistics.rows,
+        coverage=evidence.coverage,
+        heading_error_deg=error.combined(structure_error_deg(distortion, estimate.ellipsoid.radius, dip)),
+        distortion=distortion,
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
-        textbook_heading_error_deg=_textbook(estimate, dip),
-        independent_samples=_independent(estimate, len(summary) / claim.repetition),
+        textbook_covariance=estimate.textbook,
+        independent_samples=_independent(estimate, statistics.rows / claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
-        drift=_drift(estimate, readings, dip),
+        drift=_drift(estimate, evidence, dip),
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
         repeats=claim.repeats,
@@ -498,22 +581,15 @@ def _judged(
         aiding=aiding,
         alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip),
     )
-    result = replace(result, heading_error_deg=error.combined(result.structure_deg))
     if driving is not None:
         result = _with_disturbances(result, driving)
-    return replace(result, findings=judge(result, summary))
-
-
-def _heading_error(estimate: Estimate, coverage: Coverage, dip_deg: float) -> HeadingError:
-    """The larger one of both signs of the dip, where the readings do not show which way up the sensor is."""
-    dips = (dip_deg,) if estimate.plane else coverage.facings(dip_deg)
-    down = down_of(estimate.plane)
-    errors = (level_error(estimate.ellipsoid, estimate.covariance, dip_deg=dip, down=down) for dip in dips)
-    return max(errors, key=lambda error: error.worst)
+    return replace(result, findings=judge(result, statistics))
 
 
 def _with_disturbances(result: Fit, driving: Driving) -> Fit:
     """A fit to compensated readings, with what is known of their disturbances."""
+    from flinders.estimators.regressors import DisturbanceEstimate
+
     calibration = replace(result.calibration, disturbances=driving.disturbances)
     dip, down = result.heading_error_deg.dip_deg, down_of(result.plane)
     estimates = [

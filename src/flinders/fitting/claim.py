@@ -7,7 +7,7 @@ noise itself uncertain, and several recordings of one sensor differ by more than
 >>> from flinders.estimators import Readings
 >>> from flinders.estimators.auto import Auto
 >>> readings = Readings.of(simulate.tumble(seed=1, n=300).samples)
->>> claim = claimed(Auto().estimate(readings), readings, Auto())
+>>> claim = claimed(Auto().estimate(readings), readings, Auto(), readings.summary.statistics)
 >>> claim.repetition, claim.repeats is None
 (1.0, True)
 >>> round(widening_by_few(12), 3), round(widening_by_few(3000), 3)
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators import Estimate, Readings
     from flinders.estimators.auto import Auto
-    from flinders.summary.summary import Summary
+    from flinders.summary.summary import Statistics
 
 
 class Claim(NamedTuple):
@@ -50,7 +50,13 @@ class Claim(NamedTuple):
 
 
 def claimed(
-    estimate: Estimate, readings: Readings, likelihood: Auto, *, is_biased: bool = False, is_joint: bool = False
+    estimate: Estimate,
+    readings: Readings,
+    likelihood: Auto,
+    statistics: Statistics,
+    *,
+    is_biased: bool = False,
+    is_joint: bool = False,
 ) -> Claim:
     """Widen the covariance of an estimate.
 
@@ -61,15 +67,17 @@ def claimed(
         That it was made of.
     likelihood : Auto
         What a method that does not look at residuals is compared with.
+    statistics : Statistics
+        Of the readings.
     is_biased : bool
         The method has a bias of its own.
     is_joint : bool
         The estimate is of several instruments, and knows how its residuals are correlated.
     """
     if is_joint:
-        claim = repeated(estimate, readings.summary)
+        claim = repeated(estimate, statistics)
     else:
-        claim = _widened(estimate, readings, likelihood, is_biased=is_biased)
+        claim = _widened(estimate, readings, likelihood, statistics, is_biased=is_biased)
     repeats = _compared(readings, likelihood, claim.estimate)
     if repeats is None:
         return claim
@@ -77,9 +85,9 @@ def claimed(
     return claim._replace(estimate=whole, repeats=repeats)
 
 
-def repeated(estimate: Estimate, summary: Summary) -> Claim:
+def repeated(estimate: Estimate, statistics: Statistics) -> Claim:
     """Widen the covariance of an estimate by repeated readings alone."""
-    repetition = _repetition(estimate, summary)
+    repetition = _repetition(estimate, statistics)
     return Claim(_scaled(estimate, repetition), repetition)
 
 
@@ -88,7 +96,9 @@ def _scaled(estimate: Estimate, factor: float) -> Estimate:
     return replace(estimate, covariance=estimate.covariance * factor)
 
 
-def _widened(estimate: Estimate, readings: Readings, likelihood: Auto, *, is_biased: bool) -> Claim:
+def _widened(
+    estimate: Estimate, readings: Readings, likelihood: Auto, statistics: Statistics, *, is_biased: bool
+) -> Claim:
     """Add correlation, repeated readings, few readings and bias."""
     reference = None
     has_residuals = estimate.correlation is not None or estimate.plane or readings.recording is None
@@ -99,20 +109,21 @@ def _widened(estimate: Estimate, readings: Readings, likelihood: Auto, *, is_bia
             reference = None
     if reference is not None and not has_residuals and not reference.plane and not reference.unobserved:
         estimate = as_correlated(estimate, reference)
-    repetition = _repetition(estimate, readings.summary)
-    freedom = _freedom(estimate, len(readings.summary) / repetition)
+    repetition = _repetition(estimate, statistics)
+    freedom = _freedom(estimate, statistics.rows / repetition)
     estimate = _scaled(estimate, repetition * widening_by_few(freedom))
     if reference is not None and is_biased:
         estimate = with_bias(estimate, reference)
     return Claim(estimate, repetition)
 
 
-def _repetition(estimate: Estimate, summary: Summary) -> float:
+def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     """Factor by which repeated readings widen a covariance that does not know of them yet."""
-    share = len(summary) / max(len(summary) - summary.health.repeats, 1)
+    share = statistics.rows / max(statistics.rows - statistics.repeats, 1)
     if estimate.textbook is None:
         return share
-    known = float(np.mean(np.diag(estimate.covariance) / np.maximum(np.diag(estimate.textbook), np.finfo(float).tiny)))
+    textbook = np.maximum(estimate.textbook.diagonal(), np.finfo(float).tiny)
+    known = float((estimate.covariance.diagonal() / textbook).mean())
     return max(1.0, share / known)
 
 

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.arrays import runs
 from flinders.core.compensation import compensated
 from flinders.core.disturbance import KINDS, MOTORS, motor
 from flinders.core.samples import Samples, singles
@@ -195,8 +196,7 @@ def hold_out_residuals(
 
 def _runs(part: Samples, rows: NDArray[np.bool_]) -> list[Samples]:
     """The stretches of a recording that some rows make."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rows.astype(int), [0]])))
-    return [part[int(begin) : int(end)] for begin, end in zip(edges[::2], edges[1::2], strict=True)]
+    return [part[run] for run in runs(rows)]
 
 
 def _in_memory(part: Recording) -> Samples:

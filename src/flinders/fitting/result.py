@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from flinders.diagnostics.drift import Drift
     from flinders.diagnostics.repeatability import Repeats
     from flinders.diagnostics.unmodelled import Unmodelled
+    from flinders.errors import FlindersError
     from flinders.estimators.outliers import Outlier
     from flinders.estimators.regressors import DisturbanceEstimate
     from flinders.findings import Severity
@@ -112,6 +113,11 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
+def structure_error_deg(distortion: float, radius: float, dip_deg: float) -> float:
+    """Heading error (1 σ) of as much across a field as the distortion is along it, at a dip of the field."""
+    return float(np.rad2deg(distortion / (radius * np.cos(np.deg2rad(dip_deg)))))
+
+
 def error_record(error: HeadingError, target_deg: float) -> HeadingErrorRecord | None:
     """A heading error as it stands in a file; None where none is stated."""
     if math.isnan(error.worst):
@@ -153,8 +159,8 @@ class Fit(Outcome):
         other one for a sensor mounted upside down.
     prior_influence : float
         Share of the least known shape parameter that the prior speaks for, 0 to 1.
-    textbook_heading_error_deg : HeadingError
-        What the covariance for independent residuals would claim.
+    textbook_covariance : (9, 9) float, optional
+        As `covariance`, if residuals were independent.
     independent_samples : float
         Independent readings that say as much as those used, whose residuals are correlated.
     autocorrelation : float, optional
@@ -215,7 +221,7 @@ class Fit(Outcome):
     unobserved: int = 0
     alignment_error_deg: float | None = None
     bias_deg: float = 0.0
-    textbook_heading_error_deg: HeadingError | None = None
+    textbook_covariance: Floats | None = None
     independent_samples: float = np.inf
     autocorrelation: float | None = None
     outliers: tuple[Outlier, ...] = ()
@@ -342,6 +348,14 @@ class Fit(Outcome):
         """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
         return direction_error_deg(self.ellipsoid, self.covariance)
 
+    @property
+    def textbook_heading_error_deg(self) -> HeadingError | None:
+        """What the covariance for independent residuals would claim."""
+        if self.textbook_covariance is None:
+            return None
+        down = down_of(self.plane)
+        return level_error(self.ellipsoid, self.textbook_covariance, dip_deg=self.known_dip_deg, down=down)
+
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip, down = self.known_dip_deg, down_of(self.plane)
@@ -351,8 +365,7 @@ class Fit(Outcome):
     @property
     def structure_deg(self) -> float:
         """Heading error (1 σ) from what belongs to the direction: as much across the field as it shows along it."""
-        level = np.cos(np.deg2rad(self.known_dip_deg))
-        return float(np.rad2deg(self.distortion / (self.ellipsoid.radius * level)))
+        return structure_error_deg(self.distortion, self.ellipsoid.radius, self.known_dip_deg)
 
     @property
     def attitude_limit_deg(self) -> float:
@@ -621,6 +634,11 @@ def _z_down(findings: Iterable[Finding]) -> bool | None:
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:
     """JSON-ready."""
     return None if error is None else {"rms": error.rms, "worst": error.worst}
+
+
+def fit_of(outcome: Fit | FlindersError) -> Fit | None:
+    """The fit of an outcome, good or refused; None where there is none."""
+    return outcome.fit if isinstance(outcome, Refused) else outcome if isinstance(outcome, Fit) else None
 
 
 class Refused(FitError):

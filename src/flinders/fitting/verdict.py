@@ -6,7 +6,7 @@ A record holds the quantities that rules compare and sentences state; `flinders.
 >>> from flinders.fitting.calibrate import fit
 >>> from flinders.summary.summary import Summary
 >>> tumble = simulate.tumble(seed=1).samples
->>> [finding.code for finding in judge(fit(tumble), Summary.of(tumble))]
+>>> [finding.code for finding in judge(fit(tumble), Summary.of(tumble).statistics)]
 ['scale-unknown', 'rotation-unknown']
 """
 
@@ -37,9 +37,20 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import DataQuality, Rail
-    from flinders.summary.summary import Summary
+    from flinders.summary.summary import Statistics
 
-OF_THE_RECORDING: Final = frozenset({"saturated", "stale-repeats", "time-back", "time-gap", "skipped-rows"})
+OF_CALIBRATION: Final = (
+    "axis-ratio",
+    "field-strength",
+    "mirrored-axes",
+    "unit-unknown",
+    "scale-unknown",
+    "rotation-unknown",
+)
+"""Findings of a calibration, whatever it was made from."""
+OF_RECORDING: Final = ("stale-repeats", "time-back", "time-gap", "skipped-rows")
+"""Findings of a recording as a whole."""
+OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
 
 PLACED, SKEWED = 0.5, 0.15
@@ -54,17 +65,17 @@ STRAIGHT: Final = "current"
 """A field goes in proportion to the current that makes it, and may be extrapolated."""
 
 
-def judge(result: Fit, summary: Summary) -> tuple[Finding, ...]:
+def judge(result: Fit, statistics: Statistics) -> tuple[Finding, ...]:
     """Say what there is to know about a fit, the most severe first.
 
     Parameters
     ----------
     result : Fit
         Without findings yet.
-    summary : Summary
+    statistics : Statistics
         Of the recording it came from.
     """
-    record = fit_record(result, summary)
+    record = fit_record(result, statistics)
     flat = CATALOGUE["one-plane"].finding(record)
     supported: Iterable[Finding] = (
         (  # what follows from a surface that nothing supports is no finding
@@ -77,28 +88,30 @@ def judge(result: Fit, summary: Summary) -> tuple[Finding, ...]:
         if flat is None
         else (flat,)
     )
-    return by_severity([*supported, *of_recording(summary.health)])
+    return by_severity([*supported, *of_recording(statistics)])
 
 
 def _applied(rows: Iterable[CatalogueRow], record: Mapping[str, object]) -> Iterator[Finding]:
     """Apply rules to a record."""
-    findings = (row.finding(record) for row in rows)
-    return (finding for finding in findings if finding is not None)
+    for row in rows:
+        finding = row.finding(record)
+        if finding is not None:
+            yield finding
 
 
-def fit_record(fit: Fit, summary: Summary) -> Record:
+def fit_record(fit: Fit, statistics: Statistics) -> Record:
     """What the findings of a fit compare and state; not a number where something does not apply."""
-    health, radius = summary.health, fit.ellipsoid.radius
+    radius = fit.ellipsoid.radius
     return Record(
         {
             "target_deg": fit.target_deg,
             "samples": fit.samples,
-            **_flatness(fit, summary),
+            **_flatness(fit, statistics),
             **_accuracy(fit),
             **_evidence(fit),
             **_changes(fit),
-            **_outliers(fit, health),
-            "inflation": math.nan if fit.plane else _inflation(fit, health),
+            **_outliers(fit, statistics.rows),
+            "inflation": math.nan if fit.plane else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / radius,
             "structure_share": fit.distortion / radius,
             "structure_deg": fit.structure_deg,
@@ -112,13 +125,13 @@ def fit_record(fit: Fit, summary: Summary) -> Record:
         **_plane_words(fit),
         **_evidence_words(fit),
         **_change_words(fit),
-        **_outlier_words(fit, health),
+        **_outlier_words(fit, statistics.rows),
     )
 
 
-def _flatness(fit: Fit, summary: Summary) -> dict[str, float]:
+def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float]:
     """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
-    thickness, _, width = np.sqrt(summary.moments.principal_variances).tolist()
+    thickness, _, width = np.sqrt(statistics.principal_variances).tolist()
     return {
         "flatness": math.nan if fit.plane or not width else thickness / width,
         "flatness_limit": flat_below(width, fit.noise) / width if width else math.nan,
@@ -199,9 +212,9 @@ def _plane_words(result: Fit) -> dict[str, Callable[[], str]]:
     }
 
 
-def _inflation(fit: Fit, health: DataQuality) -> float:
+def _inflation(fit: Fit, extent: float) -> float:
     """How many times as wide as its readings the surface is: much, where a small patch of them leaves it open."""
-    return 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(float(health.extent.max()), np.finfo(float).tiny)
+    return 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(extent, np.finfo(float).tiny)
 
 
 def _changes(fit: Fit) -> dict[str, float]:
@@ -292,16 +305,16 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
     yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
 
 
-def _outliers(fit: Fit, health: DataQuality) -> dict[str, float]:
+def _outliers(fit: Fit, rows: int) -> dict[str, float]:
     """What a robust fit left out: outliers, and the readings around their runs."""
     rejected = sum(run.rows for run in fit.outliers)
     return {
-        "outlier_share": rejected / max(health.rows, 1),
+        "outlier_share": rejected / max(rows, 1),
         "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
     }
 
 
-def _outlier_words(fit: Fit, health: DataQuality) -> dict[str, Callable[[], str]]:
+def _outlier_words(fit: Fit, rows: int) -> dict[str, Callable[[], str]]:
     worst = sorted(fit.outliers, key=lambda run: -run.rows)[:3]
     more = "; …" if len(fit.outliers) > len(worst) else ""
     rejected = sum(run.rows for run in fit.outliers)
@@ -310,16 +323,15 @@ def _outlier_words(fit: Fit, health: DataQuality) -> dict[str, Callable[[], str]
     return {
         "outliers": lambda: counted(rejected, "reading"),
         "runs": lambda: "; ".join(str(run) for run in worst) + more,
-        "again": lambda: many if rule and rule.severity(_outliers(fit, health)) == "limits" else "",
+        "again": lambda: many if rule and rule.severity(_outliers(fit, rows)) == "limits" else "",
     }
 
 
-def of_recording(health: DataQuality) -> Iterator[Finding]:
+def of_recording(health: DataQuality | Statistics) -> Iterator[Finding]:
     """What a recording says about itself."""
     for rail in health.rails:
         yield from _applied((CATALOGUE["saturated"],), _rail_record(rail))
-    rest = ("stale-repeats", "time-back", "time-gap", "skipped-rows")
-    yield from _applied((CATALOGUE[code] for code in rest), _recording_record(health))
+    yield from _applied((CATALOGUE[code] for code in OF_RECORDING), _recording_record(health))
 
 
 def _rail_record(rail: Rail) -> Record:
@@ -327,7 +339,7 @@ def _rail_record(rail: Rail) -> Record:
     return Record(numbers, rail_end=lambda: rail.end, rail_axis=lambda: "xyz"[rail.axis])
 
 
-def _recording_record(health: DataQuality) -> Record:
+def _recording_record(health: DataQuality | Statistics) -> Record:
     clock, skipped = health.clock, sum(part.rows for part in health.skipped)
     few = skipped <= 0.1 * health.rows
     return Record(
@@ -359,8 +371,7 @@ class Corrected(Protocol):
 
 def of_calibration(corrected: Corrected) -> Iterator[Finding]:
     """Say what the calibration alone tells, whatever it was made from."""
-    codes = ("axis-ratio", "field-strength", "mirrored-axes", "unit-unknown", "scale-unknown", "rotation-unknown")
-    yield from _applied((CATALOGUE[code] for code in codes), calibration_record(corrected))
+    yield from _applied((CATALOGUE[code] for code in OF_CALIBRATION), calibration_record(corrected))
 
 
 def calibration_record(corrected: Corrected) -> Record:
@@ -390,6 +401,8 @@ def calibration_record(corrected: Corrected) -> Record:
 
 def of_disturbances(fit: Fit) -> Iterator[Finding]:
     """What there is to know of each disturbance that is modelled."""
+    if not fit.disturbances:
+        return
     yield from of_alike(fit.disturbances)
     yield from of_noisy(fit.disturbances)
     motors = [

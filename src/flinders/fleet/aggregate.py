@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from dataclasses import dataclass, field
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from flinders.findings import current
-from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
-from flinders.fleet.history import whole_units
+from flinders.fleet.history import MOST, BatchRule, batch_rule, whole_units
 from flinders.fleet.results import LISTS, lists, named_rows, numbers, texts
 from flinders.report.fleet_view import FleetUnit, Histogram, Overview
 
@@ -26,8 +26,8 @@ COLUMNS: Final = (
     "unit_of_field",
 )  # fmt: skip
 LISTED: Final = 50
-RANKS: Final = ("heading error", "offset", "noise")
-"""Quantities by which the worst units are listed."""
+RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "noise"}
+"""Quantities by which the worst units are listed, and the attributes of `FleetUnit` that hold them."""
 
 
 def overview_of(
@@ -40,7 +40,7 @@ def overview_of(
     paths : sequence of path
         Tables of `flinders fleet`, sorted by unit.
     batch : str, optional
-        Hardware batch of a unit, as for `flinders.fleet.hardware_batch.batch_rule`.
+        Hardware batch of a unit, as for `flinders.fleet.history.batch_rule`.
     target_deg : float
         The worst heading error that is good enough.
     listed : int
@@ -71,7 +71,7 @@ def overview_of(
         methods=dict(tally.methods.most_common()),
         batches=tally.useful_batches(),
         batch_of=rule.words,
-        worst={rank: tuple(unit for _, unit in tally.worst[rank]) for rank in RANKS},
+        worst={rank: tuple(tally.worst[rank]) for rank in RANKS},
         target_deg=target_deg,
     )
 
@@ -94,7 +94,7 @@ class _Tally:
     examples: dict[str, tuple[str, str]] = field(default_factory=dict)
     methods: Counter[str] = field(default_factory=Counter)
     batches: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
-    worst: dict[str, list[tuple[float, FleetUnit]]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
+    worst: dict[str, list[FleetUnit]] = field(default_factory=lambda: {rank: [] for rank in RANKS})
 
     def add(self, table: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Add the rows of some units."""
@@ -151,14 +151,12 @@ class _Tally:
 
     def _rank(self, table: Any, rank: str, numbers: Floats, shares: dict[str, Floats]) -> None:  # noqa: ANN401
         """Add the rows with the largest numbers; of equal ones the first."""
-        places = np.flatnonzero(np.isfinite(numbers))
+        value, worst = attrgetter(RANKS[rank]), self.worst[rank]
+        least = value(worst[-1]) if len(worst) >= self.listed else -np.inf
+        places = np.flatnonzero(np.isfinite(numbers) & (numbers > least))
         places = places[np.argsort(-numbers[places], kind="stable")[: self.listed]]
-        worst = self.worst[rank]
-        largest = [(float(numbers[place]), place) for place in places.tolist()]
-        if len(worst) >= self.listed:
-            largest = [pair for pair in largest if pair[0] > worst[-1][0]]
-        added = [(number, _unit(table, place, shares)) for number, place in largest]
-        self.worst[rank] = sorted([*worst, *added], key=lambda pair: -pair[0])[: self.listed]
+        added = [_unit(table, place, shares) for place in places.tolist()]
+        self.worst[rank] = sorted([*worst, *added], key=value, reverse=True)[: self.listed]
 
 
 def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # noqa: ANN401

@@ -93,8 +93,6 @@ class Options:
         Of a table: the column, or part ``name=value`` of its path, with the unit, the recording and the hardware batch.
     target_deg, dip_deg : float
         As for `flinders.fit`.
-    polish : bool
-        Go through the readings a second time; if not, use their sums alone.
     """
 
     columns: str | None = None
@@ -108,7 +106,6 @@ class Options:
     batch_column: str | None = None
     target_deg: float = 1.0
     dip_deg: float = 60.0
-    polish: bool = True
 
     def check(self) -> None:
         """Refuse options that no recording can be read with.
@@ -151,17 +148,6 @@ class TableFile:
     def group(self) -> str:
         """Name of a group of rows in this kind of file."""
         return "row group" if self.kind == "Parquet" else "record batch"
-
-
-def refuse_empty(file: TableFile) -> None:
-    """Refuse a table without rows.
-
-    Raises
-    ------
-    UnreadableInput
-    """
-    if not sum(file.groups):
-        raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
 
 
 @contextlib.contextmanager
@@ -353,9 +339,9 @@ def _is_text(kind: Any) -> bool:  # noqa: ANN401
 
 def _refuse_column(name: str, schema: Any, column: str) -> None:  # noqa: ANN401
     """Refuse a column of keys that is nested or duplicate."""
-    there = schema.names.count(column)
-    if there > 1:
-        raise UnreadableInput(f"{name} has {there} columns {column}: give all but one another name, or leave them out")
+    count = schema.names.count(column)
+    if count > 1:
+        raise UnreadableInput(f"{name} has {count} columns {column}: give all but one another name, or leave them out")
     kind = schema.field(column).type
     if not _is_text(kind):
         raise UnreadableInput(
@@ -535,13 +521,13 @@ def _runs(batch: Any, keys: KeyColumns, names: Interner) -> Runs:  # noqa: ANN40
 
 def _note(runs: Runs, batch: Any, keys: KeyColumns, names: Interner) -> None:  # noqa: ANN401
     """Record the hardware batches of rows."""
-    numbers, of = np.unique(runs.numbers, return_inverse=True)
+    numbers, inverse = np.unique(runs.numbers, return_inverse=True)
     if not keys.batch:
         for number in numbers.tolist():
             names.note(number, keys.batch_value)
         return
     texts, places = _dictionary(batch, keys.batch)
-    both = np.repeat(of, runs.lengths) * len(texts) + places
+    both = np.repeat(inverse, runs.lengths) * len(texts) + places
     both = np.unique(both[np.flatnonzero(np.diff(both, prepend=-1))])
     for number, place in zip(numbers[both // len(texts)].tolist(), (both % len(texts)).tolist(), strict=True):
         names.note(number, texts[place])

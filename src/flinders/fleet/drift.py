@@ -27,8 +27,7 @@ from flinders.comparison.pairs import Differences, differences, offset_heading_d
 from flinders.core.files import replacing
 from flinders.errors import UsageError
 from flinders.fleet.change_points import ChangePoint, change_points
-from flinders.fleet.hardware_batch import MOST, BatchRule, batch_rule
-from flinders.fleet.history import OffsetSeries, histories
+from flinders.fleet.history import MOST, BatchRule, OffsetSeries, batch_rule, histories
 from flinders.fleet.results import VERDICTS, needs_arrow
 from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
 from flinders.report.fleet import standing_out
@@ -73,7 +72,7 @@ def drift_of(
     against : str
         The calibration that a vehicle carries: that of its ``first`` recording, or the ``previous`` one.
     batch : str, optional
-        Hardware batch, as for `flinders.fleet.hardware_batch.batch_rule`.
+        Hardware batch, as for `flinders.fleet.history.batch_rule`.
     most : int
         Units and steps that are listed.
     each : callable, optional
@@ -276,8 +275,8 @@ def _steps_in(series: OffsetSeries, units: NDArray[np.intp], variance: Variance,
     counts = np.diff(series.first)[units]
     first = np.concatenate([[0], np.cumsum(counts)])
     rows = np.arange(first[-1]) - np.repeat(first[:-1] - series.first[units], counts)
-    some = OffsetSeries(first, series.time[rows], series.offset[rows], series.covariance[rows])
-    steps = change_points(some, variance, chance=chance)
+    selected = OffsetSeries(first, series.time[rows], series.offset[rows], series.covariance[rows])
+    steps = change_points(selected, variance, chance=chance)
     return [replace(step, after=int(rows[step.after])) for step in steps]
 
 
@@ -307,9 +306,9 @@ class _DriftTally:
     most: int
     states: Counter[str] = field(default_factory=Counter)
     change_deg: Histogram = field(default_factory=lambda: Histogram.over(0.01, 180.0, 60))
-    urgent: list[tuple[float, str, UnitDrift]] = field(default_factory=list)
-    unsure: list[tuple[float, str, UnitDrift]] = field(default_factory=list)
-    largest: list[tuple[float, str, str, UnitStep]] = field(default_factory=list)
+    urgent: list[UnitDrift] = field(default_factory=list)
+    unsure: list[UnitDrift] = field(default_factory=list)
+    largest: list[UnitStep] = field(default_factory=list)
     step_count: int = 0
     step_units: int = 0
     unordered: list[str] = field(default_factory=list)
@@ -321,10 +320,10 @@ class _DriftTally:
         self.states.update(unit.state for unit in units)
         self.change_deg = self.change_deg.counted([unit.worst_deg for unit in units])
         for name, worst in (("recalibrate", self.urgent), ("unsure", self.unsure)):
-            keyed = ((-unit.worst_deg, unit.unit, unit) for unit in units if unit.state == name)
-            worst[:] = heapq.nsmallest(self.most, [*worst, *keyed], key=lambda item: item[:2])
-        ordered = ((-step.worst_deg, step.unit, step.before, step) for step in steps)
-        self.largest[:] = heapq.nsmallest(self.most, [*self.largest, *ordered], key=lambda item: item[:3])
+            listed = [*worst, *(unit for unit in units if unit.state == name)]
+            worst[:] = heapq.nsmallest(self.most, listed, key=lambda unit: (-unit.worst_deg, unit.unit))
+        largest = [*self.largest, *steps]
+        self.largest = heapq.nsmallest(self.most, largest, key=lambda step: (-step.worst_deg, step.unit, step.before))
         stepped = {step.unit for step in steps}
         self.step_count += len(steps)
         self.step_units += len(stepped)
@@ -346,8 +345,8 @@ def _drift(survey: _Survey, rules: _Rules, results: _DriftTally, rule: BatchRule
         passed_over=survey.passed_over,
         states={state: results.states[state] for state in STATES},
         change_deg=results.change_deg,
-        listed=tuple(item[-1] for item in [*results.urgent, *results.unsure][: results.most]),
-        steps=tuple(item[-1] for item in results.largest),
+        listed=(*results.urgent, *results.unsure)[: results.most],
+        steps=tuple(results.largest),
         step_count=results.step_count,
         step_units=results.step_units,
         gaps=survey.intervals,
@@ -448,12 +447,8 @@ def drift_schema() -> Any:  # noqa: ANN401 - pyarrow ships no types
 
 def _units_table(arrow: Any, units: Sequence[UnitDrift]) -> Any:  # noqa: ANN401
     """Table of some units, null for NaN."""
-    columns = {
-        field.name: [_known(getattr(unit, field.name)) for unit in units] for field in dataclasses.fields(UnitDrift)
-    }
+    columns = [
+        arrow.array([getattr(unit, field.name) for unit in units], field.type, from_pandas=True)
+        for field in drift_schema()
+    ]
     return arrow.table(columns, schema=drift_schema())
-
-
-def _known(value: str | float) -> str | float | None:
-    """A value, None for NaN."""
-    return None if isinstance(value, float) and math.isnan(value) else value

@@ -3,10 +3,13 @@
 Tables are sorted by unit, as `flinders fleet` writes them, so that several are read in parallel, and a unit is complete
 once all have passed its name. A million rows take no more memory than a hundred thousand. A recording that is in
 several tables counts once, as in the last of them.
+
+The hardware batch of a unit comes from a column of the tables, or from a part of the unit's name (`BatchRule`).
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -15,20 +18,32 @@ import numpy as np
 
 from flinders.comparison.pairs import EllipsoidPairs
 from flinders.core.files import reason
-from flinders.errors import DocumentError
+from flinders.errors import DocumentError, UsageError
 from flinders.fleet.dates import arranged, is_date
-from flinders.fleet.results import LATER, LISTS, NAMES, lists, named_rows, needs_arrow, numbers, objects, texts
+from flinders.fleet.results import (
+    LATER,
+    LISTS,
+    NAMES,
+    UNNAMED,
+    lists,
+    named_rows,
+    needs_arrow,
+    numbers,
+    objects,
+    refuse_other_table,
+    texts,
+)
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.fleet.hardware_batch import BatchRule
 
     _Flags = NDArray[np.bool_]
+    Paths = Sequence[str | os.PathLike[str]]
 
 COLUMNS: Final = (
     "unit", "recording", "start_s", "verdict", "offset", "matrix", "covariance", "radius", "dip_deg", "unit_of_field",
@@ -253,9 +268,9 @@ def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str],
     last = ""
     try:
         with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-            _refuse_other(path, file.schema_arrow.names, columns)
-            there = [name for name in columns if name in file.schema_arrow.names]
-            for batch in file.iter_batches(rows, columns=there):
+            refuse_other_table(file.schema_arrow.names, columns, path)
+            present = [name for name in columns if name in file.schema_arrow.names]
+            for batch in file.iter_batches(rows, columns=present):
                 if len(batch):
                     last = _sorted(path, batch.column("unit").to_pylist(), last)
                     yield _completed(arrow, arrow.Table.from_batches([batch]), columns, number)
@@ -267,10 +282,10 @@ def _numbered(number: int, path: str | os.PathLike[str], columns: Sequence[str],
 
 def _completed(arrow: Any, table: Any, columns: Sequence[str], number: int) -> Any:  # noqa: ANN401
     """Table with columns in one order, those that are not of a fleet as texts, and the number of the table."""
-    there = table.column_names
+    names = table.column_names
 
     def cells(name: str) -> Any:  # noqa: ANN401
-        if name not in there:
+        if name not in names:
             return arrow.nulls(len(table), arrow.string())
         return table.column(name) if name in NAMES and name not in LATER else table.column(name).cast("string")
 
@@ -297,15 +312,6 @@ def _key(unit: str, recording: str | None, start_s: float | None, *others: Any) 
     *span, offset = others
     own = () if recording else tuple(f"{value:.6g}" for value in offset or ())
     return unit, recording, start_s, *span, *own
-
-
-def _refuse_other(path: str | os.PathLike[str], there: Sequence[str], columns: Sequence[str]) -> None:
-    """Refuse a table that `flinders fleet` did not write."""
-    missing = [name for name in columns if name in NAMES and name not in there and name not in LATER]
-    if missing:
-        raise DocumentError(
-            f"{path}: this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
-        )
 
 
 def _sorted(path: str | os.PathLike[str], units: list[str | None], last: str) -> str:
@@ -341,3 +347,160 @@ def _alike(line: NDArray[np.intp], field: NDArray[np.object_]) -> NDArray[np.boo
     first = np.searchsorted(line, line)
     alike: NDArray[np.bool_] = field == field[first]
     return alike
+
+
+# ------------------------------------------------------------------------------------------------------ hardware batch
+
+COLUMN: Final = "batch"
+"""Column that is used by default, unless it is empty."""
+PREFIX: Final = re.compile(r"^(.+)[-_:/.][^-_:/.]+$")
+"""All but the last part of a unit's name: its batch, if there is no column."""
+MOST: Final = 2_000
+"""More batches than this are taken for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class BatchRule:
+    """Rule for the hardware batch: the column, else the pattern.
+
+    Attributes
+    ----------
+    column : str
+        Empty if the name of the unit holds it.
+    pattern : re.Pattern
+        Its first group, or all that it matches.
+    is_guess : bool
+        Whether it is a default.
+
+    Examples
+    --------
+    >>> BatchRule(pattern=pattern_of("^L[0-9]", ())).of_name("L2-0017")
+    'L2'
+    >>> BatchRule(pattern=PREFIX).of_name("board-2024-17")
+    'board-2024'
+    """
+
+    column: str = ""
+    pattern: re.Pattern[str] = PREFIX
+    is_guess: bool = False
+
+    @property
+    def words(self) -> str:
+        """The rule, for people."""
+        if self.column:
+            return f"the column {self.column}"
+        return "the name of the unit" if self.is_guess else f"{self.pattern.pattern!r} in the name"
+
+    def of(self, table: Any) -> list[str]:  # noqa: ANN401 - pyarrow ships no types
+        """Batch of the unit of each row of a table with all rows of its units, the first by name; empty if unknown."""
+        units = texts(table.column("unit"))
+        known: dict[str, str] = {}
+        if self.column:
+            for unit, batch in zip(units, texts(table.column(self.column)), strict=True):
+                if batch:
+                    known[unit] = min(batch, known.get(unit, batch))
+            return [known.get(unit, "") for unit in units]
+        return [known[unit] if unit in known else known.setdefault(unit, self.of_name(unit)) for unit in units]
+
+    def of_name(self, unit: str) -> str:
+        """Batch in a unit's name; empty if there is none."""
+        match = self.pattern.search(unit)
+        if match is None:
+            return ""
+        return (match[1] if self.pattern.groups else match[0]) or ""
+
+    def are_useful(self, names: Collection[str], rows: int) -> bool:
+        """Whether these batches of so many rows are worth showing."""
+        return any(names) and len(names) <= MOST and (not self.is_guess or 2 <= len(names) <= rows / 4)
+
+
+def batch_rule(paths: Paths, text: str | None) -> BatchRule:
+    """Choose the rule for hardware batches.
+
+    Parameters
+    ----------
+    paths : sequence of path
+        Tables of `flinders fleet`.
+    text : str, optional
+        A column of one of them, or a regular expression for a part of the unit's name. By default the column ``batch``
+        if it is not empty, else all but the last part of the name.
+
+    Raises
+    ------
+    UsageError
+        For a column or an expression that gives no batch.
+    """
+    columns = _columns(paths)
+    if columns is None:
+        return BatchRule(is_guess=True)  # errors are raised where the files are read
+    if text is None:
+        return BatchRule(column=COLUMN) if _holds(paths, COLUMN) else BatchRule(is_guess=True)
+    if text in columns:
+        if not _holds(paths, text):
+            raise UsageError(f"batch {text!r}: that column is empty in all rows; {_choice(columns)}")
+        return BatchRule(column=text)
+    batches = BatchRule(pattern=pattern_of(text, columns))
+    if not any(batches.of_name(unit) for unit in _cells(paths, "unit") if not UNNAMED.search(unit)):
+        raise UsageError(
+            f"batch {text!r} is no column of the table, and as a regular expression finds nothing in the name of any "
+            f"unit; {_choice(columns)}"
+        )
+    return batches
+
+
+def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
+    """Compile a regular expression for the batch.
+
+    Raises
+    ------
+    UsageError
+    """
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise UsageError(
+            f"batch {text!r} is neither a column of the table nor a regular expression ({error}); {_choice(columns)}"
+        ) from None
+
+
+def _choice(columns: Sequence[str]) -> str:
+    """Advice on how to name a batch."""
+    return (
+        f"name a column ({', '.join(columns)}), or write what to find in the names of units, such as '^[A-Z]+'; "
+        "flinders fleet --batch-column NAME takes a column of the readings into its table"
+    )
+
+
+def _columns(paths: Paths) -> list[str] | None:
+    """Columns of all tables that are not nested; None if a table cannot be read."""
+    arrow = needs_arrow()
+    from pyarrow import parquet
+
+    columns: dict[str, None] = {}
+    try:
+        for path in paths:
+            fields = parquet.read_schema(path)
+            columns.update((field.name, None) for field in fields if not arrow.types.is_nested(field.type))
+    except (OSError, arrow.lib.ArrowException):
+        return None
+    return list(columns)
+
+
+def _holds(paths: Paths, name: str) -> bool:
+    """Whether a column has a text that is not empty."""
+    return any(cell for cell in _cells(paths, name))
+
+
+def _cells(paths: Paths, name: str) -> Iterator[str]:
+    """Texts of a column, each at least once, of all tables that have it."""
+    arrow = needs_arrow()
+    from pyarrow import parquet
+
+    for path in paths:
+        try:
+            with parquet.ParquetFile(path) as file:
+                if name in file.schema_arrow.names:
+                    for batch in file.iter_batches(columns=[name]):
+                        yield from texts(batch.column(0).cast("string").unique())
+        except (OSError, arrow.lib.ArrowException):
+            return  # raised where the table is read

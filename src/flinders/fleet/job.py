@@ -20,11 +20,10 @@ short or empty. Their names hold length and check sum, and a partition that does
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import time
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from flinders.core.files import refuse_existing
 from flinders.errors import UsageError
@@ -32,7 +31,7 @@ from flinders.fleet import worker
 from flinders.fleet.checkpoint import TABLE, Checkpoint
 from flinders.fleet.dataset import PARQUET
 from flinders.fleet.plan import plan_of
-from flinders.fleet.progress import Progress, RunSummary, TableCounts
+from flinders.fleet.progress import Progress, RunSummary, table_counts
 from flinders.fleet.results import UnitResults, merge, needs_arrow
 from flinders.fleet.scheduler import Abandoned, map_units, reach
 from flinders.fleet.storage import is_remote, put, refuse_object
@@ -105,7 +104,7 @@ def run(
         checkpoint = Checkpoint.of(out, plan, resume=resume, force=force)
         files = checkpoint.finished()
         resumed = len(files)
-        progress.planned(plan, checkpoint, set(files), input=where, output=os.fspath(out), polish=options.polish)
+        progress.planned(plan, checkpoint, set(files), input=where, output=os.fspath(out))
         over = partial(_map, progress=progress, workers=workers, scheduler=scheduler)
         missing = [place for place in range(len(plan.partitions)) if place not in files]
         for place, content, was_lost in _results(
@@ -119,9 +118,8 @@ def run(
         output=os.fspath(out),
         files=plan.files,
         partitions=len(plan.partitions),
-        **dataclasses.asdict(counts),
+        **counts,
         left_out=plan.left_out,
-        polish=options.polish,
         resumed=resumed,
         workers_lost=progress.workers_lost,
         retried=len(progress.retried),
@@ -147,15 +145,15 @@ def refuse_output(out: str | os.PathLike[str], *, force: bool) -> None:
         raise UsageError(f"{name}: the table is Parquet: give it a name that ends in {PARQUET[0]}")
 
 
-def _write_table(files: Sequence[Path], checkpoint: Checkpoint, out: str | os.PathLike[str]) -> TableCounts:
+def _write_table(files: Sequence[Path], checkpoint: Checkpoint, out: str | os.PathLike[str]) -> dict[str, Any]:
     """Merge partitions into the table, copy it to its store if it has one, and count its rows."""
     if not is_remote(os.fspath(out)):
         merge(files, out)
-        return TableCounts.of(out)
+        return table_counts(out)
     table = checkpoint.folder / TABLE
     merge(files, table)
     put(table, os.fspath(out))
-    return TableCounts.of(table)
+    return table_counts(table)
 
 
 def _map(

@@ -39,7 +39,6 @@ from flinders.fleet.dataset import (
     extents_of,
     in_path,
     opened,
-    refuse_empty,
     units_of,
 )
 from flinders.fleet.results import SIGN, VERSION
@@ -260,8 +259,8 @@ def _in_threads(function: Callable[[Item], Answer], items: Iterable[Item]) -> It
     """
     waiting = iter(items)
     with ThreadPoolExecutor(LOOKS) as pool:
-        while some := list(islice(waiting, AHEAD)):
-            yield from pool.map(function, some)
+        while batch := list(islice(waiting, AHEAD)):
+            yield from pool.map(function, batch)
 
 
 def key_of(name: str) -> tuple[str, str]:
@@ -299,7 +298,8 @@ def _survey(file: StoredFile, options: Options) -> list[_TableSlice] | FileSlice
             keys = KeyColumns.of_schema(file.name, table.schema, options)
             if keys is None:
                 return []
-            refuse_empty(table)
+            if not sum(table.groups):
+                raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")
             return list(_slices(file, table, keys))
     except FlindersError as error:
         keys = None if isinstance(error, UsageError) else KeyColumns.of_path(file.name, options)
@@ -386,8 +386,8 @@ def _joined(together: dict[tuple[int, ...], list[str]], tables: Sequence[_TableS
     units: list[str] = []
     places: set[int] = set()
 
-    def rows(of: Iterable[int]) -> int:
-        return sum(tables[place].part.rows for place in of)
+    def rows(numbers: Iterable[int]) -> int:
+        return sum(tables[number].part.rows for number in numbers)
 
     def partition() -> Partition:
         return Partition(tuple(tables[place].part for place in sorted(places)), only=tuple(sorted(units)))
@@ -408,12 +408,12 @@ def _across(tables: Sequence[_TableSlice], options: Options) -> dict[str, tuple[
     """Units with rows in several slices, and in which."""
     across: dict[str, tuple[int, ...]] = {}
     for cluster in _overlapping(tables):
-        some = [tables[place] for place in cluster]
-        follow = all(one.greatest <= two.least for one, two in pairwise(some))
-        if follow:  # only the last unit of one can be the first of the next
-            units = [{table.least, table.greatest} for table in some]
+        overlapping = [tables[place] for place in cluster]
+        is_sorted = all(one.greatest <= two.least for one, two in pairwise(overlapping))
+        if is_sorted:  # only the last unit of one can be the first of the next
+            units = [{table.least, table.greatest} for table in overlapping]
         else:
-            units = list(_in_threads(lambda table: _units(table, options), some))
+            units = list(_in_threads(lambda table: _units(table, options), overlapping))
         places = defaultdict(list)
         for place, own in sorted(zip(cluster, units, strict=True), key=lambda each: each[0]):
             for unit in own:

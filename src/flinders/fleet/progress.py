@@ -21,14 +21,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
 from flinders.core.files import reason, write_all
 from flinders.errors import FlindersError, OutputError, counted, figures, percent
 from flinders.fleet.results import VERDICTS, named_rows, needs_arrow
-from flinders.report.fleet_view import SUMS_ALONE
 
 if TYPE_CHECKING:
     import os
@@ -50,8 +49,10 @@ UNREAD: Final = 1_000
 UNITS: Final = 200_000
 """Units that are counted for the progress bar, whose hashes are held; of more, recordings alone are counted."""
 
-COUNTED: Final = ("verdict", "code", "findings", "unit_of_field")
-"""Columns of few texts that occur often; verdicts are listed by `VERDICTS`, the others by frequency."""
+COUNTED: Final = {
+    "verdict": "verdicts", "code": "codes", "findings": "findings", "unit_of_field": "units_of_field"
+}  # fmt: skip
+"""Columns of few texts that occur often, and the counts of them in a `RunSummary`."""
 COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red", "failed": "red"}
 SUFFIXES: Final = {"none": "without an ending"}
 """Words for kinds of files that are not their suffix."""
@@ -310,9 +311,8 @@ def _counts_of(rows: Any, name: str) -> dict[str, int]:  # noqa: ANN401
 # ----------------------------------------------------------------------------------------------------------- summary
 
 
-@dataclass(frozen=True, slots=True)
-class TableCounts:
-    """Counts over a table; the attributes are those of `RunSummary`.
+def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Fields of `RunSummary` that a Parquet file sorted by unit gives; memory is that of a batch and of all errors.
 
     >>> import tempfile
     >>> from flinders.fleet.results import UnitResult, UnitResults, merge
@@ -321,56 +321,35 @@ class TableCounts:
     >>> rows = [good, UnitResult(unit="A2", code="unreadable"), UnitResult(unit="A2")]
     >>> _ = (folder / "part").write_bytes(UnitResults.of(rows).to_bytes())
     >>> merge([folder / "part"], folder / "all.parquet")
-    >>> counts = TableCounts.of(folder / "all.parquet")
-    >>> counts.rows, counts.units, counts.verdicts, counts.worst_deg["largest"], counts.failed_readings
+    >>> counts = table_counts(folder / "all.parquet")
+    >>> counts["rows"], counts["units"], counts["verdicts"], counts["worst_deg"]["largest"], counts["failed_readings"]
     (3, 2, {'good': 1, 'failed': 2}, 0.4, 0)
     """
+    needs_arrow()
+    from pyarrow import parquet
 
-    units: int
-    rows: int
-    readings: int
-    failed_readings: int
-    verdicts: dict[str, int]
-    codes: dict[str, int]
-    findings: dict[str, int]
-    units_of_field: dict[str, int]
-    worst_deg: dict[str, float]
-
-    @classmethod
-    def of(cls, path: str | os.PathLike[str]) -> Self:
-        """Count in a Parquet file that is sorted by unit; memory is that of a batch, and of all heading errors."""
-        needs_arrow()
-        from pyarrow import parquet
-
-        verdicts, codes, findings, units_of_field = counters = [Counter[str]() for _ in COUNTED]
-        readings, failed, units, last = 0, 0, 0, None
-        errors: list[Floats] = [np.empty(0)]
-        with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-            for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
-                if not batch.num_rows:
-                    continue
-                for name, counter in zip(COUNTED, counters, strict=True):
-                    counter.update(_value_counts(batch.column(name)))
-                errors.append(_heading_errors(batch))
-                counts = batch.column("readings").to_numpy()
-                readings += int(np.sum(counts))
-                failed += int(np.sum(counts[_is_among(batch, VERDICTS[3:])]))
-                unit = named_rows(batch).column("unit")
-                if len(unit):
-                    units += len(unit.unique()) - (unit[0].as_py() == last)
-                    last = unit[-1].as_py()
-            rows = file.metadata.num_rows
-        return cls(
-            units=units,
-            rows=rows,
-            readings=readings,
-            failed_readings=failed,
-            verdicts={name: verdicts[name] for name in VERDICTS if verdicts[name]},
-            codes=_by_frequency(codes),
-            findings=_by_frequency(findings),
-            units_of_field=_by_frequency(units_of_field),
-            worst_deg=_spread(errors),
-        )
+    counters = {name: Counter[str]() for name in COUNTED}
+    totals, last = Counter[str](), None
+    errors: list[Floats] = [np.empty(0)]
+    with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+        for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
+            for name, counter in counters.items():
+                counter.update(_value_counts(batch.column(name)))
+            errors.append(_heading_errors(batch))
+            readings = batch.column("readings").to_numpy()
+            failed = readings[_is_among(batch, VERDICTS[3:])]
+            units = named_rows(batch).column("unit")
+            totals.update(readings=int(readings.sum()), failed_readings=int(failed.sum()), rows=len(readings))
+            if len(units):
+                totals["units"] += len(units.unique()) - (units[0].as_py() == last)
+                last = units[-1].as_py()
+    verdicts = counters.pop("verdict")
+    return {
+        **{name: totals[name] for name in ("units", "rows", "readings", "failed_readings")},
+        "verdicts": {name: verdicts[name] for name in VERDICTS if verdicts[name]},
+        **{COUNTED[name]: _by_frequency(counter) for name, counter in counters.items()},
+        "worst_deg": _spread(errors),
+    }
 
 
 def _spread(errors: Sequence[Floats]) -> dict[str, float]:
@@ -420,8 +399,6 @@ class RunSummary:
         ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited.
     left_out : dict
         Files of other kinds, by their suffix.
-    polish : bool
-        Whether the fits used the readings, or their sums alone.
     resumed : int
         Partitions that an earlier run had done.
     workers_lost : int
@@ -444,7 +421,6 @@ class RunSummary:
     units_of_field: dict[str, int]
     worst_deg: dict[str, float]
     left_out: dict[str, int]
-    polish: bool
     resumed: int
     workers_lost: int
     retried: int
@@ -459,7 +435,7 @@ class RunSummary:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
-        return fields if self.polish else {**fields, "sums_alone": SUMS_ALONE}
+        return fields
 
 
 def _by_frequency(counts: Counter[str]) -> dict[str, int]:
@@ -515,8 +491,6 @@ def _remarks(summary: RunSummary) -> list[str]:
         lines.append(f"worst heading error: median {middle}°, 95% below {most}°, largest {largest}° (1 σ)")
     if summary.failed_readings:
         lines.append(f"readings of recordings that failed: {summary.failed_readings:,} of {summary.readings:,}")
-    if not summary.polish:
-        lines.append(f"from sums alone: {SUMS_ALONE}")
     if len(summary.units_of_field) > 1:
         units = ", ".join(f"{count:,} in {unit}" for unit, count in summary.units_of_field.items())
         lines.append(f"units of field differ: {units}; offsets are in the unit of their row")

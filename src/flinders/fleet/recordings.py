@@ -1,4 +1,8 @@
-"""Recordings in slices of tables: side by side in memory, or streamed if one is too long for that.
+"""Recordings in slices of tables: side by side in memory, streamed if one is too long for that, or unreadable.
+
+Usually a single page of a table is broken, and with it a row group. The recordings in it fail, and the others go on.
+They are read from the columns of keys alone; if those are what is broken, the footer still has the number of rows, and
+perhaps the first and last unit.
 
 >>> from flinders.fleet.plan import Partition
 >>> rows = RowFilter(Partition((), without=("B02",)))
@@ -9,23 +13,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections import defaultdict
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, cast
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
-from flinders.core.disturbance import KINDS, MOTORS
-from flinders.errors import UnitError
+from flinders.errors import UnitError, counted
 from flinders.estimators.data import concatenated
-from flinders.fleet.dataset import HALF, Interner, KeyedTable, Runs
-from flinders.fleet.results import UnitResult
-from flinders.fleet.unreadable import open_as_planned
-from flinders.stacked import Lined
+from flinders.fitting.batch import Lined
+from flinders.fleet.dataset import HALF, Interner, KeyColumns, KeyedTable, Runs, batch_in, counts_of, extents_of, opened
+from flinders.fleet.results import UnitResult, one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Hashable, Iterator, Sequence
+    from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
     from flinders.core.units import Unit
-    from flinders.fleet.dataset import Options, Pair
+    from flinders.fleet.dataset import Options, Pair, TableFile
     from flinders.fleet.plan import FileSlice, Partition
 
 
@@ -59,6 +62,11 @@ class Job:
     readings: int
     start_s: float = 0.0
     file: str = ""
+
+    @property
+    def pair(self) -> Pair:
+        """Unit and recording."""
+        return self.unit, self.recording
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,24 +101,18 @@ class RecordingSet:
             whole = each.lined.whole
             is_bare = whole.strength is None and not whole.skipped
             alike[(whole.unit, whole.axes, whole.time is None, whole.disturbances) if is_bare else place].append(each)
-        return [some[0] if len(some) == 1 else cls._one(some) for some in alike.values()]
+        return [group[0] if len(group) == 1 else cls._one(group) for group in alike.values()]
 
     @classmethod
     def _one(cls, sets: Sequence[RecordingSet]) -> RecordingSet:
         """Concatenate sets in the same unit and axes and with the same auxiliary columns."""
         wholes = [each.lined.whole for each in sets]
-        field = np.concatenate([whole.field.T for whole in wholes], axis=1).T
-        auxiliary: dict[str, Any] = {
-            name: np.concatenate([getattr(whole, name) for whole in wholes])
-            for name in ("time", *KINDS, *MOTORS.values())
-            if getattr(wholes[0], name) is not None
-        }
         above = np.cumsum([0, *(len(whole) for whole in wholes[:-1])])
         ends = np.concatenate([each.lined.ends + shift for each, shift in zip(sets, above, strict=True)])
         sources = [source for each in sets for source in each.lined.sources]
         return cls(
             [pair for each in sets for pair in each.pairs],
-            Lined(replace(wholes[0], field=field, **auxiliary), ends, sources),
+            Lined(concatenated(wholes, wholes[0]), ends, sources),
             np.concatenate([each.rows for each in sets]),
             np.concatenate([each.start_s for each in sets]),
         )
@@ -126,10 +128,10 @@ class RecordingSet:
         spans = np.full((len(self.pairs), 2), math.nan)
         time = self.lined.whole.time
         if time is not None:
-            there = self.lined.counts > 0
-            begins = (self.lined.ends - self.lined.counts)[there]
+            filled = self.lined.counts > 0
+            begins = (self.lined.ends - self.lined.counts)[filled]
             for column, extreme in enumerate((np.fmin, np.fmax) if len(begins) else ()):
-                spans[there, column] = self.start_s[there] + extreme.reduceat(time, begins)
+                spans[filled, column] = self.start_s[filled] + extreme.reduceat(time, begins)
         return spans
 
 
@@ -140,7 +142,7 @@ class RowFilter:
     ----------
     partition : Partition
         Says which units are taken.
-    some : container of (str, str), optional
+    selected : container of (str, str), optional
         Which of their recordings; by default all.
 
     Attributes
@@ -150,16 +152,16 @@ class RowFilter:
         Rows of no unit so far, which are never taken.
     """
 
-    def __init__(self, partition: Partition, some: Container[Pair] | None = None) -> None:
+    def __init__(self, partition: Partition, selected: Container[Pair] | None = None) -> None:
         self.names = Interner()
         self.nameless = 0
         self._empty = self.names.number("")
-        self._partition, self._some = partition, some
+        self._partition, self._selected = partition, selected
         self._known: dict[int, bool] = {}
 
     def takes(self, pair: Pair) -> bool:
         """Whether a recording is taken."""
-        return self._partition.takes(pair[0]) and (self._some is None or pair in self._some)
+        return self._partition.takes(pair[0]) and (self._selected is None or pair in self._selected)
 
     def nameless_in(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are of no unit, if this partition reports those."""
@@ -168,7 +170,7 @@ class RowFilter:
 
     def mask(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(B,) which rows are taken."""
-        if self._partition.only is None and not self._partition.without and self._some is None:
+        if self._partition.only is None and not self._partition.without and self._selected is None:
             named: NDArray[np.bool_] = numbers >> HALF != self._empty
             return named
         distinct, places = np.unique(numbers, return_inverse=True)
@@ -230,12 +232,12 @@ def _sorted_by_time(values: Floats, ends: NDArray[np.int64], time: Floats) -> Fl
     back[ends[(ends > 0) & (ends < len(time))] - 1] = False
     if not back.any():
         return values
-    of = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
+    recording = np.repeat(np.arange(len(ends)), np.diff(ends, prepend=0))
     moved = np.zeros(len(ends), dtype=bool)
-    moved[of[:-1][back]] = True
-    moved[of[~np.isfinite(time)]] = False
-    rows, order = np.flatnonzero(moved[of]), np.arange(len(time))
-    order[rows] = rows[np.lexsort((time[rows], of[rows]))]
+    moved[recording[:-1][back]] = True
+    moved[recording[~np.isfinite(time)]] = False
+    rows, order = np.flatnonzero(moved[recording]), np.arange(len(time))
+    order[rows] = rows[np.lexsort((time[rows], recording[rows]))]
     return values[:, order]
 
 
@@ -243,7 +245,7 @@ def merged_recording(parts: Sequence[Job]) -> Job | UnitResult:
     """Merge the parts of one recording from several slices, in the order of time if all times are known."""
     if len(parts) == 1:
         return parts[0]
-    pair, rows = (parts[0].unit, parts[0].recording), sum(part.readings for part in parts)
+    pair, rows = parts[0].pair, sum(part.readings for part in parts)
     samples = cast("list[Samples]", [part.source for part in parts])
     try:
         for part, each in zip(parts, samples, strict=True):
@@ -326,3 +328,249 @@ class StreamedRecording:
                     if mask.any():
                         samples = table.samples(values[:, mask], self.source)
                         yield delayed(samples, table.start_s - self.start_s)
+
+
+# ---------------------------------------------------------------------------------------------------------- unreadable
+
+LISTED: Final = 4
+"""Groups that a message lists; it counts the others."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadableGroups:
+    """Groups of a file that cannot be read.
+
+    Attributes
+    ----------
+    part : FileSlice
+        Slice that they belong to.
+    group : str
+        Name of a group in its file.
+    groups, group_count : tuple of int, int
+        Which of how many groups, counted from 0.
+    rows : int
+    error : Exception
+    counts : Counter
+        Rows of each recording; empty if the keys cannot be read either.
+    ends : tuple of str
+        If they cannot: units with some of the rows, according to footer or path.
+    is_complete : bool
+        Whether no other units have any.
+    """
+
+    part: FileSlice
+    group: str
+    groups: tuple[int, ...]
+    group_count: int
+    rows: int
+    error: Exception
+    counts: Counter[Pair] = field(default_factory=Counter)
+    ends: tuple[str, ...] = ()
+    is_complete: bool = False
+
+    @property
+    def place(self) -> str:
+        """Groups, for people: counted from 1; empty if it is all of them."""
+        if len(self.groups) == self.group_count:
+            return ""
+        named = [str(group + 1) for group in self.groups[:LISTED]]
+        more = [f"{len(self.groups) - LISTED} more"] * (len(self.groups) > LISTED)
+        *first, last = named + more
+        plural = ("es" if self.group.endswith("ch") else "s") * (len(self.groups) > 1)
+        return f"{self.group}{plural} {', '.join(first)}{' and ' if first else ''}{last} of {self.group_count}"
+
+    @property
+    def where(self) -> str:
+        """Groups and file, for people."""
+        name = self.part.file.name
+        return f"{self.place} of {name}" if self.place else name
+
+    @property
+    def row(self) -> UnitResult:
+        """A row for those whose units are not known; no unit has such a name."""
+        rows = f" ({counted(self.rows, 'row')})" if self.rows else ""
+        message = (
+            f"it cannot be told whose readings are in {self.where}{rows}, and a unit that has some of them and others "
+            f"elsewhere was fitted without them: {self.error}"
+        )
+        return _row(self.error, (f"({self.part.file.name})", self.place), self.rows, message)
+
+
+@contextlib.contextmanager
+def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
+    """Open the file of a slice; one that could not be opened for the plan raises the error of then."""
+    if part.error is not None:
+        raise part.error
+    with opened(part.file, options) as file:
+        yield file
+
+
+class Unreadable:
+    """Unreadable groups of the slices of a partition.
+
+    Parameters
+    ----------
+    partition : Partition
+    options : Options
+
+    Attributes
+    ----------
+    all : list of UnreadableGroups
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import pyarrow
+    >>> from pyarrow import parquet
+    >>> from flinders.fleet.dataset import Options
+    >>> from flinders.fleet.plan import plan_of
+    >>> path = Path(tempfile.mkdtemp()) / "fleet.parquet"
+    >>> parquet.write_table(pyarrow.table({"unit": ["A17", "A17", "B02"], "x": [1.0, 2.0, 3.0]}), path)
+    >>> (partition,) = plan_of(str(path), Options()).partitions
+    >>> unreadable = Unreadable(partition, Options())
+    >>> unreadable.readable_groups(partition.slices[0])
+    ()
+    >>> [(row.unit, row.readings, row.code) for row in unreadable.rows({("A17", ""): 0, ("B02", ""): 0})]
+    [('A17', 2, 'no-magnetometer'), ('B02', 1, 'no-magnetometer')]
+    """
+
+    def __init__(self, partition: Partition, options: Options) -> None:
+        self.all: list[UnreadableGroups] = []
+        self._names = Interner()
+        self._partition, self._options = partition, options
+        self._readable: dict[FileSlice, tuple[int, ...]] = {}
+
+    def readable_groups(self, part: FileSlice) -> tuple[int, ...]:
+        """Groups of a slice that can be read, each by itself; the others are recorded with their recordings."""
+        if part not in self._readable:
+            self._record(part, lambda file: self._errors(part, file))
+        return self._readable[part]
+
+    def give_up(self, part: FileSlice, error: Exception) -> None:
+        """Record all of a slice, though each of its groups could be read."""
+        errors = dict.fromkeys(self._readable.get(part, part.groups), error)
+        self._record(part, lambda _: errors)
+        self._readable[part] = ()
+
+    def _record(self, part: FileSlice, errors_of: Callable[[TableFile], Mapping[int, Exception]]) -> None:
+        """Record the groups of a slice with errors."""
+        try:
+            with open_as_planned(part, self._options) as file:
+                keys = KeyColumns.of_schema(file.name, file.schema, self._options) or KeyColumns()
+                errors = errors_of(file)
+                self.all += list(self._with_recordings(part, file, keys, errors))
+        except Exception as error:  # noqa: BLE001 - a broken file may raise anything, and costs its recordings alone
+            errors = dict.fromkeys(part.groups, error)
+            self.all = [each for each in self.all if each.part != part]  # all of it, with what was recorded before
+            self.all.append(self._unopened(part, error))
+        self._readable[part] = tuple(group for group in part.groups if group not in errors)
+
+    def counts_in(self, part: FileSlice) -> Counter[Pair]:
+        """Unreadable rows of each recording in a slice."""
+        return sum((each.counts for each in self.all if each.part == part), Counter())
+
+    def _unopened(self, part: FileSlice, error: Exception) -> UnreadableGroups:
+        """A slice whose file cannot be opened any more: its rows, and the unit in its path."""
+        keys = KeyColumns.of_path(part.file.name, self._options)
+        groups = UnreadableGroups(
+            part, "", part.groups, len(part.groups), part.rows, error, ends=self._partition.only or ()
+        )
+        if keys is None:
+            return groups
+        number = self._names.number(keys.unit_value) << HALF | self._names.number(keys.recording_value)
+        self._names.note(number, batch_in(part.file.name, self._options))
+        if keys.recording_value:
+            return replace(groups, counts=Counter({(keys.unit_value, keys.recording_value): part.rows}), ends=())
+        return replace(groups, ends=(keys.unit_value,), is_complete=True)
+
+    def _errors(self, part: FileSlice, file: TableFile) -> dict[int, Exception]:
+        """Errors of the groups of a slice that cannot be read."""
+        errors: dict[int, Exception] = {}
+        try:
+            table = KeyedTable.of(file, self._options)
+        except Exception as error:  # noqa: BLE001 - as in `_record`: all groups, with their recordings
+            return dict.fromkeys(part.groups, error)
+        for group in part.groups:
+            try:
+                for _ in table.batches((group,), self._names):
+                    pass
+            except Exception as error:  # noqa: BLE001 - as in `_record`: this group, and the others are read
+                errors[group] = error
+        return errors
+
+    def _with_recordings(
+        self, part: FileSlice, file: TableFile, keys: KeyColumns, errors: Mapping[int, Exception]
+    ) -> Iterator[UnreadableGroups]:
+        """Groups with errors whose recordings can be read, and those of which the footer has two units at most."""
+        counts: Counter[Pair] = Counter()
+        known: list[int] = []
+        unknown: list[int] = []
+        ends: set[str] = set()
+        for group in errors:
+            try:
+                counts += counts_of(file, keys, (group,), self._names)
+                known.append(group)
+            except Exception:  # noqa: BLE001 - as in `_record`: its keys are broken too
+                units = set(extents_of(file, keys)[group] or ())
+                if len(units) == 1 and not keys.recording:
+                    unit = units.pop()
+                    counts[unit, keys.recording_value] += file.groups[group]
+                    number = self._names.number(unit) << HALF | self._names.number(keys.recording_value)
+                    self._names.note(number, keys.batch_value)
+                    known.append(group)
+                else:
+                    unknown.append(group)
+                    ends |= units - {""}
+        for groups, own, named in ((known, counts, ()), (unknown, Counter(), tuple(sorted(ends)))):
+            if groups:
+                rows = sum(file.groups[group] for group in groups)
+                every = len(file.groups)
+                yield UnreadableGroups(part, file.group, tuple(groups), every, rows, errors[groups[0]], own, named)
+
+    def recordings(self, read: Iterable[Pair]) -> set[Pair]:
+        """Recordings with unreadable rows; of units that the footer names those that were `read`."""
+        recordings = {pair for each in self.all for pair in each.counts if pair[0]}
+        ends = {unit for each in self.all for unit in each.ends}
+        present = {pair for pair in read if pair[0] in ends}
+        return recordings | present | {(unit, "") for unit in ends - {unit for unit, _ in present}}
+
+    def rows(self, readable: Mapping[Pair, int]) -> list[UnitResult]:
+        """Rows of `recordings`, given how many readings of each can be read."""
+        groups_of: dict[Pair, list[UnreadableGroups]] = defaultdict(list)
+        for each in self.all:
+            for pair in readable:
+                if pair in each.counts or pair[0] in each.ends:
+                    groups_of[pair].append(each)
+        return [_of_recording(pair, groups, readable[pair]) for pair, groups in groups_of.items()]
+
+    def unknown(self) -> list[UnitResult]:
+        """Rows for groups whose units are not known."""
+        return [each.row for each in self.all if not each.counts and not each.is_complete]
+
+    def batches(self, known: Mapping[Pair, str]) -> dict[Pair, str]:
+        """Hardware batches that are known, and those of unreadable recordings."""
+        own = self._names.batches
+        return {pair: min(each[pair] for each in (known, own) if pair in each) for pair in {*known, *own}}
+
+    @property
+    def nameless(self) -> int:
+        """Rows that name no unit."""
+        return sum(rows for each in self.all for (unit, _), rows in each.counts.items() if not unit)
+
+
+def _of_recording(pair: Pair, groups: list[UnreadableGroups], readable: int) -> UnitResult:
+    """Row of a recording with unreadable rows."""
+    lost = sum(each.counts[pair] for each in groups)
+    every, where = counted(readable + lost, "reading"), " and ".join(each.where for each in groups[:LISTED])
+    share = f"{lost:,} of its {every}" if lost < readable + lost else f"its {every}"
+    if any(each.ends or not each.rows for each in groups):
+        others = f", besides {counted(readable, 'reading')} that can be read," if readable else ""
+        share = f"some of its readings{others}"
+    return _row(groups[0].error, pair, readable + lost, f"{share} lie in {where}: {groups[0].error}")
+
+
+def _row(error: Exception, pair: Pair, readings: int, message: str) -> UnitResult:
+    """Row with the code of an error and a longer message."""
+    row = UnitResult(unit=pair[0], recording=pair[1], readings=readings).with_error(error)
+    return replace(row, message=one_line(message))

@@ -18,17 +18,18 @@ Unknown values are NaN here and null in Arrow and Parquet.
 
 from __future__ import annotations
 
-import dataclasses
 import heapq
 import math
 import re
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Self, TextIO, TypeAlias, cast
+from dataclasses import dataclass, fields, replace
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
 
 import numpy as np
 
 from flinders.core.files import replacing
-from flinders.errors import DocumentError, FlindersError, MissingExtra
+from flinders.errors import DocumentError, MissingExtra
+from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 
 if TYPE_CHECKING:
     import os
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
 
-UPPER: Final = np.triu_indices(9)
-"""Indices of the 45 numbers of a covariance in its nine rows."""
 KEY: Final = ("unit", "recording", "start_s")
 """Columns by which the table is sorted."""
 VERSION: Final = "2"
@@ -59,9 +58,6 @@ UNNAMED: Final = re.compile(r"^(\(.*\))?$", re.DOTALL)
 """In place of a unit's name, in rows of readings without a unit and of unreadable files."""
 LEVEL: Final = 3
 """Level of compression; settings of the writer are fixed, so that the same rows are the same bytes."""
-
-Key: TypeAlias = "tuple[tuple[bool, Any], ...]"
-"""Sort key of a row: for each cell of `KEY` whether it is missing, which comes last, and the cell."""
 
 
 def _missing(length: int) -> tuple[float, ...]:
@@ -134,28 +130,7 @@ class UnitResult:
 
     def with_fit(self, fit: Fit) -> Self:
         """Row with a fit; one that is refused gives no calibration."""
-        row = replace(
-            self,
-            used=int(fit.samples),
-            verdict=fit.verdict,
-            method=fit.method,
-            worst_deg=float(fit.heading_error_deg.worst),
-            rms_deg=float(fit.heading_error_deg.rms),
-            dip_deg=float(fit.heading_error_deg.dip_deg),
-            noise=float(fit.noise),
-            coverage=float(fit.coverage.fraction),
-            findings=tuple(finding.code for finding in fit.findings),
-            unit_of_field=fit.calibration.unit,
-        )
-        if fit.verdict == "refused":
-            return replace(row, code="refused", message=fit.findings[0].advice[:LONGEST] if fit.findings else "")
-        return replace(
-            row,
-            offset=tuple(fit.calibration.offset.tolist()),
-            matrix=tuple(fit.calibration.matrix.ravel().tolist()),
-            covariance=tuple(fit.covariance[UPPER].tolist()),
-            radius=float(fit.calibration.field_strength),
-        )
+        return replace(self._filled(fit), unit_of_field=fit.calibration.unit)
 
     def with_error(self, error: Exception) -> Self:
         """Row with an error: a fit that was refused, readings without one, or a file that cannot be read.
@@ -166,55 +141,37 @@ class UnitResult:
         ('refused', 'too-few-samples', '5 usable readings,')
         """
         fit = getattr(error, "fit", None)
-        if fit is not None:
-            return self.with_fit(fit)
-        if not isinstance(error, FlindersError):
-            message = f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
-            return replace(self, verdict="failed", code="internal", message=one_line(message))
-        verdict = "refused" if error.exit_code == 4 else "failed"
-        return replace(self, verdict=verdict, code=error.code, message=one_line(str(error)))
+        return self._filled(error) if fit is None else self.with_fit(fit)
+
+    def _filled(self, result: Fit | Exception) -> Self:
+        """Row with the columns of a fit or an error."""
+        columns = FitColumns.empty(1)
+        fill_row(columns, 0, result)
+        own = ("readings", "unit_of_field")
+        cells = {
+            each.name: _cell(getattr(columns, each.name)[0]) for each in fields(FitColumns) if each.name not in own
+        }
+        return replace(self, **cells | {"message": one_line(cells["message"])})
 
 
-NAMES: Final = tuple(field.name for field in dataclasses.fields(UnitResult))
+NAMES: Final = tuple(field.name for field in fields(UnitResult))
 """The columns, in order."""
-LISTS: Final = {
-    field.name: len(field.default)
-    for field in dataclasses.fields(UnitResult)
-    if isinstance(field.default, tuple) and field.default
-}
+LISTS: Final = WIDTHS
 """Columns of so many numbers, which are missing together."""
 TEXTS, COUNTS, NUMBERS = (
-    tuple(field.name for field in dataclasses.fields(UnitResult) if field.type == kind)
-    for kind in ("str", "int", "float")
+    tuple(field.name for field in fields(UnitResult) if field.type == kind) for kind in ("str", "int", "float")
 )
 """Columns of text, of whole numbers, and of a number that may be missing."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class UnitResults:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
+class UnitResults(FitColumns):
     """Many rows, column by column: (R,) arrays by the names of `UnitResult`, and (R, K) ones for its lists."""
 
     unit: NDArray[np.object_]
     recording: NDArray[np.object_]
     start_s: Floats
     end_s: Floats
-    readings: NDArray[np.int64]
-    used: NDArray[np.int64]
-    verdict: NDArray[np.object_]
-    code: NDArray[np.object_]
-    message: NDArray[np.object_]
-    method: NDArray[np.object_]
-    worst_deg: Floats
-    rms_deg: Floats
-    dip_deg: Floats
-    offset: Floats
-    matrix: Floats
-    covariance: Floats
-    noise: Floats
-    radius: Floats
-    coverage: Floats
-    findings: NDArray[np.object_]
-    unit_of_field: NDArray[np.object_]
     batch: NDArray[np.object_]
 
     @classmethod
@@ -229,9 +186,6 @@ class UnitResults:
         if not tables:
             return cls.of(())
         return cls(**{name: np.concatenate([getattr(part, name) for part in tables]) for name in NAMES})
-
-    def __len__(self) -> int:
-        return len(self.unit)
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count:,} {verdict}" for verdict, count in self.verdicts().items())
@@ -276,15 +230,10 @@ class UnitResults:
         DocumentError
             If columns are missing.
         """
-        missing = [name for name in NAMES if name not in table.column_names and name not in LATER]
-        if missing:
-            raise DocumentError(
-                f"this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
-            )
-        there = set(table.column_names)
-        known = {name: _from_arrow(name, table.column(name)) for name in NAMES if name in there}
-        later: dict[str, Any] = {name: objects([LATER[name]] * len(table)) for name in NAMES if name not in there}
-        return cls(**known, **later)
+        refuse_other_table(table.column_names, NAMES)
+        columns: dict[str, Any] = {name: objects([value] * len(table)) for name, value in LATER.items()}
+        names = [name for name in NAMES if name in table.column_names]
+        return cls(**columns | {name: _from_arrow(name, table.column(name)) for name in names})
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
@@ -338,6 +287,21 @@ def needs_arrow() -> Any:  # noqa: ANN401
     except ImportError:
         raise MissingExtra("pyarrow", "fleet", "the table of a fleet") from None
     return pyarrow
+
+
+def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
+    """Refuse a table that lacks columns of `flinders fleet`; those `LATER` may be missing.
+
+    Raises
+    ------
+    DocumentError
+    """
+    missing = [name for name in needed if name in NAMES and name not in names and name not in LATER]
+    if missing:
+        where = f"{path}: " if path else ""
+        raise DocumentError(
+            f"{where}this is no table of a fleet: it has no {', '.join(missing)}; make one with `flinders fleet`"
+        )
 
 
 def schema() -> Any:  # noqa: ANN401
@@ -456,8 +420,8 @@ def texts(column: Any) -> list[str]:  # noqa: ANN401
 def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
     """Merge files of rows, in the order of `KEY`, into a Parquet file that appears when it is complete.
 
-    The first key of each file is read; then files are opened one by one, and each gives rows while its next key is the
-    least. A row group takes consecutive rows of a few files, so that memory is that of a row group.
+    A file is opened when its first row comes next, and a row group is taken from a few files, so that memory is that of
+    a row group.
 
     Parameters
     ----------
@@ -502,94 +466,40 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
             writer.write_table(group, row_group_size=GROUP)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """An open file: its number, its rows (mapped, not read) and their columns of `KEY`."""
-
-    place: int
-    table: Any
-    keys: tuple[Any, ...]
-
-    @classmethod
-    def of(cls, path: Path, place: int) -> _Part:
-        """Map a file."""
-        arrow = needs_arrow()
-        table = arrow.ipc.open_file(arrow.memory_map(str(path))).read_all()
-        return cls(place, table, tuple(table.column(name).combine_chunks() for name in KEY))
-
-    def __len__(self) -> int:
-        return int(self.table.num_rows)
-
-    def key(self, row: int) -> Key:
-        """Sort key of a row."""
-        cells = (column[row].as_py() for column in self.keys)
-        return tuple((cell is None, cell) for cell in cells)
-
-    def before(self, row: int, bound: tuple[Key, int] | None) -> int:
-        """First row from `row` on that sorts after the key of another file, or the number of rows."""
-        if bound is None or (self.key(len(self) - 1), self.place) < bound:
-            return len(self)
-        low, high = row, row + 1
-        while high < len(self) and (self.key(high), self.place) < bound:  # steps grow, for files that alternate
-            low, high = high, high + 2 * (high - low)
-        high = min(high, len(self) - 1)
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if (self.key(middle), self.place) < bound else (low, middle)
-        return high
-
-
-def _runs(parts: Sequence[Path]) -> Iterator[tuple[_Part, int, int]]:
-    """Files with first and last of the rows that come next."""
-    heads = []
-    for place, path in enumerate(parts):
-        part = _Part.of(path, place)
-        if len(part):
-            heads.append((part.key(0), place, 0))
-    heapq.heapify(heads)
-    opened: dict[int, _Part] = {}
-    while heads:
-        _, place, row = heapq.heappop(heads)
-        part = opened.get(place) or _Part.of(parts[place], place)
-        end = part.before(row, heads[0][:2] if heads else None)
-        yield part, row, end
-        opened.pop(place, None)
-        if end < len(part):
-            opened[place] = part
-            heapq.heappush(heads, (part.key(end), place, end))
-
-
 def _groups(parts: Sequence[Path]) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    runs: list[tuple[_Part, int, int]] = []
-    room = GROUP
-    for part, begin, end in _runs(parts):
-        start = begin
-        while start < end:
-            taken = min(end - start, room)
-            runs.append((part, start, start + taken))
-            start, room = start + taken, room - taken
-            if not room:
-                group, runs, room = _table(runs), [], GROUP  # closes files before the group is written
-                yield group
-    if runs:
-        yield _table(runs)
+    rows = heapq.merge(*(_keys(path, place) for place, path in enumerate(parts)))
+    while group := [(place, row) for _, place, row in islice(rows, GROUP)]:
+        yield _gathered(parts, np.array(group))
 
 
-def _table(runs: Sequence[tuple[_Part, int, int]]) -> Any:  # noqa: ANN401
-    """Rows of runs, one after the other; the runs of one file are adjacent in it."""
+def _keys(path: Path, place: int) -> Iterator[tuple[Any, int, int]]:
+    """Sort key, number of the file and number of each row; a file is left closed until its second row is asked for."""
+    if not len(_mapped(path)):
+        return
+    yield _key_columns(_mapped(path).slice(0, 1))[0], place, 0
+    for row, key in enumerate(_key_columns(_mapped(path).slice(1)), start=1):
+        yield key, place, row
+
+
+def _mapped(path: Path) -> Any:  # noqa: ANN401
+    """Rows of a file, mapped into memory and not read."""
     arrow = needs_arrow()
-    first: dict[int, int] = {}
-    last: dict[int, tuple[_Part, int]] = {}
-    for part, begin, end in runs:
-        first.setdefault(part.place, begin)
-        last[part.place] = part, end
-    pieces = {place: part.table.slice(first[place], end - first[place]) for place, (part, end) in last.items()}
-    whole = arrow.concat_tables([schema().empty_table(), *pieces.values()]).combine_chunks()
-    if len(pieces) == len(runs):
-        return whole
-    lengths = [piece.num_rows for piece in pieces.values()]
-    above = dict(zip(pieces, np.cumsum([0, *lengths[:-1]]).tolist(), strict=True))
-    shift = [above[part.place] - first[part.place] for part, _, _ in runs]
-    order = [np.arange(begin, end) + off for (_, begin, end), off in zip(runs, shift, strict=True)]
-    return whole.take(arrow.array(np.concatenate(order)))
+    return arrow.ipc.open_file(arrow.memory_map(str(path))).read_all()
+
+
+def _key_columns(table: Any) -> list[tuple[str, str, float]]:  # noqa: ANN401
+    """Cells of `KEY` of each row; a missing time comes last."""
+    unit, recording, start = (table.column(name).to_pylist() for name in KEY)
+    return list(zip(unit, recording, (math.inf if time is None else time for time in start), strict=True))
+
+
+def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: ANN401
+    """Table of (G, 2) rows, each the number of a file and of a row in it."""
+    arrow = needs_arrow()
+    order = np.argsort(rows[:, 0], kind="stable")
+    places, first = np.unique(rows[order, 0], return_index=True)
+    taken = zip(places.tolist(), np.split(rows[order, 1], first[1:]), strict=True)
+    pieces = (_mapped(parts[place]).take(numbers) for place, numbers in taken)
+    whole = arrow.concat_tables([schema().empty_table(), *pieces])
+    return whole.combine_chunks().take(np.argsort(order))

@@ -216,8 +216,8 @@ def _store_errors(where: str, refused: type[FlindersError] = UnreadableInput) ->
     try:
         yield
     except (module.exceptions.BaseError, OSError, ValueError) as error:
-        said = " ".join(str(error).split())[:200]
-        raise refused(f"{where}: the store says: {said}; check the name, the region and who you are") from None
+        message = " ".join(str(error).split())[:200]
+        raise refused(f"{where}: the store says: {message}; check the name, the region and who you are") from None
 
 
 @contextlib.contextmanager

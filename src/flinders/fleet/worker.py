@@ -15,17 +15,17 @@ r"""Worker: calibrates the recordings of one partition. An error costs its recor
 from __future__ import annotations
 
 import contextlib
-import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
-from flinders.core.samples import Samples, frame_of
+from flinders.core.samples import CountedRecording, Samples
+from flinders.deprecation import warn
 from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
-from flinders.fitting import calibrate
+from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.fleet import storage
 from flinders.fleet.dataset import (
     BATCH,
@@ -43,18 +43,18 @@ from flinders.fleet.recordings import (
     RecordingSet,
     RowFilter,
     StreamedRecording,
+    Unreadable,
+    UnreadableGroups,
     merged_recording,
+    open_as_planned,
     read_recordings,
 )
-from flinders.fleet.results import LONGEST, NAMES, VERDICTS, UnitResult, UnitResults, needs_arrow, objects, one_line
+from flinders.fleet.results import VERDICTS, UnitResult, UnitResults, needs_arrow, objects, one_line
 from flinders.fleet.storage import StoredFile
-from flinders.fleet.unreadable import Unreadable, open_as_planned
 from flinders.readers import open_log
-from flinders.stacked import Lined, fit_stack
-from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Container, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.fleet.dataset import Pair
     from flinders.readers import Instrument, Log
-    from flinders.stacked import BatchColumns
 
 Value = TypeVar("Value")
 
@@ -130,7 +129,7 @@ def fit_many(
     batch_column: str | None = None,
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
-    polish: bool = True,
+    polish: bool | None = None,
 ) -> UnitResults:
     """Calibrate many units, each as `flinders.fit` would by itself; what cannot be fitted is a row that says why.
 
@@ -146,8 +145,8 @@ def fit_many(
         ``unit`` or ``serial``, ``recording`` or ``session``, and ``batch`` or ``lot``.
     target_deg, dip_deg : float
         As `flinders.fit`.
-    polish : bool
-        Go through the readings again; without, sums are all that is used.
+    polish : bool, optional
+        Has no effect, and goes with the next release.
 
     Returns
     -------
@@ -172,6 +171,8 @@ def fit_many(
     >>> rows, rows.offset.shape
     (UnitResults(2 good), (2, 3))
     """
+    if polish is not None:
+        warn("fit_many() goes through all readings: leave 'polish' out, which goes with the next release")
     options = Options(
         columns=columns,
         unit=unit,
@@ -182,7 +183,6 @@ def fit_many(
         batch_column=batch_column,
         target_deg=target_deg,
         dip_deg=dip_deg,
-        polish=polish,
     )
     if isinstance(table, Mapping):
         jobs = [_of_unit(str(name), source, options) for name, source in table.items()]
@@ -228,131 +228,58 @@ def _in_memory(table: Any) -> TableFile:  # noqa: ANN401
 
 
 def fit_jobs(jobs: Sequence[Job], options: Options) -> UnitResults:
-    """Fit recordings: those in memory together, each with the numbers that `flinders.fit` gives it by itself.
+    """Fit recordings together, each with the numbers that `flinders.fit` gives it by itself.
 
     Parameters
     ----------
     jobs : sequence of Job
     options : Options
-        Of which target, dip and `polish` are used.
+        Of which target and dip are used.
     """
-    in_memory = [job for job in jobs if isinstance(job.source, Samples)]
-    others = [_row(job, options) for job in jobs if not isinstance(job.source, Samples)]
-    return UnitResults.joined([_fit_together(in_memory, options), UnitResults.of(others)])
-
-
-def _fit_together(jobs: Sequence[Job], options: Options) -> UnitResults:
-    """Fit recordings in memory together."""
     if not jobs:
         return UnitResults.of(())
-    samples = cast("list[Samples]", [job.source for job in jobs])
-    readings = np.array([job.readings or len(each) for job, each in zip(jobs, samples, strict=True)], dtype=np.int64)
-    spans = np.array([_span(job) for job in jobs])
-    return _fit_batch(samples, [(job.unit, job.recording) for job in jobs], readings, spans, jobs, options)
+    sources = [job.source if isinstance(job.source, Samples) else CountedRecording(job.source) for job in jobs]
+    try:
+        columns = fit_batch(cast("list[Samples]", sources), target_deg=options.target_deg, dip_deg=options.dip_deg)
+    except Exception as error:  # noqa: BLE001 - one recording must not cost the others
+        return _one_by_one(jobs, options, error)
+    readings = [job.readings or len(source) for job, source in zip(jobs, sources, strict=True)]
+    spans = [np.add(job.start_s, source.span) for job, source in zip(jobs, sources, strict=True)]
+    return _rows(columns, [job.pair for job in jobs], np.array(readings, dtype=np.int64), np.array(spans))
+
+
+def _one_by_one(jobs: Sequence[Job], options: Options, error: Exception) -> UnitResults:
+    """Fit recordings of which one ends the fit of all with an error."""
+    if len(jobs) > 1:
+        return UnitResults.joined(fit_jobs([job], options) for job in jobs)
+    row = UnitResult(unit=jobs[0].unit, recording=jobs[0].recording, readings=jobs[0].readings)
+    return UnitResults.of([replace(row, unit_of_field=jobs[0].source.unit.inside).with_error(error)])
 
 
 def _fit_set(recordings: RecordingSet, options: Options) -> UnitResults:
-    """Fit a set of recordings together."""
-    return _fit_batch(recordings.lined, recordings.pairs, recordings.rows, recordings.spans, recordings.jobs(), options)
-
-
-def _fit_batch(
-    sources: Sequence[Samples] | Lined,
-    pairs: Sequence[Pair],
-    readings: NDArray[np.int64],
-    spans: Floats,
-    jobs: Iterable[Job],
-    options: Options,
-) -> UnitResults:
-    """Fit recordings as a batch; one by one, should that fail for any reason."""
+    """Fit a set of recordings that lie in the same columns."""
     try:
-        columns = fit_stack(sources, target_deg=options.target_deg, dip_deg=options.dip_deg, polish=options.polish)
+        columns = fit_batch(recordings.lined, target_deg=options.target_deg, dip_deg=options.dip_deg)
     except Exception:  # noqa: BLE001 - one recording must not cost the others
-        return UnitResults.of([_row(job, options) for job in jobs])
-    return _rows(columns, pairs, readings, spans)
+        return fit_jobs(list(recordings.jobs()), options)
+    return _rows(columns, recordings.pairs, recordings.rows, recordings.spans)
 
 
-def _rows(columns: BatchColumns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> UnitResults:
+def _rows(columns: FitColumns, pairs: Sequence[Pair], readings: NDArray[np.int64], spans: Floats) -> UnitResults:
     """Rows of fits with unit and recording, (R,) numbers of readings, and (R, 2) first and last times in s."""
-    own: dict[str, Any] = {
-        "unit": objects([unit for unit, _ in pairs]),
-        "recording": objects([recording for _, recording in pairs]),
-        "start_s": spans[:, 0],
-        "end_s": spans[:, 1],
-        "readings": readings,
-        "batch": np.full(len(pairs), "", dtype=object),
+    own = {
         "message": objects([message and one_line(message) for message in columns.message.tolist()]),
+        "readings": readings,
     }
-    return UnitResults(**{name: own[name] if name in own else getattr(columns, name) for name in NAMES})
-
-
-def _span(job: Job) -> tuple[float, float]:
-    """Earliest and latest time of a recording in memory."""
-    time = getattr(job.source, "time", None)
-    if time is None or not len(time):
-        return math.nan, math.nan
-    return job.start_s + float(np.fmin.reduce(time)), job.start_s + float(np.fmax.reduce(time))
-
-
-def _row(job: Job, options: Options) -> UnitResult:
-    """Fit one recording; whatever it raises is its row."""
-    counting = CountingRecording(job.source)
-    source: Recording | Summary = counting
-    fit_options: dict[str, Any] = {"target_deg": options.target_deg, "dip_deg": options.dip_deg}
-    try:
-        if isinstance(job.source, Samples):
-            source = job.source
-            counting.count(job.source)
-        if not options.polish:
-            source = Summary.of(source) if isinstance(source, Samples) else Summary.through(counting)
-            fit_options |= {"method": "consistent", "unit": job.source.unit, "axes": job.source.axes}
-        fit = calibrate.fit(source, **fit_options)
-    except Exception as error:  # noqa: BLE001 - one recording must not cost the others
-        return replace(counting.row(job), unit_of_field=job.source.unit.inside).with_error(error)
-    return counting.row(job).with_fit(fit)
-
-
-class CountingRecording:
-    """A recording that counts its readings and notes their first and last time on each pass.
-
-    Attributes
-    ----------
-    recording : Recording
-    rows : int
-    """
-
-    def __init__(self, recording: Recording) -> None:
-        self.recording, self.source = recording, recording.source
-        self.unit, self.axes, self.frame = recording.unit, recording.axes, frame_of(recording)
-        self._begin()
-
-    def _begin(self) -> None:
-        """Count from zero."""
-        self.rows, self._first, self._last = 0, math.nan, math.nan
-
-    def blocks(self) -> Iterator[Samples]:
-        """Read it block by block."""
-        self._begin()
-        for block in self.recording.blocks():
-            self.count(block)
-            yield block
-
-    def count(self, block: Samples) -> None:
-        """Count the readings of a block."""
-        self.rows += len(block)
-        if block.time is not None and len(block):
-            self._first = float(np.fmin(self._first, np.fmin.reduce(block.time)))
-            self._last = float(np.fmax(self._last, np.fmax.reduce(block.time)))
-
-    def row(self, job: Job) -> UnitResult:
-        """Row of the recording without a result."""
-        return UnitResult(
-            unit=job.unit,
-            recording=job.recording,
-            start_s=job.start_s + self._first,
-            end_s=job.start_s + self._last,
-            readings=job.readings or self.rows,
-        )
+    filled = {each.name: getattr(columns, each.name) for each in fields(FitColumns)}
+    return UnitResults(
+        unit=objects([unit for unit, _ in pairs]),
+        recording=objects([recording for _, recording in pairs]),
+        start_s=spans[:, 0],
+        end_s=spans[:, 1],
+        batch=objects([""] * len(pairs)),
+        **filled | own,
+    )
 
 
 def _failed(part: FileSlice, error: Exception) -> UnitResult:
@@ -361,12 +288,7 @@ def _failed(part: FileSlice, error: Exception) -> UnitResult:
     if part.groups:
         return UnitResult(unit=f"({name})", readings=part.rows).with_error(error)
     if part.is_table:
-        row = UnitResult(unit=f"({name})").with_error(error)
-        message = (
-            f"it cannot be told whose readings are in {name}, and a unit that has some of them and others elsewhere "
-            f"was fitted without them: {row.message}"
-        )
-        return replace(row, message=message[:LONGEST])
+        return UnreadableGroups(part, "", (), 0, 0, error).row
     unit, recording = key_of(name)
     return UnitResult(unit=unit, recording=recording).with_error(error)
 
@@ -444,7 +366,7 @@ def _of_tables(partition: Partition, options: Options) -> UnitResults:
     wanted = {pair: rows for pair, rows in sorted(counts.items()) if partition.takes(pair[0])}
     nameless = sum(rows for (unit, _), rows in wanted.items() if not unit)
     short = {pair: rows for pair, rows in wanted.items() if pair[0] and rows <= LARGEST}
-    fits = [_fit_in_memory(partition, options, unreadable, some) for some in _that_fit(short)]
+    fits = [_fit_in_memory(partition, options, unreadable, selected) for selected in _sets_in_memory(short)]
     rows = []
     for pair, count in wanted.items():
         if pair[0] and pair not in short:
@@ -476,10 +398,10 @@ def _nameless(partition: Partition, rows: int, unreadable: Unreadable) -> list[U
     return report
 
 
-def _that_fit(counts: dict[Pair, int]) -> list[set[Pair]]:
+def _sets_in_memory(counts: dict[Pair, int]) -> list[set[Pair]]:
     """Split recordings into sets that fit into memory.
 
-    >>> [len(some) for some in _that_fit({("A", ""): 600_000, ("B", ""): 300_000, ("C", ""): 300_000})]
+    >>> [len(pairs) for pairs in _sets_in_memory({("A", ""): 600_000, ("B", ""): 300_000, ("C", ""): 300_000})]
     [2, 1]
     """
     sets: list[set[Pair]] = []
@@ -494,10 +416,10 @@ def _that_fit(counts: dict[Pair, int]) -> list[set[Pair]]:
 
 
 def _fit_in_memory(
-    partition: Partition, options: Options, unreadable: Unreadable, some: Container[Pair] | None = None
+    partition: Partition, options: Options, unreadable: Unreadable, selected: Container[Pair] | None = None
 ) -> UnitResults:
-    """Read a partition into memory, or `some` of its recordings, and fit them."""
-    filtered = RowFilter(partition, some)
+    """Read a partition into memory, or the `selected` ones of its recordings, and fit them."""
+    filtered = RowFilter(partition, selected)
     sets = [each for part in partition.slices for each in _read(part, options, filtered, unreadable)]
     occurrences = Counter(pair for each in sets for pair in each.pairs)
     failed = {pair for pair in unreadable.recordings(occurrences) if filtered.takes(pair)}
@@ -508,11 +430,11 @@ def _fit_in_memory(
             whole.append(each)
         else:
             for job in each.jobs():
-                parts[job.unit, job.recording].append(job)
+                parts[job.pair].append(job)
     rows = unreadable.rows({pair: sum(job.readings for job in parts.pop(pair, ())) for pair in sorted(failed)})
     jobs = [merged_recording(own) for _, own in sorted(parts.items())]
     rows += [job for job in jobs if isinstance(job, UnitResult)]
-    if some is None:
+    if selected is None:
         nameless = filtered.nameless + (unreadable.nameless if filtered.takes(("", "")) else 0)
         rows += _nameless(partition, nameless, unreadable)
     rest = fit_jobs([job for job in jobs if isinstance(job, Job)], options)
@@ -572,4 +494,4 @@ def _fit_streamed(partition: Partition, pair: Pair, rows: int, options: Options)
         source = StreamedRecording.of(partition, pair, options)
     except Exception as error:  # noqa: BLE001 - as in `_row`
         return UnitResult(unit=pair[0], recording=pair[1], readings=rows).with_error(error)
-    return _row(Job(*pair, source, rows, source.start_s), options)
+    return fit_jobs([Job(*pair, source, rows, source.start_s)], options).row(0)

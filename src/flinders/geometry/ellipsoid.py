@@ -14,6 +14,7 @@ True
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -30,7 +31,7 @@ GATHER[[0, 1, 2], [0, 1, 2]] = 1.0
 GATHER[[3, 7, 11, 4, 6, 5, 9, 8, 10], [3, 4, 5, 6, 6, 7, 7, 8, 8]] = 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Ellipsoid:
     """The points centre + shape · u for all unit vectors u.
 
@@ -79,7 +80,7 @@ class Ellipsoid:
         """The same surface where x = origin + scale · z, z being what it was given in."""
         return type(self)(origin + scale * self.centre, scale * self.shape)
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """Geometric mean of the semi-axes."""
         determinant = float(np.linalg.det(self.shape))
@@ -92,10 +93,12 @@ class Ellipsoid:
         """The power of two above the largest entry of the shape: products of three of them stay within range."""
         return float(2.0 ** np.frexp(np.abs(self.shape).max())[1].clip(-1000, 1000))
 
-    @property
+    @cached_property
     def semi_axes(self) -> Floats:
         """(3,) semi-axes, ascending."""
-        return np.linalg.eigvalsh(self.shape)
+        semi_axes: Floats = np.linalg.eigvalsh(self.shape)
+        semi_axes.flags.writeable = False
+        return semi_axes
 
     @property
     def parameters(self) -> Floats:

@@ -35,9 +35,6 @@ LEVEL: Final = "level"
 STANDARD_GRAVITY: Final = 9.80665
 """m/s²."""
 
-SHAKEN: Final = 0.1
-"""Share of gravity by which the acceleration may differ from it before a reading counts as shaken."""
-
 AS_THEY_ARE: Final = Axes()
 
 

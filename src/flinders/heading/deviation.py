@@ -48,8 +48,6 @@ CARD_STEP_DEG: Final = 15.0
 CHANCE: Final = 1e-3
 """A swing that is less likely than that says that its calibration no longer holds."""
 
-_POINTS: Final = np.arange(8) * 45.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation:

@@ -417,6 +417,5 @@ def _tilts(angle: float, down: Floats | None) -> Floats:
 
 def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
     """Root of the mean and of the largest variance along (K, 9) gradients in rad, in degrees."""
-    variance = np.sum(gradient @ covariance * gradient, axis=1).clip(min=0.0)
-    rms, worst = np.sqrt(variance.mean()), np.sqrt(variance.max())
-    return float(np.rad2deg(rms)), float(np.rad2deg(worst))
+    variance = (gradient @ covariance * gradient).sum(axis=1).clip(min=0.0)
+    return math.degrees(math.sqrt(variance.mean())), math.degrees(math.sqrt(variance.max()))

@@ -11,12 +11,14 @@ know nothing of each other, and the solver knows nothing of what they observe.
 - `magnitude`: every corrected reading has the same length (always)
 - `prior`: soft iron is mild unless the readings say otherwise
 
-Where there is more than a magnetometer, `parameters` holds what else is found and `shared` the residuals of all
-readings that share a direction of the field, for `flinders.estimators.aiding`:
+Where there is more than a magnetometer, `parameters` holds what else is found, `observations` the residuals of all
+readings that share a direction of the field, and `solver` the steps of Levenberg and Marquardt. Its problems are
+`joint`, a magnetometer with aiding sensors, `sensors`, several magnetometers on one body, and that of
+`flinders.estimators.disturbance_problem`, where the magnitude alone tells what disturbances add. Terms:
 
-- `turning`: the field stands still while the body turns (gyro)
-- `inclination`: its angle to the vertical is the same at every attitude (accelerometer, or an attitude without its yaw)
-- `pointing`: it stands still in the world (attitude)
-- `site`: its strength and dip are known
-- `disturbances`: currents, throttle and temperature move the offset
+- `gyro`: the field stands still while the body turns
+- `dip`: its angle to the vertical is the same at every attitude (accelerometer, or an attitude without its yaw)
+- `attitude`: it stands still in the world
+- `site_field`: its strength and dip are known
+- `disturbance`: currents, throttle and temperature move the offset
 """

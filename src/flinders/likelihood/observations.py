@@ -34,13 +34,14 @@ curved surface as in `flinders.likelihood.magnitude`.
 >>> field = np.array([[[50.5, 0.0, 0.0]], [[0.0, 49.0, 0.0]]])               # on a sphere of 50, but for noise
 >>> group = ObservationGroup.of(field)
 >>> here = Parameters.at(np.zeros(3), 50.0 * np.eye(3))
->>> equations = linearised(group, here, group.guess(here), ParameterLayout.of(), Weights(1.0))
+>>> equations = group.linearised(here, group.guess(here), ParameterLayout.of(), Weights(1.0))
 >>> round(equations.cost, 6), round(float(equations.matrix[3, 3]), 6)               # 0.5² + 1²; one of two sees S₁₁
 (1.25, 1.0)
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
@@ -140,13 +141,13 @@ class ObservationGroup:
     def chunks(self) -> list[Self]:
         """The same in parts that are not too large, never cutting a window."""
         each = max(1, ROOM // self.rows.shape[1])
-        return [self._chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
+        return [self.chunk(slice(begin, begin + each)) for begin in range(0, len(self.rows), each)]
 
     def every(self, step: int) -> Self:
         """One window of so many."""
-        return self._chunk(slice(None, None, step))
+        return self.chunk(slice(None, None, step))
 
-    def _chunk(self, rows: slice) -> Self:
+    def chunk(self, rows: slice) -> Self:
         """Some of the windows."""
         parts = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
@@ -203,6 +204,18 @@ class ObservationGroup:
             back = product(rotations(in_pieces(at.delay * at.turning(self.turned.rate))), back)
         return applied(back, directions[:, np.newaxis]), back
 
+    def cost(self, at: Parameters, directions: Floats, weights: Weights) -> float:
+        """Σ r² in standard deviations."""
+        residual, beside = residuals_of(self, at, directions)
+        cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * self.weight)) / weights.noise**2
+        if beside is not None and self.trust is not None:
+            cost += float(np.sum(np.einsum("wni,wni->wn", beside, beside) * self.trust)) * weights.steepness**2
+        return cost
+
+    def linearised(self, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights) -> Linearised:
+        """Normal equations at some parameters and (W, 3) directions, the directions eliminated."""
+        return eliminated(rows_of(self, at, directions, layout, weights))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationRows:
@@ -222,8 +235,10 @@ class ObservationRows:
     still : (P,) float
         1 for a parameter whose Jacobian has no part in that noise.
     counts : tuple of float
-        Residuals of readings, and of verticals or attitudes: a weight stands for a variance, and each counts for one.
-        Of an attitude two, as the third, along the field, is of second order.
+        Residuals of each kind: a weight stands for a variance, and each counts for one. Of an attitude two, as the
+        third, along the field, is of second order.
+    kinds : tuple of tuple of slice
+        Which (W, k, n) residuals have a noise of their own: those of readings, and of verticals or attitudes.
     """
 
     residual: Floats
@@ -232,7 +247,8 @@ class ObservationRows:
     model: Floats
     lean: Floats
     still: Floats
-    counts: tuple[float, float]
+    counts: tuple[float, ...]
+    kinds: tuple[tuple[slice, ...], ...] = (np.s_[:, :3], np.s_[:, 3:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -252,11 +268,11 @@ class Linearised:
     mixed : (W, P, 2) float
     own : (W, 2) float
         Gradient of each direction.
-    squares : (2,) float
-        Σ r² of the readings, and of the verticals or attitudes, once directions have settled.
-    expected : (2,) float
+    squares : (K,) float
+        Σ r² of each kind of residual, once directions have settled.
+    expected : (K,) float
         The same if the weights are right, but for what the parameters take up.
-    curvature : (2, 2) float
+    curvature : (K, K) float
         How the squares hang on the variance of each kind: Fisher's information, twice, per relative change.
     """
 
@@ -270,6 +286,26 @@ class Linearised:
     squares: Floats
     expected: Floats
     curvature: Floats
+
+    @classmethod
+    def without_directions(cls, matrix: Floats, gradient: Floats, cost: float) -> Self:
+        """Of observations that have no direction of their own, and weigh themselves."""
+        size, nothing = len(gradient), np.zeros(0)
+        none = np.zeros((0, 2, 2)), np.zeros((0, size, 2)), np.zeros((0, 2))
+        return cls(matrix, gradient, cost, np.zeros(size), *none, nothing, nothing, np.zeros((0, 0)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Of groups with a direction of its own for each window."""
+        if len(parts) == 1:
+            return parts[0]
+        by_window = ("inverse", "mixed", "own")
+        values = {
+            field.name: np.concatenate(each) if field.name in by_window else sum(each)
+            for field in dataclasses.fields(cls)
+            for each in [[getattr(part, field.name) for part in parts]]
+        }
+        return cls(**values)  # type: ignore[arg-type]
 
     def follow(self, directions: Floats, step: Floats) -> Floats:
         """(W, 3) directions that go with a step of the parameters."""
@@ -296,39 +332,12 @@ def _modelled(group: ObservationGroup, at: Parameters, q: Floats) -> Floats:
     return model if gain is None else model * gain[..., np.newaxis]
 
 
-def cost_of(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> float:
-    """Σ r² in standard deviations."""
-    residual, beside = residuals_of(group, at, directions)
-    cost = float(np.sum(np.einsum("wni,wni->wn", residual, residual) * group.weight)) / weights.noise**2
-    if beside is not None and group.trust is not None:
-        cost += float(np.sum(np.einsum("wni,wni->wn", beside, beside) * group.trust)) * weights.steepness**2
-    return cost
-
-
-def linearised(
-    group: ObservationGroup, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights
-) -> Linearised:
-    """Add up the normal equations of a group.
-
-    Parameters
-    ----------
-    group : ObservationGroup
-    at : Parameters
-        Where to linearise.
-    directions : (W, 3) float
-        Of each window.
-    layout : ParameterLayout
-    weights : Weights
-    """
-    return eliminated(rows_of(group, at, directions, layout, weights))
-
-
 def eliminated(rows: ObservationRows) -> Linearised:
     """Sum up rows, and take their own directions out."""
     width, own, lean = rows.jacobian.shape[-1], rows.own, rows.lean
     flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
-    squares = [np.einsum("wkna,wknb->wab", part, part) for part in (own[:, :3], own[:, 3:])]
-    inverse = inverse_of(squares[0] + squares[1])
+    squares = [np.einsum("wkna,wknb->wab", own[kind], own[kind]) for kind in rows.kinds]
+    inverse = inverse_of(np.sum(squares, axis=0))
     mixed = mixed_of(rows)
     pull = np.einsum("wkna,wkn->wa", own, rows.residual)
     eased = np.einsum("wab,wb->wa", inverse, pull)
@@ -344,7 +353,7 @@ def eliminated(rows: ObservationRows) -> Linearised:
     gradient = gradient - beside @ eased.T.ravel()
     bent = bent - spread @ np.einsum("wkna,wkn->aw", own, off).ravel() - leaning * rows.still
     settled = rows.residual - np.einsum("wkna,wa->wkn", own, eased)
-    remaining = np.array([np.sum(settled[:, :3] ** 2), np.sum(settled[:, 3:] ** 2)])
+    remaining = np.array([np.sum(settled[kind] ** 2) for kind in rows.kinds])
     expected, curvature = _components(squares, inverse, np.asarray(rows.counts))
     cost = float(np.sum(rows.residual**2))
     return Linearised(matrix, gradient, cost, bent, inverse, mixed, pull, remaining, expected, curvature)
@@ -358,7 +367,7 @@ def mixed_of(rows: ObservationRows) -> Floats:
 
 
 def _components(squares: Sequence[Floats], inverse: Floats, counts: Floats) -> tuple[Floats, Floats]:
-    """Expected squares (2,) of readings and verticals, and (2, 2) how they follow a relative change of each variance.
+    """Expected squares (K,) of each kind, and (K, K) how they follow a relative change of each variance.
 
     With Q = 1 − V C Vᵀ of a window: tr Q over the rows of each kind, and tr Q_ab Q_ba; of (W, 2, 2) VᵀV of each kind.
     """
@@ -371,7 +380,7 @@ def _components(squares: Sequence[Floats], inverse: Floats, counts: Floats) -> t
 def rows_of(
     group: ObservationGroup, at: Parameters, directions: Floats, layout: ParameterLayout, weights: Weights
 ) -> ObservationRows:
-    """Residuals and Jacobians of a group in standard deviations; parameters as those of `linearised`."""
+    """Residuals and Jacobians of a group in standard deviations, at (W, 3) directions."""
     q, back = group.seen(at, directions)
     windows, n = group.weight.shape
     residual, model, lean = np.swapaxes(np.zeros((3, group.tall, windows, n)), 1, 2)

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.geometry.ellipsoid import symmetric
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.rotation import on_the_sphere, rotations
 from flinders.likelihood import attitude, dip, disturbance, gyro
 from flinders.likelihood.gyro import grown
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 ROTATION_SIGMA: Final = 0.35
 """rad: how far the axes of instruments on one body are thought to be apart, beyond what was looked for."""
+
+SHORTEST_AXIS: Final = 1e-3
+"""Of the longest: no sensor makes a flatter surface."""
 
 TERMS: Final = {term.name: term for term in (gyro.TERM, dip.TERM, dip.TILT, attitude.TERM)}
 """What may be recorded beside the readings, by name."""
@@ -148,6 +151,26 @@ class Parameters:
         if "direction" in parts:
             changed["direction"] = on_the_sphere(self.direction, parts["direction"])
         return replace(self, **changed)  # type: ignore[arg-type]
+
+    @property
+    def ellipsoid(self) -> Ellipsoid:
+        """In the magnetometer's own axes."""
+        return Ellipsoid(self.offset, self.shape)
+
+    @property
+    def radius(self) -> float:
+        """Of a ball as large as the ellipsoid."""
+        return float(np.cbrt(np.linalg.det(self.shape)))
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the surface is an ellipsoid, and not nearly flat."""
+        axes = np.linalg.eigvalsh(self.shape)
+        return bool(axes[0] > SHORTEST_AXIS * axes[2])
+
+    def relative(self, step: Floats, _: ParameterLayout) -> float:
+        """Largest change of offset and shape in a (P,) step, in radii."""
+        return float(np.abs(step[:9]).max()) / self.radius
 
     def turning(self, rate: Floats) -> Floats:
         """(..., 3) rad/s that the body turns by, of (..., 3) that its gyro says."""

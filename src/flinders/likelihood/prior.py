@@ -19,16 +19,19 @@ there" with an uncertainty of that size.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.parameters import BLOCKS
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.likelihood.parameters import ParameterLayout, Parameters
 
 SPREAD: Final = 0.3
 """Default departure of the scaled matrix from the identity: the soft iron of ordinary mountings, and more."""
@@ -84,3 +87,61 @@ def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquation
     jacobian[:3, :3] = -np.eye(3) / width
     jacobian[3, 3:6] = -1.0 / (3.0 * width)
     return NormalEquations(jacobian.T @ jacobian, jacobian.T @ residual, float(residual @ residual), 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorPrior:
+    """What is thought of the parameters of one magnetometer before anything is read.
+
+    Attributes
+    ----------
+    spread : float
+        Departure of the shape from a sphere, see `equations`.
+    middle : (3,) float
+        Mean reading.
+    width : float
+        Root mean square distance of the readings from it, see `sense`.
+    rotation : (3, 3) float
+        About which the rotation is thought to lie.
+    sigmas : dict of str to float
+        Standard deviations of blocks of `flinders.likelihood.parameters.BLOCKS` where they are not the usual ones.
+    """
+
+    spread: float
+    middle: Floats
+    width: float
+    rotation: Floats
+    sigmas: dict[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, readings: Floats, spread: float, rotation: Floats, **sigmas: float) -> Self:
+        """About (N, 3) readings."""
+        middle = readings.mean(axis=0)
+        width = float(np.sqrt(np.mean(np.sum((readings - middle) ** 2, axis=1))))
+        return cls(spread, middle, width, rotation, sigmas)
+
+    def equations(self, at: Parameters, layout: ParameterLayout) -> NormalEquations:
+        """Normal equations of all free parameters, in standard deviations."""
+        matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+        shape = equations(at.ellipsoid, spread=self.spread) + sense(at.ellipsoid, self.middle, self.width)
+        matrix[:9, :9], gradient[:9], cost = shape.matrix, shape.gradient, shape.cost
+        for name, _, usual in BLOCKS:
+            if usual is not None and name in layout:
+                value, sigma = self._departure(at, name), self.sigmas.get(name, usual)
+                columns = layout.columns[name]
+                matrix[columns, columns] += np.eye(columns.stop - columns.start) / sigma**2
+                gradient[columns] -= value / sigma**2
+                cost += float(np.sum(np.square(value))) / sigma**2
+        return NormalEquations(matrix, gradient, cost, 0)
+
+    def influence(self, at: Parameters, covariance: Floats) -> float:
+        """Share of the least known parameter of the shape that the prior speaks for, of (9, 9) the covariance."""
+        of_shape = equations(at.ellipsoid, spread=self.spread).matrix
+        return float(np.clip(np.real(np.linalg.eigvals(covariance @ of_shape)).max(), 0.0, 1.0))
+
+    def _departure(self, at: Parameters, name: str) -> Floats:
+        """How far a block of parameters is from where it is thought to be; a rotation to first order, in rad."""
+        if name != "rotation":
+            return np.asarray(getattr(at, name))
+        turned = at.rotation @ self.rotation.T
+        return 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])

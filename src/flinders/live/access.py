@@ -115,6 +115,33 @@ class Gate:
         return name in self.names or (self.is_open and is_address(name))
 
 
+def own_names() -> tuple[str, ...]:
+    """What this machine is called: in full, and without its domain."""
+    name = socket.gethostname()
+    return (name, name.partition(".")[0])
+
+
+def page_address(host: str, port: int, token: str | None = None) -> str:
+    """The address of the page, for a browser.
+
+    >>> page_address("127.0.0.1", 8410), page_address("::1", 8410, "secret")
+    ('http://127.0.0.1:8410/', 'http://[::1]:8410/?token=secret')
+    """
+    shown = _address_on_the_network() if host in ("0.0.0.0", "::") else host
+    query = f"?token={token}" if token else ""
+    return f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/{query}"
+
+
+def _address_on_the_network() -> str:
+    """The address of this machine on its network, as far as it has one; nothing is sent to find out."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+        except OSError:
+            return "127.0.0.1"
+
+
 def is_loopback(host: str) -> bool:
     """Whether only this machine reaches an address.
 
@@ -157,8 +184,8 @@ class Tokens:
 
     def knows(self, cookie: str | None) -> bool:
         """Whether a cookie is one that was given."""
-        given = [hmac.compare_digest((cookie or "").encode(), known.encode()) for known in self._cookies]
-        return any(given)
+        matches = [hmac.compare_digest((cookie or "").encode(), known.encode()) for known in self._cookies]
+        return any(matches)
 
 
 def cookie_name(port: int) -> str:

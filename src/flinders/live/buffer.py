@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import Samples
-    from flinders.live.readings import Reading
+    from flinders.live.feeds import Reading
 
 CAPACITY: Final = 1 << 20
 """Readings in memory, at most: 59 MB, and as much again for a moment while they are moved."""
@@ -231,7 +231,7 @@ def rows_of_readings(readings: list[Reading], axes: Axes, timeline: Timeline) ->
     """(N, 7) readings as rows of a session's buffer, in its axes and on its timeline.
 
     >>> from flinders.core.axes import Axes
-    >>> from flinders.live.readings import Reading
+    >>> from flinders.live.feeds import Reading
     >>> rows, timeline = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Timeline())
     >>> rows[0, :4]
     array([ 0.5,  1. , -2. , -3. ])

@@ -28,7 +28,7 @@ import numpy as np
 
 from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import SourceFile
-from flinders.core.samples import Samples, Wrapped, frame_of
+from flinders.core.samples import CountedRecording, Samples, frame_of
 from flinders.core.units import EARTH_UT, MICROTESLA, Unit
 from flinders.errors import FitError, FlindersError, UnreadableInput, counted, figures
 from flinders.findings import CATALOGUE
@@ -255,13 +255,13 @@ def _compared(fit: Fit | None, snapshot: Snapshot) -> PreviousState | None:
     except FlindersError as error:
         return PreviousState(previous.name, None, str(error))
     worst = apart.heading_difference_deg.worst
-    said = {
+    meaning = {
         "agree": "it agrees with this one: no more apart than chance explains",
         "differ": "it differs from this one by more than chance, but by less than the target",
         "contradict": "it contradicts this one: something near the sensor has changed",
     }[apart.verdict]
     difference = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
-    return PreviousState(previous.name, worst, f"{said} ({difference} of heading at the worst)")
+    return PreviousState(previous.name, worst, f"{meaning} ({difference} of heading at the worst)")
 
 
 KNOWN_DEG: Final = 10.0
@@ -404,21 +404,6 @@ class Finished:
         ]
 
 
-@dataclass(slots=True, eq=False)
-class _CountedRecording(Wrapped):
-    """A recording that knows how many readings its last pass gave."""
-
-    recording: Recording
-    rows: int = 0
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the recording."""
-        self.rows = 0
-        for block in self.recording.blocks():
-            self.rows += len(block)
-            yield block
-
-
 def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Finished:
     """Fit all readings of what is shown, but for those taken out.
 
@@ -446,7 +431,7 @@ def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Fi
         file = open_recording(path, **reading)
     except FlindersError as error:
         return Finished(key, path.name, snapshot(session, None).samples, _nothing_yet(error))
-    counting = _CountedRecording(TrimmedRecording(file, Edits.of(session).left_out))
+    counting = CountedRecording(TrimmedRecording(file, Edits.of(session).left_out))
     outcome = _outcome(session, counting)
     return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows),))
 

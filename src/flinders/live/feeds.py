@@ -1,4 +1,4 @@
-"""Feeds: readings of a running sensor, whatever it is; here what all have in common, and a recording played back.
+"""Feeds: readings of a running sensor, and what happens to it in between; a recording is one, played back.
 
 >>> from flinders import simulate
 >>> feed = Replay(simulate.tumble(seed=1).samples, speed=None)     # as fast as it is asked
@@ -6,34 +6,41 @@
 'simulated hand, played back as fast as possible'
 >>> [len(feed.next(0.1)) for _ in range(6)], feed.next(0.1).kind
 ([500, 500, 500, 500, 500, 500], 'ended')
+>>> samples = Samples.of([[217, 4, -586]], unit="mG", time=[0.1], acceleration=[[0, 0, 9.8]])
+>>> readings_of(samples)
+[Reading(time=0.1, field=(21.7, 0.4, -58.6), unit='uT', acceleration=(0.0, 0.0, 9.8), rate=None, temperature=None)]
+>>> samples_of(readings_of(samples)).field
+array([[ 21.7,   0.4, -58.6]])
+>>> print(FeedEvent("gone", 12.5, "/dev/ttyACM0 is gone: check the cable"))
+12.5 s: /dev/ttyACM0 is gone: check the cable
 
 A feed knows no thread and no event loop: one thread asks, and each question takes at most its timeout. `Recorder` is
-one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `RecordedFeed` records those that are no lines.
-`FeedThread` asks, and queues the answers, whatever the server is doing meanwhile.
+one, for what arrives as lines; so are `Telemetry` and `SimulatedFeed`. `flinders.live.recorder.RecordedFeed` records
+those that are no lines. `FeedThread` asks, and queues the answers, whatever the server is doing meanwhile.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 import time
 from collections import deque
 from concurrent.futures import Future
-from typing import TYPE_CHECKING, Final, Protocol, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
-from flinders.core.units import MICROTESLA
-from flinders.errors import FlindersError, OutputError, UsageError
-from flinders.live.readings import FeedEvent, Reading, readings_of
-from flinders.live.recorder import SYNC_S, title
+from flinders.core.samples import Samples
+from flinders.core.units import MICROTESLA, Unit
+from flinders.errors import FlindersError, UnitError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording, Samples
-    from flinders.live.recorder import Resumed, Sink
+    from flinders.core.samples import Recording
 
 AT_ONCE: Final = 500
 """Readings handed on together at most."""
@@ -43,6 +50,120 @@ LONGEST_GAP_S: Final = 2.0
 """Seconds that a pause of a recording takes when it is played back, at most."""
 SHORTEST_S: Final = 1e-4
 """Least wait."""
+
+
+Vector: TypeAlias = tuple[float, float, float]
+
+Kind: TypeAlias = Literal["connected", "settled", "nothing", "garbage", "lost", "gone", "back", "ended"]
+"""It is there; how its lines are written is known; nothing usable has come for a while; lines that are not like the
+first ones; this machine was too busy to take all; it went away; it is there again; nothing more will come."""
+
+
+class Reading(NamedTuple):
+    """One reading.
+
+    Attributes
+    ----------
+    time : float, s
+        By the sensor's clock where it has one, else since the start.
+    field : (3,) float, in `unit`
+        As measured, in the axes of the sensor; finite.
+    unit : str
+        ``uT``, or ``counts`` where no scale is known.
+    acceleration : (3,) float, optional
+        Specific force in any unit.
+    rate : (3,) float, rad/s, optional
+    temperature : float, °C, optional
+    """
+
+    time: float
+    field: Vector
+    unit: str
+    acceleration: Vector | None = None
+    rate: Vector | None = None
+    temperature: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FeedEvent:
+    """Something that happened to a source of readings.
+
+    Attributes
+    ----------
+    kind : str
+        As `Kind`.
+    at : float, s
+        Since the start.
+    words : str
+        For people.
+    """
+
+    kind: Kind
+    at: float
+    words: str
+
+    def __str__(self) -> str:
+        return f"{self.at:.1f} s: {self.words}"
+
+
+def readings_of(samples: Samples) -> list[Reading]:
+    """Take samples apart; without a time they are 0 s apart, and auxiliary values that are not finite become None."""
+    times = np.zeros(len(samples)) if samples.time is None else samples.time
+    auxiliary = zip(
+        _vectors(samples.acceleration, len(samples)),
+        _vectors(samples.rate, len(samples)),
+        [None] * len(samples) if samples.temperature is None else samples.temperature.tolist(),
+        strict=True,
+    )
+    return [
+        Reading(time, (x, y, z), samples.unit.inside, acceleration, rate, _finite(temperature))
+        for time, (x, y, z), (acceleration, rate, temperature) in zip(
+            times.tolist(), samples.field.tolist(), auxiliary, strict=True
+        )
+    ]
+
+
+def samples_of(readings: Sequence[Reading], source: str = "live") -> Samples:
+    """Put readings together, ready for a fit; what only some of them have is NaN in the others.
+
+    Raises
+    ------
+    UnitError
+        For readings in more than one unit.
+    """
+    inside = {reading.unit for reading in readings} or {MICROTESLA}
+    unit = Unit.of(inside.pop())
+    if inside:
+        raise UnitError(f"{source} has readings in {unit.inside} and in {inside.pop()}: take those in one unit")
+    return Samples.of(
+        [reading.field for reading in readings] or np.empty((0, 3)),
+        unit=unit,
+        time=[reading.time for reading in readings],
+        acceleration=_column([reading.acceleration for reading in readings]),
+        rate=_column([reading.rate for reading in readings]),
+        temperature=_alone([reading.temperature for reading in readings]),
+        source=source,
+    )
+
+
+def _vectors(rows: Floats | None, count: int) -> list[Vector | None]:
+    if rows is None:
+        return [None] * count
+    return [(x, y, z) if math.isfinite(x + y + z) else None for x, y, z in rows.tolist()]
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _column(rows: list[Vector | None]) -> list[Vector] | None:
+    nothing = (math.nan, math.nan, math.nan)
+    return [row or nothing for row in rows] if any(row is not None for row in rows) else None
+
+
+def _alone(values: list[float | None]) -> list[float] | None:
+    there = any(value is not None for value in values)
+    return [math.nan if value is None else value for value in values] if there else None
 
 
 class Feed(Protocol):
@@ -169,113 +290,6 @@ class Replay:
 
 
 _NOTHING: Final[Iterator[Samples]] = iter(())
-
-
-class RecordedFeed:
-    """Records a feed as a table that `flinders.read` reads; events become comments.
-
-    Parameters
-    ----------
-    feed : Feed
-    sink : Sink
-    resumed : Resumed, optional
-        The recording that is continued, of which `sink` is the file.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from flinders import read, simulate
-    >>> from flinders.live.recorder import ToFile
-    >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
-    >>> tumble = simulate.tumble(seed=1, n=400).samples
-    >>> with ToFile(file) as sink:
-    ...     feed = RecordedFeed(Replay(tumble, speed=None), sink)
-    ...     while not (isinstance(got := feed.next(0.1), FeedEvent) and got.kind == "ended"):
-    ...         pass
-    >>> np.abs(read(file).field - tumble.field).max() < 1e-6
-    np.True_
-    """
-
-    def __init__(self, feed: Feed, sink: Sink, *, resumed: Resumed | None = None) -> None:
-        self._feed, self._sink = feed, sink
-        self._header = resumed.header if resumed else None
-        self._is_checked = self._header is None
-        self._title = title(feed.name, is_new=resumed is None)
-        self._synced = time.monotonic()
-
-    @property
-    def name(self) -> str:
-        """That of the feed."""
-        return self._feed.name
-
-    def next(self, timeout: float) -> list[Reading] | FeedEvent:
-        """As `Feed.next`.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be written, or has other columns than the recording that is continued.
-        """
-        received = self._feed.next(timeout)
-        text = (
-            "".join(f"# {line}\n" for line in str(received).splitlines())
-            if isinstance(received, FeedEvent)
-            else self._rows(received)
-        )
-        if text:
-            self._sink.write(self._title + text)
-            self._title = ""
-        if time.monotonic() - self._synced >= SYNC_S:
-            self._synced = time.monotonic()
-            self._sink.sync()
-        return received
-
-    def close(self) -> None:
-        """As `Feed.close`."""
-        self._sink.sync()
-        self._feed.close()
-
-    def _rows(self, readings: list[Reading]) -> str:
-        if not readings:
-            return ""
-        header = _header(readings[0])
-        if not self._is_checked and header != self._header:
-            raise OutputError(
-                f"{self.name} gives {header}, and the recording that is continued has {self._header or 'no header'}: "
-                "begin another recording"
-            )
-        is_new, self._is_checked = self._header is None, True
-        header = self._header = self._header or header  # a column that comes and goes stays as it was at first
-        rows = "".join(f"{_row(reading, header)}\n" for reading in readings)
-        return f"{header}\n{rows}" if is_new else rows
-
-
-COLUMNS: Final = {
-    "acceleration": "accel_x,accel_y,accel_z",
-    "rate": "gyro_x_radps,gyro_y_radps,gyro_z_radps",
-    "temperature": "temp_C",
-}
-"""Column names of the auxiliary sensors, in order."""
-
-
-def _header(reading: Reading) -> str:
-    """Names of the columns that a reading has."""
-    unit = "uT" if reading.unit == MICROTESLA else "counts"
-    field = [f"mag_{axis}_{unit}" for axis in "xyz"]
-    auxiliary = [names for what, names in COLUMNS.items() if getattr(reading, what) is not None]
-    return ",".join(["t_s", *field, *auxiliary])
-
-
-def _row(reading: Reading, header: str) -> str:
-    """The numbers of a reading, so many digits as no sensor has."""
-    cells = [f"{reading.time:.6f}", *(f"{value:.9g}" for value in reading.field)]
-    for what, names in COLUMNS.items():
-        if names in header:
-            value = getattr(reading, what)
-            values = (value,) if isinstance(value, float) else value or (np.nan,) * (1 + names.count(","))
-            cells += [f"{number:.9g}" for number in values]
-    return ",".join(cells)
 
 
 Result = TypeVar("Result")

@@ -21,10 +21,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.core.units import Unit
 from flinders.live.buffer import Timeline, rows_of_readings
-from flinders.live.feeds import FeedThread
+from flinders.live.feeds import FeedEvent, FeedThread
 from flinders.live.messages import FitMessage, Hello, Limits, Notice, TargetInfo
 from flinders.live.page_state import Cursor, session_state
-from flinders.live.readings import FeedEvent
 from flinders.live.session import (
     Announced,
     Arrived,
@@ -48,9 +47,8 @@ if TYPE_CHECKING:
 
     from flinders.core.axes import Axes
     from flinders.live.evaluation import Finished
-    from flinders.live.feeds import Feed
+    from flinders.live.feeds import Feed, Reading
     from flinders.live.messages import Link
-    from flinders.live.readings import Reading
     from flinders.live.recorder import Sink
     from flinders.live.session import Evaluated
     from flinders.live.transports import ByteSource

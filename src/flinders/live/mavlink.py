@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, LinkError, NotSent, UsageError
-from flinders.live.readings import FeedEvent, Reading, readings_of
+from flinders.live.feeds import FeedEvent, Reading, readings_of
 from flinders.readers._extras import needs
 from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, names
@@ -156,32 +156,32 @@ class Vehicle:
             Where its autopilot is neither ArduPilot nor PX4.
         """
         vehicle = cls(source, answer=answer, silent=silent)
-        heard: dict[int, Heartbeat] = {}
+        heartbeats: dict[int, Heartbeat] = {}
         until, first = time.monotonic() + wait, None
         while time.monotonic() < (until if first is None else first + listen):
             for message in vehicle._arrived():
                 if message.get_type() == "HEARTBEAT":
-                    _note(heard, message)
-            if first is None and heard and (system is None or system in heard):
+                    _note(heartbeats, message)
+            if first is None and heartbeats and (system is None or system in heartbeats):
                 first = time.monotonic()
-            if system in heard and heard[system].component == AUTOPILOT:
+            if system in heartbeats and heartbeats[system].component == AUTOPILOT:
                 break
-        vehicle._choose(heard, system)
+        vehicle._choose(heartbeats, system)
         return vehicle
 
-    def _choose(self, heard: dict[int, Heartbeat], system: int | None) -> None:
+    def _choose(self, heartbeats: dict[int, Heartbeat], system: int | None) -> None:
         """Settle on one of the vehicles that were heard."""
-        there = ", ".join(map(str, sorted(heard)))
-        if not heard or (system is not None and system not in heard):
-            only = f" of system {system} (there is {there})" if heard else ""
+        systems = ", ".join(map(str, sorted(heartbeats)))
+        if not heartbeats or (system is not None and system not in heartbeats):
+            only = f" of system {system} (there is {systems})" if heartbeats else ""
             raise LinkError(
                 f"no heartbeat{only} from {self._source.name}: see that the vehicle is on, that it sends MAVLink "
                 "there, and that no ground station holds the port"
             )
-        if system is None and len(heard) > 1:
-            raise UsageError(f"{self._source.name} has several vehicles, systems {there}: say which with --system")
-        self.system = sorted(heard)[0] if system is None else system
-        beat = heard[self.system]
+        if system is None and len(heartbeats) > 1:
+            raise UsageError(f"{self._source.name} has several vehicles, systems {systems}: say which with --system")
+        self.system = sorted(heartbeats)[0] if system is None else system
+        beat = heartbeats[self.system]
         self.component, self.autopilot, self.armed = beat.component, beat.autopilot, beat.armed
         self._seen = time.monotonic()
         if self.autopilot not in AUTOPILOTS:
@@ -354,14 +354,14 @@ class Vehicle:
             yield message
 
 
-def _note(heard: dict[int, Heartbeat], message: Any) -> None:  # noqa: ANN401
+def _note(heartbeats: dict[int, Heartbeat], message: Any) -> None:  # noqa: ANN401
     """Keep the heartbeat of an autopilot, by its system; that of its own component before those of others."""
     beat = Heartbeat(message.get_srcComponent(), message.autopilot, bool(message.base_mode & ARMED))
     if beat.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
         return
     system = message.get_srcSystem()
-    if beat.component == AUTOPILOT or heard.get(system, beat).component != AUTOPILOT:
-        heard[system] = beat
+    if beat.component == AUTOPILOT or heartbeats.get(system, beat).component != AUTOPILOT:
+        heartbeats[system] = beat
 
 
 def same(one: float, other: float) -> bool:
@@ -497,9 +497,9 @@ class Telemetry:
             for message in self._messages:
                 self._vehicle.ask_for(message, self._rate)
 
-    def _remind(self, heard: bool) -> None:
+    def _remind(self, has_readings: bool) -> None:
         """Ask again where nothing comes, and say so once."""
-        if heard:
+        if has_readings:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > ASK_AGAIN_S:
             self._ask()

@@ -19,7 +19,7 @@ import math
 import re
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
 from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Parameter, Vehicle, same
@@ -113,11 +113,13 @@ class ParameterPlan:
             Where the link is lost.
         """
         refuse_armed(vehicle)
-        meant = device_of(calibration) if device_id is None else device_id
-        number = _find_compass(vehicle, meant) if compass is None and meant is not None else _numbered(vehicle, compass)
-        scheme, there = _device_id(vehicle, number)
+        wanted = device_of(calibration) if device_id is None else device_id
+        number = (
+            _find_compass(vehicle, wanted) if compass is None and wanted is not None else _numbered(vehicle, compass)
+        )
+        scheme, present = _device_id(vehicle, number)
         known = vehicle.autopilot == ARDUPILOT and calibration.frame == "vehicle"
-        notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, number, there, meant))
+        notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, number, present, wanted))
         changes = []
         for names, value in _wanted(vehicle.autopilot, calibration, number):
             old = vehicle.get(names[scheme])
@@ -135,13 +137,35 @@ class ParameterPlan:
                 )
             changes.append(ParameterChange(old, replace(old, value=value)))
         return cls(
-            vehicle.name, vehicle.autopilot, number, there, tuple(changes), vehicle.system, vehicle.component, notes
+            vehicle.name, vehicle.autopilot, number, present, tuple(changes), vehicle.system, vehicle.component, notes
         )
 
     @property
     def pending(self) -> tuple[ParameterChange, ...]:
         """What is not so already."""
         return tuple(change for change in self.changes if not change.is_none)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "vehicle": self.vehicle,
+            "compass": self.compass,
+            "device_id": self.device_id,
+            "parameters": [
+                {"name": change.new.name, "before": change.old.value, "after": change.new.value}
+                for change in self.changes
+            ],
+            "notes": self.notes,
+        }
+
+    def __str__(self) -> str:
+        """Each parameter before and after, a line each."""
+        width = max(len(change.new.name) for change in self.changes)
+        lines = [f"{f'compass {self.compass}':<{width}}  {'before':>12}  {'after':>12}   (device {self.device_id})"]
+        for change in self.changes:
+            after = "the same" if change.is_none else f"{change.new.value:.6g}"
+            lines.append(f"{change.new.name:<{width}}  {change.old.value:>12.6g}  {after:>12}")
+        return "\n".join(lines)
 
     def backup(self) -> str:
         """Write the values from before as a parameter file of the vehicle's ground station.
@@ -274,34 +298,34 @@ def _device_id(vehicle: Vehicle, compass: int) -> tuple[int, int]:
     )
 
 
-def _find_compass(vehicle: Vehicle, meant: int) -> int:
+def _find_compass(vehicle: Vehicle, wanted: int) -> int:
     """Which compass has this device id."""
-    there: dict[int, int] = {}
+    device_ids: dict[int, int] = {}
     for compass in COMPASSES[vehicle.autopilot]:
         with contextlib.suppress(NotSent):  # a vehicle with fewer
-            there[compass] = _device_id(vehicle, compass)[1]
-            if there[compass] == meant:
+            device_ids[compass] = _device_id(vehicle, compass)[1]
+            if device_ids[compass] == wanted:
                 return compass
-    listed = ", ".join(f"{compass}: {device or 'none'}" for compass, device in there.items())
+    listed = ", ".join(f"{compass}: {device or 'none'}" for compass, device in device_ids.items())
     raise NotSent(
-        f"{vehicle.name} has no compass with device id {meant} ({listed}), nothing was changed: the calibration is for "
-        "another vehicle or compass; say --device-id, or calibrate this one"
+        f"{vehicle.name} has no compass with device id {wanted} ({listed}), nothing was changed: the calibration is "
+        "for another vehicle or compass; say --device-id, or calibrate this one"
     )
 
 
-def _refuse_another(vehicle: Vehicle, compass: int, there: int, meant: int | None) -> tuple[str, ...]:
+def _refuse_another(vehicle: Vehicle, compass: int, present: int, wanted: int | None) -> tuple[str, ...]:
     """See that the compass is the one that is meant."""
-    if there == 0:
+    if present == 0:
         raise NotSent(
             f"{vehicle.name} has no compass {compass} ({_identity(vehicle.autopilot, compass)[0]} is 0), nothing was "
             "changed: say another --compass, or start the vehicle with it connected"
         )
-    if meant is None:
-        return (f"nobody said which compass the calibration is for: compass {compass} has device id {there}",)
-    if meant != there:
+    if wanted is None:
+        return (f"nobody said which compass the calibration is for: compass {compass} has device id {present}",)
+    if wanted != present:
         raise NotSent(
-            f"compass {compass} of {vehicle.name} has device id {there}, and the calibration is for {meant}, nothing "
-            "was changed: say another --compass, or --device-id where the compass was replaced on purpose"
+            f"compass {compass} of {vehicle.name} has device id {present}, and the calibration is for {wanted}, "
+            "nothing was changed: say another --compass, or --device-id where the compass was replaced on purpose"
         )
     return ()
 

@@ -134,9 +134,9 @@ def send(
     NotConfirmed
         Where no echo comes, or one of other values; says what the board may hold.
     """
-    heard = _EchoListener(source)
-    heard.anything(boot)
-    heard.before = dict(heard.known)
+    listener = _EchoListener(source)
+    listener.anything(boot)
+    listener.before = dict(listener.known)
     expected = echo_of(packet)
     content = packet.encode()
     lost: LinkError | None = None
@@ -144,17 +144,17 @@ def send(
         try:
             if lost is not None:
                 _reopen(source, boot)
-                heard.anew(boot)
+                listener.anew(boot)
                 lost = None
             for piece in [content] if attempt == 1 else _pieces(content):
                 source.write(piece)
-            if (echoes := heard.echo(expected, answer)) is not None:
+            if (echoes := listener.echo(expected, answer)) is not None:
                 return Confirmed(min(min(echo.places) for echo in echoes), attempt)
         except LinkError as error:  # a board that starts anew goes away for a moment
             lost = error
     if lost is not None:
         raise NotConfirmed(f"{lost}; the packet was on its way, so that {EITHER}: plug it in and send again")
-    raise NotConfirmed(f"sent {tries} times and not confirmed: {heard.complaint(expected)}")
+    raise NotConfirmed(f"sent {tries} times and not confirmed: {listener.complaint(expected)}")
 
 
 def echo_of(packet: MotionCalPacket) -> dict[str, tuple[float, ...]]:

@@ -44,15 +44,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
 from flinders.core.files import reason, refuse_existing
+from flinders.core.units import MICROTESLA
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, counted
-from flinders.live.readings import FeedEvent
+from flinders.live.feeds import FeedEvent
 from flinders.live.transcript import RecordingStatistics, Taken, Transcript, escaped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import TracebackType
 
-    from flinders.live.readings import Reading
+    from flinders.live.feeds import Feed, Reading
     from flinders.live.transports import ByteSource
 
 SYNC_S: Final = 1.0
@@ -660,3 +661,110 @@ class ToStandardOutput:
 
     def sync(self) -> None:
         """Nothing to do."""
+
+
+class RecordedFeed:
+    """Records a feed as a table that `flinders.read` reads; events become comments.
+
+    Parameters
+    ----------
+    feed : Feed
+    sink : Sink
+    resumed : Resumed, optional
+        The recording that is continued, of which `sink` is the file.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from flinders import read, simulate
+    >>> from flinders.live.feeds import Replay
+    >>> file = Path(tempfile.mkdtemp()) / "tumble.csv"
+    >>> tumble = simulate.tumble(seed=1, n=400).samples
+    >>> with ToFile(file) as sink:
+    ...     feed = RecordedFeed(Replay(tumble, speed=None), sink)
+    ...     while not (isinstance(got := feed.next(0.1), FeedEvent) and got.kind == "ended"):
+    ...         pass
+    >>> abs(read(file).field - tumble.field).max() < 1e-6
+    np.True_
+    """
+
+    def __init__(self, feed: Feed, sink: Sink, *, resumed: Resumed | None = None) -> None:
+        self._feed, self._sink = feed, sink
+        self._header = resumed.header if resumed else None
+        self._is_checked = self._header is None
+        self._title = title(feed.name, is_new=resumed is None)
+        self._synced = time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """That of the feed."""
+        return self._feed.name
+
+    def next(self, timeout: float) -> list[Reading] | FeedEvent:
+        """As `Feed.next`.
+
+        Raises
+        ------
+        OutputError
+            Where it cannot be written, or has other columns than the recording that is continued.
+        """
+        received = self._feed.next(timeout)
+        text = (
+            "".join(f"# {line}\n" for line in str(received).splitlines())
+            if isinstance(received, FeedEvent)
+            else self._rows(received)
+        )
+        if text:
+            self._sink.write(self._title + text)
+            self._title = ""
+        if time.monotonic() - self._synced >= SYNC_S:
+            self._synced = time.monotonic()
+            self._sink.sync()
+        return received
+
+    def close(self) -> None:
+        """As `Feed.close`."""
+        self._sink.sync()
+        self._feed.close()
+
+    def _rows(self, readings: list[Reading]) -> str:
+        if not readings:
+            return ""
+        header = _header(readings[0])
+        if not self._is_checked and header != self._header:
+            raise OutputError(
+                f"{self.name} gives {header}, and the recording that is continued has {self._header or 'no header'}: "
+                "begin another recording"
+            )
+        is_new, self._is_checked = self._header is None, True
+        header = self._header = self._header or header  # a column that comes and goes stays as it was at first
+        rows = "".join(f"{_row(reading, header)}\n" for reading in readings)
+        return f"{header}\n{rows}" if is_new else rows
+
+
+COLUMNS: Final = {
+    "acceleration": "accel_x,accel_y,accel_z",
+    "rate": "gyro_x_radps,gyro_y_radps,gyro_z_radps",
+    "temperature": "temp_C",
+}
+"""Column names of the auxiliary sensors, in order."""
+
+
+def _header(reading: Reading) -> str:
+    """Names of the columns that a reading has."""
+    unit = "uT" if reading.unit == MICROTESLA else "counts"
+    field = [f"mag_{axis}_{unit}" for axis in "xyz"]
+    auxiliary = [names for what, names in COLUMNS.items() if getattr(reading, what) is not None]
+    return ",".join(["t_s", *field, *auxiliary])
+
+
+def _row(reading: Reading, header: str) -> str:
+    """The numbers of a reading, so many digits as no sensor has."""
+    cells = [f"{reading.time:.6f}", *(f"{value:.9g}" for value in reading.field)]
+    for what, names in COLUMNS.items():
+        if names in header:
+            value = getattr(reading, what)
+            values = (value,) if isinstance(value, float) else value or (math.nan,) * (1 + names.count(","))
+            cells += [f"{number:.9g}" for number in values]
+    return ",".join(cells)

@@ -112,9 +112,9 @@ def _with_headers(send: Send) -> Send:
 
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
-            given = {name.lower() for name, _ in message.get("headers", [])}
+            names = {name.lower() for name, _ in message.get("headers", [])}
             more = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-            message["headers"] = [*message.get("headers", []), *(pair for pair in more if pair[0] not in given)]
+            message["headers"] = [*message.get("headers", []), *(pair for pair in more if pair[0] not in names)]
         await send(message)
 
     return sending

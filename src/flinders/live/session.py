@@ -388,7 +388,7 @@ def _linked(session: Session, event: Linked) -> Stepped:
     return _changed(session, source=source), [Notice(severity, event.words)] if event.words else []
 
 
-def _said(session: Session, event: Announced) -> Stepped:
+def _announced(session: Session, event: Announced) -> Stepped:
     return session, [Notice(event.severity, event.words)]
 
 
@@ -509,7 +509,7 @@ def _fitted(session: Session, event: FitDone) -> Stepped:
 _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Arrived: _arrived,
     Linked: _linked,
-    Announced: _said,
+    Announced: _announced,
     Unrecorded: _unrecorded,
     Requested: _requested,
     FitDone: _fitted,

@@ -24,7 +24,7 @@ from flinders.arrays import floats
 from flinders.arrays import matrix as square
 from flinders.core.samples import Samples
 from flinders.errors import UsageError
-from flinders.live.readings import FeedEvent, Reading, readings_of
+from flinders.live.feeds import FeedEvent, Reading, readings_of
 from flinders.simulate import (
     Imu,
     Sensor,

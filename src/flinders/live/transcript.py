@@ -32,20 +32,20 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from flinders.core.axes import Axes
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
-from flinders.live.readings import FeedEvent, readings_of
+from flinders.live.feeds import FeedEvent, readings_of
+from flinders.readers._columns import unit_of
 from flinders.readers._lines import shown
 from flinders.readers._names import is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, number, row_of, rows_of, split
 from flinders.readers._sniff import COMMENTS, SPOKEN, TextLayout, sniff
 from flinders.readers.dialects import guess, marked, recognise
 from flinders.readers.dialects.pattern import Pattern
-from flinders.readers.text import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.core.units import Unit
-    from flinders.live.readings import Kind, Reading
+    from flinders.live.feeds import Kind, Reading
     from flinders.readers._tokenizer import Dialect
 
 SETTLE_S: Final = 0.9
@@ -267,6 +267,15 @@ class RecordingStatistics:
         parts += [f"{counted(self.datagrams_lost, 'datagram')} lost by this machine"] * (self.datagrams_lost > 0)
         return ", ".join(parts)
 
+    @property
+    def brief(self) -> str:
+        """Readings, rate, strength and seconds on a line that fits any terminal."""
+        rate = f"{figures(self.rate_hz, 3)} Hz" if self.rate_hz else "- Hz"
+        parts = [counted(self.readings, "reading"), rate]
+        if self.strengths:
+            parts.append(f"{figures(self.weakest, 3)} to {figures(self.strongest, 3)} {self.unit}")
+        return "  ".join([*parts, f"{self.seconds:.0f} s"])
+
 
 @dataclass(frozen=True, slots=True)
 class Taken:
@@ -436,11 +445,11 @@ class Transcript:
 
     def _named(self) -> str | None:
         """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
-        form, asked = self.statistics.form, (self._columns or "").split(",")
-        if form is None or form.is_timed or not all(one.strip().isdigit() for one in asked):
+        form, columns = self.statistics.form, (self._columns or "").split(",")
+        if form is None or form.is_timed or not all(one.strip().isdigit() for one in columns):
             return self._columns
         names = form.header.split(form.delimiter)
-        return ",".join(names[int(one)] for one in asked) if max(map(int, asked)) < len(names) else self._columns
+        return ",".join(names[int(one)] for one in columns) if max(map(int, columns)) < len(names) else self._columns
 
     def _flush(self) -> tuple[str, list[str]]:
         """Turn the waiting lines into text and its rows."""

@@ -417,6 +417,81 @@ def ports_in_words() -> str:
     return "this machine has no serial port now: plug the board in, with a cable that carries data"
 
 
+def only_port(*, is_asked: bool) -> str | None:
+    """The one port that a board is plugged into; None where there is none and none was asked for.
+
+    Raises
+    ------
+    UsageError
+        If there are several, or none although one was asked for.
+    MissingExtra
+        If ports cannot be listed, and one was asked for.
+    """
+    try:
+        names = ports()
+    except MissingExtra:
+        if is_asked:
+            raise
+        return None
+    boards = [name for name in names if "(" in name] or (names if is_asked else [])
+    if len(boards) == 1:
+        return boards[0].partition(" (")[0]
+    if not boards and not is_asked:
+        return None
+    if not boards:
+        raise UsageError(f"--serial: {ports_in_words()}")
+    raise UsageError(f"several ports: {', '.join(boards)}: name one, such as --serial {boards[0].partition(' (')[0]}")
+
+
+def opened_lines(
+    *, port: str | None = None, baud: int = BAUD, udp: int | None = None, tcp: str | None = None
+) -> Serial | Udp | Tcp:
+    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``.
+
+    Raises
+    ------
+    UsageError
+        For an address that is none.
+    LinkError
+        If it cannot be opened.
+    """
+    if udp is not None:
+        return Udp(udp)
+    if tcp is not None:
+        return Tcp(*host_and_port(tcp, "--tcp"))
+    return Serial(str(port), baud)
+
+
+def opened_link(address: str, baud: int = BAUD) -> Serial | Udp | Tcp:
+    """Open the link to a vehicle: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
+
+    Raises
+    ------
+    UsageError
+        For an address that is none.
+    LinkError
+        If it cannot be opened.
+    """
+    kind, colon, rest = address.partition(":")
+    match kind.casefold() if colon else "":
+        case "udp" | "udpin":
+            host, port = host_and_port(rest if ":" in rest else f"0.0.0.0:{rest}", "--mavlink")
+            return Udp(port, host)
+        case "udpout":
+            host, port = host_and_port(rest, "--mavlink")
+            return Udp(port, host, speaks_first=True)
+        case "tcp":
+            return Tcp(*host_and_port(rest, "--mavlink"))
+        case "serial":
+            return Serial(rest, baud)
+    if colon and not address.startswith(("/", ".")):
+        raise UsageError(
+            f"--mavlink {address!r}: need udp:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT or a serial port such as "
+            "/dev/ttyACM0 or COM3"
+        )
+    return Serial(address, baud)
+
+
 def host_and_port(text: str, what: str) -> tuple[str, int]:
     """Take ``HOST:PORT`` apart; without a host it is this machine.
 

@@ -25,7 +25,7 @@ from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
@@ -219,7 +219,7 @@ def open_log(
         source=table.source,
         format=reader.title,
         instruments=tuple(several or [_as_instrument(table)]),
-        begun=_begun(_columns_of(table)),
+        begun=_begun(table.columns),
         notes=() if several else (table.describe().removeprefix(f"{table.source}: "),),
         is_table=True,
     )
@@ -249,7 +249,7 @@ def holds_log(
         return True
     asked = _Asked(columns=columns, pattern=pattern, topic=topic)
     with contextlib.suppress(FlindersError):  # said by whoever opens it next
-        return bool(_columns_of(_table_of(file, reader, asked)).magnetometers)
+        return bool(_table_of(file, reader, asked).columns.magnetometers)
     return False
 
 
@@ -343,8 +343,8 @@ def _reader_of(file: Source) -> Reader:
         if reader.accepts(head):
             return reader
     kind = foreign_kind(head)
-    found = f"{kind.name}: {kind.advice}" if kind else "of no known kind: give a text recording"
-    raise UnreadableInput(f"{file.name} is {found}")
+    what = f"{kind.name}: {kind.advice}" if kind else "of no known kind: give a text recording"
+    raise UnreadableInput(f"{file.name} is {what}")
 
 
 def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | TableRecording:
@@ -363,15 +363,11 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
     else:
         disk = on_disk(file)
         assert reader.open is not None
-        recording = cast("TextRecording | TableRecording", reader.open(disk, **options))
+        recording = reader.open(disk, **options)
         if isinstance(recording, TableRecording):
             recording.file, recording.temporary_files = file, (*recording.temporary_files, disk)
     recording.span = asked.span
     return recording
-
-
-def _columns_of(table: TextRecording | TableRecording) -> Columns:
-    return table.layout.columns if isinstance(table, TextRecording) else table.columns
 
 
 def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
@@ -379,7 +375,7 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
     description = table.describe().removeprefix(f"{table.source}: {table.name}, ")
     return Instrument(
         source=table.source,
-        name=table.name or f"columns {', '.join(_columns_of(table).field.names)}",
+        name=table.name or f"columns {', '.join(table.columns.field.names)}",
         unit=table.unit,
         columns=lambda _: table.blocks(),
         axes=table.axes,

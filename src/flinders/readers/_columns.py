@@ -7,16 +7,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 
 from flinders.core.samples import Samples
-from flinders.core.units import Unit
-from flinders.errors import NoMagnetometer, UsageError
+from flinders.core.units import COUNTS, Unit
+from flinders.errors import NoMagnetometer, UnitError, UsageError
 from flinders.geometry import quaternions
 from flinders.readers._instruments import Vector, advice, ascends, companion, groups, instruments, passed_over, vectors
 from flinders.readers._names import (
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
+    from flinders.readers._selection import TimeSpan
+    from flinders.readers._source import Source
 
 OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds of which each motor may have a column
 IN_SAMPLES: Final = (  # kinds that stand beside the field, as `Samples` calls them
@@ -60,6 +63,8 @@ PULSES_US: Final = (800.0, 2200.0)  # shortest and longest of such pulses
 EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
 COARSE: Final = 10  # readings to one time from which on its digits are too few: buffers of sensors give a few at once
 COARSE_S: Final = 1.0  # resolution from which on a time that never changes is cut, and its clock not at rest
+NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
+"""The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
 
@@ -135,7 +140,7 @@ class Columns:
     def describe(self, unit: str) -> str:
         """Say which columns are read, in which unit; of several magnetometers, which one."""
         which = f"{self.name}, " if self.name else ""
-        time = f", time in {self.time.names[0]}" if self.time else ""
+        time = f", time in {' and '.join(self.time.names)}" if self.time else ""
         chip = next((word for word in label(self.field.names[0]) if kind_of_chip(word) == FIELD), "")
         known = f" ({chip.upper()} is a magnetometer)" if chip else ""
         return f"{which}columns {', '.join(self.field.names)}{known} in {unit}{time}"
@@ -163,9 +168,12 @@ class Columns:
         if column is None:
             return None
         with np.errstate(over="ignore"):
-            taken = (self.taken(values, column) - column.start) * column.factor
+            recorded = self.taken(values, column)
+            taken = (recorded - column.start) * column.factor
+            if kind == TIME and len(column.cells) == 2:
+                taken = taken[:, :1] + 1e-9 * recorded[:, 1:]
         taken[np.isinf(taken)] = np.nan
-        if len(column.cells) == 1 and kind not in OF_MOTORS:
+        if taken.shape[1] == 1 and kind not in OF_MOTORS:
             taken = taken[:, 0]
         return VALID[kind](taken) if kind in VALID else taken
 
@@ -180,19 +188,19 @@ def by_name(
 ) -> Columns | None:
     """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it."""
     meanings = [_meaning(*column) for column in zip_longest(names, units[: len(names)], fillvalue="")]
-    found = vectors(names, meanings, FIELD)
-    fields = instruments(found)
+    sensors = vectors(names, meanings, FIELD)
+    fields = instruments(sensors)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
     triples = {kind: vectors(names, free, kind) for kind in (ACCELERATION, RATE)}
     header = _Header(names, meanings, values, fields, triples)
     if wanted:
-        own = next((each for each in found if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
+        own = next((each for each in sensors if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
         return replace(header.around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
     read = {place for field in fields for place in field.cells}
     unread = [place for place, name in enumerate(names) if fields and place not in read and tells_nothing(name)]
     recognised = [str(group) for group in groups(values, unread, names) if group.is_known] if len(unread) > 2 else []
-    others = (*passed_over(found, fields), *recognised)
+    others = (*passed_over(sensors, fields), *recognised)
     made = [replace(header.around(field), passed_over=others) for field in fields]
     if len(made) < 2:
         return made[0] if made else None
@@ -211,7 +219,7 @@ class _Header(NamedTuple):
 
     def around(self, field: Vector) -> Columns:
         """Collect the columns that are read for one of the magnetometers."""
-        free = [Meaning("") if place in field.cells else found for place, found in enumerate(self.meanings)]
+        free = [Meaning("") if place in field.cells else known for place, known in enumerate(self.meanings)]
         stated = {self.meanings[cell].unit for cell in field.cells if self.meanings[cell].kind == FIELD}
         unit = stated.pop() if len(stated) == 1 else ""
         columns, left_out = self._replace(meanings=free).besides(field)
@@ -226,20 +234,20 @@ class _Header(NamedTuple):
     def besides(self, field: Vector) -> tuple[tuple[Column, ...], tuple[str, ...]]:
         """Find what stands beside a magnetometer, and what has to be left out."""
         own = {kind: companion(each, field, self.fields) for kind, each in self.triples.items()}
-        found = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
+        columns = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
         turned = {known.axis: place for place, known in enumerate(self.meanings) if known.kind == ATTITUDE}
         if len(turned) == 4:
-            found.append(_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names))
+            columns.append(_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names))
         left_out: list[str] = []
         scalars = [self.scalar(kind) for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)]
         for column, reasons in (*scalars, *map(self.motors, OF_MOTORS)):
-            found += [column] if column else []
+            columns += [column] if column else []
             left_out += reasons
-        unclear = [column for column in found if column.kind == RATE and not self.meanings[column.cells[0]].unit]
+        unclear = [column for column in columns if column.kind == RATE and not self.meanings[column.cells[0]].unit]
         left_out += [f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)" for column in unclear]
         unread = [one for kind, each in self.triples.items() if not own[kind] for one in each if one.instead]
         left_out += [f"{one.whole} ({one.instead})" for one in unread]
-        return tuple(self.scaled(column) for column in found if column not in unclear), tuple(left_out)
+        return tuple(self.scaled(column) for column in columns if column not in unclear), tuple(left_out)
 
     def scaled(self, column: Column) -> Column:
         """Give a column the factor and start of its unit."""
@@ -255,8 +263,13 @@ class _Header(NamedTuple):
         """Find the best usable column of a kind without axes, and those before it with the reason against each."""
         places = [place for place, known in enumerate(self.meanings) if known.kind == kind and not known.axis]
         left_out: list[str] = []
-        for place in sorted(places, key=lambda place: self.meanings[place].rank):
+        parted = {place + 1: place for place in places if self._is_parted(place)} if kind == TIME else {}
+        for place in sorted({*places, *parted}, key=lambda place: self.meanings[place].rank):
             values = self.values[:, place]
+            if place in parted.values():
+                return _column(kind, [place, place + 1], self.names), left_out
+            if place in parted:
+                continue
             reason = "" if _numeric(values) else "not numbers"
             if kind == TIME and not reason:
                 reason = _cut_digits(values, self.meanings[place].unit)
@@ -264,6 +277,16 @@ class _Header(NamedTuple):
                 return _column(kind, [place], self.names), left_out
             left_out.append(f"{self.names[place].strip()} ({reason})")
         return None, left_out
+
+    def _is_parted(self, place: int) -> bool:
+        """Tell whether a column is of whole seconds, and the next of the nanoseconds that belong to them."""
+        following = NANOSECONDS.fullmatch(self.names[place + 1].strip()) if place + 1 < len(self.names) else None
+        if following is None or not _numeric(self.values[:, place + 1]):
+            return False
+        stem, seconds, rest = following.groups()
+        own = self.names[place].strip().casefold()
+        is_under_heading = not stem and own.endswith(f" {seconds}".casefold())
+        return is_under_heading or own == f"{stem}{seconds}{rest}".casefold()
 
     def motors(self, kind: str) -> tuple[Column | None, list[str]]:
         """Find the columns of single motors, from the first motor on, or the reason against them."""
@@ -311,6 +334,7 @@ def choose(
     flat: str | None = None,
     choice: Choice = FIRST,
     source: str = "the table",
+    quoted: str = "",
 ) -> Columns | None:
     """Choose columns as the user asked, else by their names, else by their places; None where neither decides."""
     width = values.shape[1]
@@ -319,7 +343,7 @@ def choose(
     wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
     if asked is None and (chosen is None or _is_unclear(chosen, names)):
-        _refuse_unclear(names, values, source)
+        _refuse_unclear(names, values, source, quoted)
     if chosen is None:
         return None
     if asked is None:
@@ -332,12 +356,12 @@ def choose(
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
 
 
-def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
+def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: str) -> None:
     """Refuse a table whose names are those of references only, or do not tell while its values say something."""
-    found = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
-    if found:
-        what = numbered([f"{each.whole} ({each.instead})" for each in found])
-        columns = ",".join(names[cell].strip() for cell in found[0].cells)
+    others = [each for each in vectors(names, list(map(meaning, names)), FIELD) if each.instead]
+    if others:
+        what = numbered([f"{each.whole} ({each.instead})" for each in others])
+        columns = ",".join(names[cell].strip() for cell in others[0].cells)
         raise NoMagnetometer(
             f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {what}; "
             f"say which three columns are what the sensor read, such as --columns '{columns}' if those are it after all"
@@ -345,7 +369,7 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str) -> None:
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
     if any(group.is_candidate or group.is_known or (names and len(group.names) > 1) for group in judged):
-        nameless = f"{source} has {width} columns and no header: need three, x y z, or four with the time first"
+        nameless = f"{source} has {width} columns and no header{quoted}: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
         raise NoMagnetometer(f"{what}; {advice(judged)}")
 
@@ -421,8 +445,8 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
 
 def _meaning(name: str, unit: str) -> Meaning:
     """Tell what a name says, together with the unit that stands below it."""
-    found = meaning(name)
-    return found if found.unit or not unit else meaning(f"{name} ({unit})")
+    own = meaning(name)
+    return own if own.unit or not unit else meaning(f"{name} ({unit})")
 
 
 def _place(asked: str, names: list[str], width: int) -> int:
@@ -440,7 +464,8 @@ def _place(asked: str, names: list[str], width: int) -> int:
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:
     """Tell the unit that a known format has without saying so: ROS messages, the app Sensor Logger."""
     first = names[field[0]].casefold()
-    if first.endswith("magnetic_field.x"):
+    is_printed = first == "magnetic_field x" and any(name.startswith("magnetic_field_covariance") for name in names)
+    if is_printed or first.endswith("magnetic_field.x"):
         return "T"
     return "uT" if {name.strip().casefold() for name in names} >= {"seconds_elapsed", "x", "y", "z"} else ""
 
@@ -507,3 +532,66 @@ def _resolutions(values: Floats) -> list[float]:
     single = np.abs(values.astype(np.float32))
     is_single = bool(np.all(single == np.abs(values)))
     return [written, float(np.spacing(single.max()))] if is_single else [written]
+
+
+class ColumnsRecording:
+    """What recordings of columns have in common, of text and of other tables: what is said of them."""
+
+    __slots__ = ()
+    file: Source
+    unit: Unit
+    axes: Axes
+    span: TimeSpan
+    columns: Any  # a field or a property with `Columns`
+
+    @property
+    def source(self) -> str:
+        """The name of the file."""
+        return self.file.name
+
+    @property
+    def name(self) -> str:
+        """What the magnetometer is called, where it is one of several."""
+        return str(self.columns.name)
+
+    @property
+    def states_unit(self) -> bool:
+        """The unit stands in the names."""
+        return bool(self.columns.stated)
+
+    def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> Self:
+        """Read these columns, in the unit that their names or the user say."""
+        raise NotImplementedError
+
+    def written(self) -> str:
+        """How it is written."""
+        raise NotImplementedError
+
+    def each(self, unit: str | None, scale: float | None) -> tuple[Self, ...]:
+        """Each of several magnetometers, in the unit that its names or the user say; none where there is one."""
+        return tuple(self.with_columns(columns, unit, scale) for columns in self.columns.magnetometers)
+
+    def describe(self) -> str:
+        """Say in one line what was recognised and is used."""
+        unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
+        parts = [f"{self.source}: {self.columns.describe(unit)}", self.written()]
+        parts += [f"axes {self.axes}"] * (not self.axes.is_identity) + [str(self.span)] * (not self.span.is_all)
+        return "; ".join(parts + self.columns.remarks())
+
+    def __str__(self) -> str:
+        return self.describe()
+
+
+def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
+    """Choose the unit between what the header says and what the user says; UnitError where they contradict."""
+    if unit is not None:
+        chosen = Unit.of(unit, scale)
+        if columns.stated and chosen.name != columns.unit:
+            raise UnitError(
+                f"the header of {name} says {columns.unit} ({columns.field.names[0]}) and unit {unit!r} was given: "
+                "leave it out, or correct the header"
+            )
+        return chosen
+    if scale is not None:
+        return Unit.of(columns.unit if columns.stated else COUNTS, scale)
+    return Unit.of(columns.unit or COUNTS, columns.scale)

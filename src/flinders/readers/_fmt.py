@@ -250,7 +250,7 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     formats = {FMT_TYPE: Format(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
     lengths = np.zeros(256, np.int64)
     lengths[FMT_TYPE] = FMT_LENGTH
-    found: dict[int, list[Places]] = {}
+    places: dict[int, list[Places]] = {}
     at, known, gaps = 0, 0, 0
     while at < len(raw):
         stretch = _Segment.of(raw, at, min(at + CHUNK, len(raw)))
@@ -262,9 +262,9 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
         types = raw[starts + 2]
         known += int(lengths[types].sum())
         for number in [number for number, each in formats.items() if each.name in wanted]:
-            found.setdefault(number, []).append(starts[types == number])
+            places.setdefault(number, []).append(starts[types == number])
     tables: dict[str, Table] = {}
-    for number, parts in found.items():
+    for number, parts in places.items():
         where = np.concatenate(parts)
         if formats[number].is_readable and len(where):
             tables.setdefault(formats[number].name, Packed(raw, formats[number], where))

@@ -22,8 +22,8 @@ rates and angles near none.
 >>> turned = np.random.default_rng(1).normal(size=(200, 3))
 >>> directions = turned / np.linalg.norm(turned, axis=1, keepdims=True)
 >>> clock = np.arange(200.0)
->>> found = groups(np.column_stack([clock, 9.81 * directions, turned, 48 * directions + [30, 0, -20]]), range(10))
->>> for group in found:
+>>> judged = groups(np.column_stack([clock, 9.81 * directions, turned, 48 * directions + [30, 0, -20]]), range(10))
+>>> for group in judged:
 ...     print(group)
 1 (a clock or a counter)
 2, 3, 4 (gravity in m/s²)
@@ -101,11 +101,11 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
     """Find the columns of a kind that make three axes, in the order of the first; a name may stand there again."""
     sensors: dict[tuple[str, int], dict[str, int]] = defaultdict(dict)
     times: Counter[str] = Counter()
-    for place, found in enumerate(meanings):
-        if found.kind == kind and found.axis:
+    for place, known in enumerate(meanings):
+        if known.kind == kind and known.axis:
             name = names[place].strip().casefold()
             times[name] += 1
-            sensors[field_stem(name, found.axis), times[name]][found.axis] = place
+            sensors[field_stem(name, known.axis), times[name]][known.axis] = place
     made = []
     for (_, time), axes in sensors.items():
         letters = next((letters for letters in ("xyz", "012", "123") if set(letters) <= axes.keys()), "")
@@ -123,13 +123,13 @@ def magnetometers(names: Sequence[str]) -> tuple[Vector, ...]:
     return instruments(vectors(names, list(map(meaning, names)), FIELD))
 
 
-def instruments(found: Sequence[Vector]) -> tuple[Vector, ...]:
+def instruments(sensors: Sequence[Vector]) -> tuple[Vector, ...]:
     """Pick those that are magnetometers of their own, of each the rawest, in the order of their columns.
 
     Those that were corrected or filtered come last. Just the best, by `_quality`, where it is not clear that there are
     several; none without readings.
     """
-    readings = [vector for vector in found if not vector.instead]
+    readings = [vector for vector in sensors if not vector.instead]
     readings = [vector for vector in readings if clearness(vector.rank) < BARE] or readings
     if not readings:
         return ()
@@ -142,7 +142,7 @@ def instruments(found: Sequence[Vector]) -> tuple[Vector, ...]:
     return tuple(ordered) or (min(readings, key=_quality),)
 
 
-def passed_over(found: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
+def passed_over(sensors: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str, ...]:
     """Name those that are as plainly a magnetometer's as those that are taken, and what they are where that is clear.
 
     >>> mag, copy = Vector((0, 1, 2), 1, (), "mag", "mag"), Vector((3, 4, 5), 11, (), "mag", "mag_cal")
@@ -150,12 +150,12 @@ def passed_over(found: Sequence[Vector], fields: Sequence[Vector]) -> tuple[str,
     ('mag_cal (corrected or filtered)', 'mag_ref (a reference)')
     """
     least = max(BARE - 1, max((clearness(each.rank) for each in fields), default=0))
-    others = [each for each in found if each not in fields and clearness(each.rank) <= least]
+    others = [each for each in sensors if each not in fields and clearness(each.rank) <= least]
     kinds = [(each.whole, each.instead or "corrected or filtered" * (each.rank >= CALIBRATED)) for each in others]
     return tuple(f"{whole} ({what})" if what else whole for whole, what in kinds)
 
 
-def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
+def companion(sensors: Sequence[Vector], field: Vector, fields: Sequence[Vector]) -> Vector | None:
     """Pick the accelerometer or gyro that goes with a magnetometer: the best of its number, or with no other's number.
 
     Where there is one magnetometer all go with it. What is no readings, such as ``acc_ned_x``, is not taken.
@@ -165,7 +165,7 @@ def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) 
     >>> [companion([own, all_ones], each, [first, second]).name for each in (first, second)]
     ['acc', 'acc2']
     """
-    readings = [each for each in found if not each.instead]
+    readings = [each for each in sensors if not each.instead]
     if len(fields) < 2:
         return min(readings, key=_quality, default=None)
     numbers = {other.number for other in fields}
@@ -173,10 +173,10 @@ def companion(found: Sequence[Vector], field: Vector, fields: Sequence[Vector]) 
     return min(fitting, key=lambda each: (each.number != field.number, *_quality(each)), default=None)
 
 
-def _told_apart(found: Sequence[Vector]) -> list[Vector]:
+def _told_apart(sensors: Sequence[Vector]) -> list[Vector]:
     """Pick two or more whose labels are numbers, places or nothing; else letters or type numbers, if all are."""
-    shared = set.intersection(*(set(each.label) for each in found)) if found else set()
-    rest = [(each, [word for word in each.label if word not in shared]) for each in found]
+    shared = set.intersection(*(set(each.label) for each in sensors)) if sensors else set()
+    rest = [(each, [word for word in each.label if word not in shared]) for each in sensors]
     numbers = {int(word) for _, words in rest for word in words if _is_number(word)}
 
     def counts(word: str) -> bool:
@@ -188,7 +188,7 @@ def _told_apart(found: Sequence[Vector]) -> list[Vector]:
     is_lettered = _in_a_row(words[0] if len(words) == 1 else "" for _, words in rest)
     is_typed = all(any(map(_is_number, words)) and not _is_number(words[0]) for _, words in rest if words)
     has_words = len(rest) > 1 and all(words for _, words in rest)
-    return list(found) if has_words and (is_lettered or is_typed) else []
+    return list(sensors) if has_words and (is_lettered or is_typed) else []
 
 
 def _in_a_row(letters: Iterable[str]) -> bool:

@@ -57,7 +57,7 @@ class Stored:
     words: str = ""
     applied: bool = True
 
-    def told(self, *, as_logged: bool) -> str:
+    def sentence(self, *, as_logged: bool) -> str:
         """Say what became of it."""
         if not self.applied:
             return f"logged raw, before {self.words}"
@@ -184,7 +184,7 @@ class Instrument:
         """Say in one line what is used, and what was un-applied."""
         parts = [f"{self.source}: {self.name} in {self.unit.name}"]
         if self.stored is not None:
-            parts.append(self.stored.told(as_logged=self.as_logged))
+            parts.append(self.stored.sentence(as_logged=self.as_logged))
         parts += [f"axes {self.axes}"] * (self.axes != Axes()) + [str(self.span)] * (not self.span.is_all)
         if self.others:
             parts.append(f"also there: {numbered(self.others)} (choose with --sensor)")

@@ -39,8 +39,9 @@ FACTORS: Final[dict[str, dict[str, float]]] = {
     FIELD: _OF_A_FIELD,
     ACCELERATION: dict.fromkeys(("m/s2", "m/s²", "m/s^2", "mps2", "ms2", "ms-2", "m/s/s", "g", "mg"), 1.0),
     RATE: {
-        **dict.fromkeys(("rad/s", "radps", "rads", "rad/sec", "rad/s/s"), 1.0),
-        **dict.fromkeys(("deg/s", "dps", "degps", "degs", "deg/sec", "°/s", "º/s", "/s", "°/sec"), _DEGREES),
+        **dict.fromkeys(("rad/s", "radps", "rads", "rad/sec", "rad/s/s", "radians/s"), 1.0),
+        **dict.fromkeys(("deg/s", "deg/sec", "degrees/s", "dps", "degps", "degs"), _DEGREES),
+        **dict.fromkeys(("°/s", "º/s", "/s", "°/sec"), _DEGREES),
         "mdps": _DEGREES / 1000,
     },
     TIME: {
@@ -116,7 +117,7 @@ _MEASURES: Final = re.compile(
     rf"\b(u?int (8|16|24|32|64)|float (32|64)|({_SMOOTHED}|t|v|ver|version|k|order|lag) \d+|\d+ (bits?|hz|ms))\b"
 )
 _RAW: Final = re.compile(r"(raw|adc|.*uncal(ib|ibrated)?)$")
-_TIMES: Final = re.compile(r"(t|time.*|.*time|timestamp|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
+_TIMES: Final = re.compile(r"(ts?|time.*|.*time|stamp|seconds|millis|micros|epoch|elapsed|zeit|temps|tiempo)$")
 _NO_TIMES: Final = re.compile(r"(day|date|zone|fix|offset|gps|time_of_day)$")
 # Words that any such sensor may have in its name.
 _COMMON: Final = re.compile(
@@ -201,9 +202,9 @@ def meaning(name: str) -> Meaning:
 
 def tells_nothing(name: str) -> bool:
     """Tell whether a name leaves open what a column is, so that it may be an axis of a magnetometer."""
-    found, words = meaning(name), [word.casefold() for word in _words(name)[0]]
+    known, words = meaning(name), [word.casefold() for word in _words(name)[0]]
     is_other = any(_ELSEWHERE.match(word) or _OTHERS.match(word) for word in words)
-    return found.is_bare or not (found.kind or is_other)
+    return known.is_bare or not (known.kind or is_other)
 
 
 def is_unit(text: str) -> bool:
@@ -223,7 +224,7 @@ def label(name: str) -> tuple[str, ...]:
     words = _words_of_sensor(name)
     has_kind = any(_kind_of_word(word) or kind_of_chip(word) for word in words)
     plain = (_COMMON, _RAW, _DERIVED)
-    measured = _MEASURES.sub(lambda found: found[0].replace(" ", ""), " ".join(words)).split()
+    measured = _MEASURES.sub(lambda match: match[0].replace(" ", ""), " ".join(words)).split()
     apart = [word for word in measured if is_chip(word) or not any(pattern.match(word) for pattern in plain)]
     own = tuple(word for word in apart if has_kind or word not in _LETTERS)
     return own or tuple(word for word in words if word in _DEVICES)
@@ -265,8 +266,8 @@ def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
         is_common = (number and folded in _UNITS_OF_AXES) or _RAW.match(folded) or _DERIVED.match(folded)
         if whole or not is_common:
             own += (between[-1:] if between[-1:] in " _.-" else "_") + piece
-    found = own.lstrip(" _.-")
-    return found if any(map(str.isalpha, found)) else f"xyz{found}"
+    bare_name = own.lstrip(" _.-")
+    return bare_name if any(map(str.isalpha, bare_name)) else f"xyz{bare_name}"
 
 
 def _words_of_sensor(name: str) -> list[str]:
@@ -326,7 +327,7 @@ def _vector(words: list[str], units: list[str], *, is_joined: bool) -> tuple[str
     """Tell which three-axis sensor the words name, and how good a source of its raw readings this is."""
     raw = 0 if any(_RAW.match(word) for word in words) else 1
     names = [word for word in words if not word.isdigit()]
-    kinds = [found for word in names if (found := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
+    kinds = [kind for word in names if (kind := _kind_of_word(word))] or list(filter(None, map(kind_of_chip, names)))
     if kinds:
         return kinds[0], raw + 5 * (kinds[0] == ACCELERATION and "linear" in words)
     bare = [word for word in names if not (_RAW.match(word) or _CALIBRATED.match(word))]

@@ -8,36 +8,13 @@ r"""One row of the table of formats: what a reader opens, and by which first byt
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Callable
 
-    from flinders.core.axes import Axes
-    from flinders.core.samples import Recording
     from flinders.readers._log import Log
-    from flinders.readers._selection import Choice
-    from flinders.readers._source import File, Progress
-
-
-class Open(Protocol):
-    """How a reader opens a file: it recognises at once, and reads when asked."""
-
-    def __call__(
-        self,
-        file: File,
-        /,
-        *,
-        columns: str | None,
-        unit: str | None,
-        scale: float | None,
-        axes: Axes,
-        flat: str | None,
-        choice: Choice,
-        progress: Progress | None,
-    ) -> Recording:
-        """As `open_recording`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +38,7 @@ class Reader:
     sniff : callable, optional
         Tells from the first bytes what no pattern can.
     open : callable, optional
-        Opens a table: a magnetometer in columns, or one of several.
+        Opens a table, a magnetometer in columns or one of several, with the options of `open_text`.
     log : callable, optional
         Or opens a log: several instruments, which know their units.
     extra : str
@@ -79,7 +56,7 @@ class Reader:
     starts: tuple[bytes, ...] = ()
     pattern: re.Pattern[bytes] | None = None
     sniff: Callable[[bytes], bool] | None = None
-    open: Open | None = None
+    open: Callable[..., Any] | None = None
     log: Callable[..., Log] | None = None
     extra: str = ""
     takes_topic: bool = False

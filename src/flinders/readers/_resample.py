@@ -76,13 +76,13 @@ class TimeSeries:
 
     def at(self, time: Floats) -> Floats:
         """(N, k) at these (N,) times, between neighbours by a straight line; NaN before, after and in long gaps."""
-        found = np.column_stack([np.interp(time, self.time, column, np.nan, np.nan) for column in self.values.T])
+        values = np.column_stack([np.interp(time, self.time, column, np.nan, np.nan) for column in self.values.T])
         after = np.clip(np.searchsorted(self.time, time, side="right"), 1, max(len(self.time) - 1, 1))
         if len(self.time) > 1:
             gap = self.time[after] - self.time[after - 1]
             met = (time == self.time[after]) | (time == self.time[after - 1])
-            found[(gap > LONGEST) & ~met] = np.nan
-        return found
+            values[(gap > LONGEST) & ~met] = np.nan
+        return values
 
     def until_next(self, time: Floats) -> Floats:
         """(N, k) mean from each of these (N,) times to the next, where something was measured in between; else `at`.
@@ -94,17 +94,17 @@ class TimeSeries:
         >>> shaken.at(np.array([0.0, 1.0, 2.0])).ravel(), shaken.until_next(np.array([0.0, 1.0, 2.0])).ravel()
         (array([0., 0., 0.]), array([2., 2., 0.]))
         """
-        found = self.at(time)
+        values = self.at(time)
         if len(time) < 2 or len(self.time) < 2:
-            return found
+            return values
         ends = time[1:]
         last = self.at(ends)
         inside = np.searchsorted(self.time, ends, side="left") > np.searchsorted(self.time, time[:-1], side="right")
         seconds = ends - time[:-1]
-        sound = inside & (seconds > 0.0) & (seconds <= LONGEST) & np.isfinite(last + found[:-1]).all(axis=1)
-        area = self._area(ends, last)[sound] - self._area(time[:-1], found[:-1])[sound]
-        found[:-1][sound] = area / seconds[sound, np.newaxis]
-        return found
+        sound = inside & (seconds > 0.0) & (seconds <= LONGEST) & np.isfinite(last + values[:-1]).all(axis=1)
+        area = self._area(ends, last)[sound] - self._area(time[:-1], values[:-1])[sound]
+        values[:-1][sound] = area / seconds[sound, np.newaxis]
+        return values
 
     def _area(self, time: Floats, here: Floats) -> Floats:
         """(N, k) integral from the first measurement to these times, where the straight lines are at `here`."""
@@ -139,17 +139,17 @@ class AttitudeSeries(TimeSeries):
         start, end = self.time[before], self.time[after]
         gap = end - start
         share = np.clip((time - start) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)
-        found = between(self.values[before], self.values[after], share)
+        values = between(self.values[before], self.values[after], share)
         near = np.abs(np.einsum("ij,ij->i", self.values[before], self.values[after])) >= LEAST_COSINE
         met = (time == start) | (time == end)
         lost = ~(met | (near & (gap <= LONGEST_TURN)))
-        found[~((time >= start) & (time <= end)) | lost] = np.nan
-        return found
+        values[~((time >= start) & (time <= end)) | lost] = np.nan
+        return values
 
 
 def resampled(series: Mapping[str, TimeSeries | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
     """Columns of `Samples` at the times of readings, whose axes a (3, 3) rotation makes of those of the series."""
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for kind, one in series.items():
         if one is None:
             continue
@@ -158,8 +158,8 @@ def resampled(series: Mapping[str, TimeSeries | None], time: Floats, turn: Float
             values = values @ turn.T
         elif turn is not None and kind == ATTITUDE:
             values = product(values, of_matrix(turn.T))
-        found[kind] = as_column(kind, values)
-    return found
+        columns[kind] = as_column(kind, values)
+    return columns
 
 
 def as_column(kind: str, values: Floats) -> Floats:

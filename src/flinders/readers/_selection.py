@@ -142,9 +142,9 @@ class SpanClock:
             self._beginning = known[0] if np.isnan(self._beginning) else self._beginning
             self._last = known[-1]
         since = samples.time - self._beginning
-        found = np.asarray((since >= self._span.start) & (since <= self._span.end), dtype=np.bool_)
-        self._taken += int(np.count_nonzero(found))
-        return found
+        inside = np.asarray((since >= self._span.start) & (since <= self._span.end), dtype=np.bool_)
+        self._taken += int(np.count_nonzero(inside))
+        return inside
 
     def selected(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
         """Those readings; nothing is copied where all are taken."""
@@ -201,13 +201,13 @@ def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped
 
 def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tuple[Skipped, ...]:
     """Account for the rows of a stretch that cannot be used, and the lines that are none."""
-    found = []
+    accounts = []
     if not usable.all():
         gaps = [rows.lines[int(place)] for place in np.flatnonzero(~usable)]
-        found.append((NOT_FINITE, gaps, lines.texts[gaps[0] - lines.first]))
+        accounts.append((NOT_FINITE, gaps, lines.texts[gaps[0] - lines.first]))
     if rows.unreadable:
-        found.append((UNREADABLE, [line for line, _ in rows.unreadable], rows.unreadable[0][1]))
+        accounts.append((UNREADABLE, [line for line, _ in rows.unreadable], rows.unreadable[0][1]))
     return tuple(
         Skipped(reason, len(numbers), tuple(numbers[:SHOWN_LINES]), shown(example))
-        for reason, numbers, example in found
+        for reason, numbers, example in accounts
     )

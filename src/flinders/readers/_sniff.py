@@ -23,7 +23,7 @@ from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
 from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning
 from flinders.readers._numbers import SPACES, Grid, fits, number, split
 from flinders.readers._selection import FIRST, Choice
-from flinders.readers._tokenizer import cut, names_of, pattern_of
+from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, names_of, pattern_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,9 +112,9 @@ def sniff(
     lines = [(place, text) for place, text in enumerate(texts) if text.strip() and not _is_comment(text)]
     if not lines:
         blank = not any(text.strip() for text in texts)
-        found = "blank lines" if blank else "comments"
+        content = "blank lines" if blank else "comments"
         marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with --pattern"
-        raise UnreadableInput(f"{name} holds only {found}: need lines of numbers, one reading each{marked}")
+        raise UnreadableInput(f"{name} holds only {content}: need lines of numbers, one reading each{marked}")
     for stretch, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
         dialect = max(DIALECTS, key=partial(_score, stretch, least))
         rows = _rows(stretch, dialect, least)
@@ -144,9 +144,10 @@ def _table(
     units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
     if not header and choosing.keywords["asked"] is None:
         _refuse_numbered(name, list(like.values()))
-    chosen = choosing(header, values, units=units)
+    quoted = f" (line {start + 1}: {shown(texts[start])!r})"
+    chosen = choosing(header, values, units=units, quoted=quoted)
     if chosen is None:
-        raise _no_magnetometer(name, header, values, (start + 1, texts[start]))
+        raise _no_magnetometer(name, header, values, texts[start], quoted)
     if choosing.keywords["asked"] is None:
         if not header or meaning(chosen.field.names[0]).is_bare:
             _refuse_mixed(name, header, list(like.values()))
@@ -168,8 +169,8 @@ def _refuse_numbered(name: str, rows: Sequence[Sequence[str]]) -> None:
     width = len(rows[0])
     for place in range(width - 3) if width in (4, 5) else ():
         words = Counter(row[place].strip(" ()[]:#,;") for row in rows)
-        found = [_SENSOR.fullmatch(word) for word in words]
-        numbers = sorted(int(each[1]) for each in found if each)
+        matches = [_SENSOR.fullmatch(word) for word in words]
+        numbers = sorted(int(each[1]) for each in matches if each)
         is_row = len(numbers) == len(words) and numbers in (list(range(len(words))), list(range(1, len(words) + 1)))
         if is_row and 2 <= len(words) <= MOST_SENSORS and min(words.values()) > 1:
             last = ",".join(str(cell) for cell in range(width - 2, width + 1))
@@ -312,16 +313,32 @@ def ranges(values: Floats) -> str:
     return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
 
 
-def _no_magnetometer(name: str, header: list[str], values: Floats, line: tuple[int, str]) -> NoMagnetometer:
+def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, quoted: str) -> NoMagnetometer:
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {', '.join(header)}; "
             "say which three it is with --columns X,Y,Z, by name or by number"
         )
+    if other := _other_labels(name, text, quoted):
+        return other
     return NoMagnetometer(
-        f"{name} has {values.shape[1]} columns and no header (line {line[0]}: {shown(line[1])!r}): need three, x y z, "
+        f"{name} has {values.shape[1]} columns and no header{quoted}: need three, x y z, "
         "or four with the time first; say which are the magnetometer with --columns X,Y,Z, by number; they go from "
         f"{ranges(values)}"
+    )
+
+
+def _other_labels(name: str, text: str, quoted: str) -> NoMagnetometer | None:
+    """Say what the labels of a line are, where they are of other sensors."""
+    gaps = cut(text[:PRINTED])[1]
+    names = names_of(gaps) if len(gaps) > 1 else ()
+    others = {meaning(each).kind for each in names} & {ACCELERATION, RATE}
+    if not others and not (is_labelled(gaps) and any(map(QUANTITY.search, names))):
+        return None
+    what = " and ".join(sorted(others)) or ", ".join(dict.fromkeys(filter(None, names)))
+    return NoMagnetometer(
+        f"the labels of {name} tell of {what} and of no magnetometer{quoted}: let the board print its magnetometer "
+        "too, or say which numbers it is with --pattern"
     )
 
 
@@ -353,15 +370,11 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
-    names = names_of(cut(text[:PRINTED])[1]) if numbers else ()
-    others = {meaning(name).kind for name in names} & {ACCELERATION, RATE}
-    if others:
-        return NoMagnetometer(
-            f"the labels of {name} tell of {' and '.join(sorted(others))} and of no magnetometer (line {place + 1}: "
-            f"{shown(text)!r}): let the board print its magnetometer too, or say which numbers it is with --pattern"
-        )
+    quoted = f" (line {place + 1}: {shown(text)!r})"
+    if numbers and (other := _other_labels(name, text, quoted)):
+        return other
     example = f"; this line is --pattern '{pattern_of(text)}', if those are its x, y and z" if numbers else ""
     return UnreadableInput(
-        f"no readings are recognised in {name} (line {place + 1}: {shown(text)!r}): need three columns of numbers, "
+        f"no readings are recognised in {name}{quoted}: need three columns of numbers, "
         f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or --pattern, which says how a line is printed{example}"
     )

@@ -3,6 +3,17 @@
 What cannot be read twice (standard input, a named pipe, a serial port) is either copied to a temporary
 file, which goes when its `File` does, or, where one pass is enough, read as a `ByteStream` that keeps
 nothing. Gzip is recognised by its first bytes.
+
+A few kilobytes can be packed so that they fill a disk, or the memory. A stream of more than `LARGE` bytes is refused
+while it is being unpacked, once it has `MOST_RATIO` times the bytes that it came of; a piece that has to be in memory
+as a whole, at `MOST_PIECE` bytes.
+
+>>> unpacked_piece(zlib.decompressobj(), zlib.compress(b"whole"))
+b'whole'
+>>> sum(map(len, metered("zeros.csv.gz", [bytes(1 << 23)] * 3, lambda: 20_000)))
+Traceback (most recent call last):
+flinders.errors.UnreadableInput: zeros.csv.gz unpacks to more than 24 MB from 20,000 bytes, as no recording does: unpack
+it yourself if you trust it
 """
 
 from __future__ import annotations
@@ -19,11 +30,10 @@ import zlib
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, TypeAlias, cast
+from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 from flinders.core.files import REASONS, reason
 from flinders.errors import UnreadableInput, UsageError
-from flinders.readers._limits import metered
 from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
 from flinders.readers._recognition import GZIP, foreign_kind, may_be_log
 from flinders.readers._tokenizer import cut
@@ -39,6 +49,12 @@ CHUNK: Final = 1 << 18
 """Bytes read at a time."""
 MOST_SPOOLED: Final = 64 << 30
 """Bytes copied to a temporary file before it is given up: a pipe may have no end."""
+MOST_MEMBER: Final = 4 << 30
+"""Bytes of a member of an archive, or of a packed file of a recording of ROS 2, unpacked."""
+MOST_PIECE: Final = 1 << 30
+"""Bytes that one packed piece may have, unpacked: a chunk of a bag has a few million."""
+LARGE, MOST_RATIO = 16 << 20, 250
+"""Bytes from which on the ratio counts, and the ratio: a table of digits packs to a fifth, zeros to a thousandth."""
 ENOUGH_ROWS, ENOUGH_LINES = 20, 400
 """Lines of numbers of one width, and lines at all, after which no more is waited for to tell what a stream is."""
 NOTHING_PIPED: Final = "nothing was piped in"
@@ -423,3 +439,63 @@ def _read(name: str, read: Callable[[int], bytes], size: int) -> bytes:
         raise UnreadableInput(f"{name} has broken gzip data ({error}): copy it again") from None
     except OSError as error:
         raise refusal(name, error) from None
+
+
+def is_bomb(unpacked: int, packed: int) -> bool:
+    """Tell whether so many bytes have come of so few as no table of readings packs to."""
+    return unpacked > LARGE and unpacked > MOST_RATIO * packed
+
+
+def metered(
+    name: str, chunks: Iterable[bytes], packed: Callable[[], int], *, most: int | None = None, ratio: bool = True
+) -> Iterator[bytes]:
+    """Pass on what is unpacked, and refuse what becomes too much.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    chunks : iterable of bytes
+        Unpacked.
+    packed : callable
+        Gives the bytes of which what has come so far was made.
+    most : int, optional
+        Bytes that are let pass at most.
+    ratio : bool
+        Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
+
+    Raises
+    ------
+    UnreadableInput
+    """
+    done = 0
+    for chunk in chunks:
+        done += len(chunk)
+        if (most is not None and done > most) or (ratio and is_bomb(done, packed())):
+            raise too_much(name, done, packed())
+        yield chunk
+
+
+def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
+    """Say that so few bytes unpack to more than any recording has."""
+    return UnreadableInput(
+        f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
+        "yourself if you trust it"
+    )
+
+
+def unpacked_piece(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of zlib, bz2, lz4 or zstd
+    """Unpack a piece, and refuse one that is not whole or unpacks to more than `MOST_PIECE` bytes.
+
+    Raises
+    ------
+    ValueError
+        For one that is not whole.
+    UnreadableInput
+    """
+    content: bytes = unpacker.decompress(packed, MOST_PIECE)
+    if unpacker.eof:
+        return content
+    if len(content) < MOST_PIECE:
+        raise ValueError("a packed piece is not whole")
+    raise UnreadableInput(f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it")

@@ -27,11 +27,11 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._columns import Columns, choose
+from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
 from flinders.readers._lines import shown
-from flinders.readers._selection import FIRST, Choice, TimeSpan
+from flinders.readers._resample import numbered
+from flinders.readers._selection import FIRST, Choice, TimeSpan, added
 from flinders.readers._sniff import ranges
-from flinders.readers.text import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -110,7 +110,7 @@ class Table:
 
 
 @dataclass(slots=True, eq=False)
-class TableRecording:
+class TableRecording(ColumnsRecording):
     """A table that yields its readings in bounded memory, again and again.
 
     Attributes
@@ -145,34 +145,16 @@ class TableRecording:
     temporary_files: tuple[Source, ...] = field(default=(), init=False)
 
     @property
-    def source(self) -> str:
-        """The name of the file."""
-        return self.file.name
-
-    @property
     def readings(self) -> int:
         """How many rows there are."""
         return self.table.length
 
-    @property
-    def name(self) -> str:
-        """What the magnetometer is called, where it is one of several."""
-        return self.columns.name
-
-    @property
-    def states_unit(self) -> bool:
-        """The unit stands in the names."""
-        return self.columns.stated
-
-    def each(self, unit: str | None, scale: float | None) -> tuple[TableRecording, ...]:
-        """Each of several magnetometers, in the unit that its names or the user say; none where there is one."""
-        found = []
-        for columns in self.columns.magnetometers:
-            settled = unit_of(columns, self.source, unit, scale)
-            own = replace(self, columns=columns.with_strength_in(settled), unit=settled)
-            own.temporary_files = self.temporary_files
-            found.append(own)
-        return tuple(found)
+    def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TableRecording:
+        """Read these columns, in the unit that their names or the user say."""
+        own = unit_of(columns, self.source, unit, scale)
+        recording = replace(self, columns=columns.with_strength_in(own), unit=own)
+        recording.temporary_files = self.temporary_files
+        return recording
 
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
@@ -188,7 +170,7 @@ class TableRecording:
         clock, done, usable = self.span.clock(self.source), 0, 0
         for values in self.table.rows(self.columns.cells):
             samples = self.columns.samples(values, unit=self.unit, axes=self.axes, source=self.source)
-            self.skipped = _later(self.skipped, samples.skipped, done)
+            self.skipped = added(self.skipped, numbered(samples, done).skipped)
             done += len(values)
             usable += len(samples)
             if self.progress and self.file.size:
@@ -203,18 +185,9 @@ class TableRecording:
             )
         clock.judge()
 
-    def describe(self) -> str:
-        """Say in one line what was recognised and is used."""
-        columns = self.columns
-        parts = [f"{self.source}: {columns.describe(self.unit.name)}"]
-        parts.append(self.table.kind + ("" if self.table.names else ", columns without names"))
-        parts += [f"axes {self.axes}"] * (not self.axes.is_identity)
-        parts += [str(self.span)] * (not self.span.is_all)
-        parts += columns.remarks()
-        return "; ".join(parts)
-
-    def __str__(self) -> str:
-        return self.describe()
+    def written(self) -> str:
+        """How it is written."""
+        return self.table.kind + ("" if self.table.names else ", columns without names")
 
 
 def open_table(
@@ -292,12 +265,3 @@ def _floats(column: NDArray[Any]) -> Floats:
     if column.dtype.kind == "M":
         return np.where(np.isnat(column), np.nan, column.astype("datetime64[ns]").astype(np.int64).astype(float))
     return column.astype(float)
-
-
-def _later(before: tuple[Skipped, ...], found: tuple[Skipped, ...], done: int) -> tuple[Skipped, ...]:
-    """Add what a block left out, its rows counted from the beginning of the table."""
-    if not found:
-        return before
-    (entry,) = found
-    moved = Skipped(entry.reason, entry.rows, tuple(line + done for line in entry.lines))
-    return (before[0] + moved,) if before else (moved,)

@@ -46,6 +46,8 @@ _LOOSE_SIGN: Final = re.compile(r"(?<=[:=,(\[])\s*-\s+(?=[\d.])")
 """A minus that stands apart from its number: ``X: - 12``."""
 _NUMBERED: Final = re.compile(r"\b([^\W\d_]{3,}) +(\d{1,2})(?=\s*:(?!\d))")
 """The number of a sensor that stands apart from its name: ``Mag 1:``."""
+_TELEPLOT: Final = re.compile(r"^(\s*>[^:|\s]+:)\d+(?:\.\d+)?:(?=[-+.\d])")
+"""The time that Teleplot takes between a name and its value: ``>mag_x:1627551892437:-20.8``."""
 _CUT: Final = re.compile(f"({NUMBER})")
 _OTHER_UNITS: Final = (
     "deg",
@@ -78,13 +80,16 @@ _UNIT_INSIDE: Final = re.compile(
 )
 """A unit in brackets at the end of a label, or behind ``in``."""
 _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)  # ``Gauss X``
+_SENSOR_AND_UNIT: Final = re.compile(r"\s*\[(\w{3,})/(\w+)\]")  # ``LSM303AGR [mag/mgauss]``
+_REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")
+"""What brackets say of the number before, where words follow: ``type=8(magn_x) index=0``."""
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"
 _AXES: Final = tuple("xyzXYZ")
 _LABEL: Final = re.compile(r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]")  # A letter, and behind it the sign that ends a label
 _BETWEEN: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
 _XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)
 """``Mag XYZ``, ``x, y, z``: a label of all three."""
-_AXIS: Final = re.compile(r"(?:^|[\s_.\-/])([xyz])(?:[\s_-]*(?:axis|component|value))?$", re.IGNORECASE)
+_AXIS: Final = re.compile(r"(?:^|[\s_.\-/(])([xyz])(?:[\s_-]*(?:axis|component|value))?$", re.IGNORECASE)
 """An axis at the end of a label."""
 _AXIS_AHEAD: Final = re.compile(
     r"([xyz])[\s_-]*(?:axis\b)?[\s_-]*(raw|norm|field|mag(?:net\w*)?|acc\w*|gyro?\w*|value)?\b(.*)", re.IGNORECASE
@@ -121,6 +126,7 @@ def cut(line: str) -> tuple[list[str], tuple[str, ...]]:
     """Cut a line into its numbers and what stands before, between and behind them, without spaces at the ends."""
     line = _COLOURS.sub("", line) if "\x1b" in line else line
     line = _CHECK_SUM.sub("", line) if line.startswith("$") else line
+    line = _TELEPLOT.sub(r"\1", line) if ">" in line else line
     line = _NUMBERED.sub(r"\1\2", unglued(line))
     pieces = _CUT.split(_LOOSE_SIGN.sub(" -", line) if "- " in line else line)
     return [decimal(number) for number in pieces[1::2]], tuple(piece.strip() for piece in pieces[::2])
@@ -191,14 +197,14 @@ def seconds_of(stamp: re.Match[str] | None) -> float | None:
 
 def _unit_and_label(gap: str) -> tuple[str, str]:
     """Cut what stands between two numbers into the unit of the first and the label of the second."""
-    text = gap.lstrip(" )]}")
+    text = gap.lstrip(" )]}§")
     unit = _UNIT_AHEAD.match(text)
     return (unit[1], _label(text[unit.end() :])) if unit else ("", _label(text))
 
 
 def _label(text: str) -> str:
     """The words of a label, without the signs around them; brackets around a unit at its end stay."""
-    text = text.rstrip(" \t,;:=|[{<>\"'-#*/→~")
+    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", text.rstrip(" \t,;:=|[{<>\"'-#*/→~")))
     inside = _UNIT_INSIDE.search(text)
     words = _BETWEEN.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)
     return f"{words} ({inside[1]})".lstrip() if inside else words

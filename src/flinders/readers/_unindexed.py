@@ -1,9 +1,8 @@
 r"""Messages of a ROS recording up to where it breaks off, as a recorder leaves it that loses its power.
 
-rosbags reads nothing without the index, which is written last. Here the records of a bag of ROS 1 or an MCAP, or the
-rows of a database, are read from the first on until one of them is not whole; what a message holds is left to rosbags.
-The last message before the break is left out, as the damage may reach into it. What comes after it is left to
-`REPAIRS`.
+rosbags reads nothing without the index, which is written last. Here the records of a bag of ROS 1 or an MCAP are read
+from the first on until one of them is not whole; what a message holds is left to rosbags. The last message before the
+break is left out, as the damage may reach into it. What comes after it is left to `REPAIRS`, and so is a database.
 
 >>> source = _Bytes(BytesIO(b"\x05\x00\x00\x00whole"), 9)
 >>> source.take(source.number(4)), source.left
@@ -12,7 +11,7 @@ The last message before the break is left out, as the damage may reach into it. 
 Traceback (most recent call last):
 ValueError: 1 bytes are wanted, and 0 are left
 
-Sources: the ROS wiki, *Bags/Format/2.0*; the MCAP specification, version 0; rosbag2's tables for SQLite.
+Sources: the ROS wiki, *Bags/Format/2.0*; the MCAP specification, version 0.
 """
 
 from __future__ import annotations
@@ -20,21 +19,19 @@ from __future__ import annotations
 import bz2
 import os
 from binascii import crc32
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from itertools import islice
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeAlias
 
 from flinders.errors import UnreadableInput, counted
 from flinders.readers._extras import needs, reading
-from flinders.readers._limits import MOST_PIECE
+from flinders.readers._source import MOST_PIECE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
+    from pathlib import Path
 
 KIND: Final = "a ROS recording"
 BAG, MCAP, SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00"
@@ -46,7 +43,6 @@ REPAIRS: Final = {
 """What may find more than is read here."""
 MOST_RECORD: Final = 16 << 20
 """Bytes of a record that is looked into: a wanted message, or the definition of one."""
-CHUNK: Final = 1 << 20
 
 Foreign: TypeAlias = Any
 """Of rosbags, which has few types."""
@@ -97,7 +93,7 @@ def beginning_of(name: str, path: Path, head: bytes, expected: int | None = None
     name : str
         Of the file, for messages.
     path : Path
-        A bag of ROS 1, MCAP, or a database of ROS 2.
+        A bag of ROS 1, or MCAP.
     head : bytes
         Its first ones.
     expected : int, optional
@@ -106,12 +102,13 @@ def beginning_of(name: str, path: Path, head: bytes, expected: int | None = None
     Returns
     -------
     Beginning or None
-        None where there is no message.
+        None where there is no message, and for what is neither.
     """
-    start = next((start for start in REPAIRS if head.startswith(start)), None)
+    kinds: dict[bytes, type[_Scan]] = {BAG: _BrokenBag, MCAP: _Mcap}
+    start = next((start for start in kinds if head.startswith(start)), None)
     if start is None:
         return None
-    kind: type[_Scan] = {BAG: _BrokenBag, MCAP: _Mcap, SQLITE: _Database}[start]
+    kind = kinds[start]
     scan, count, is_whole = kind(path, frozenset()), 0, False
     connections: dict[int, Foreign] = {}
     try:
@@ -140,7 +137,7 @@ class _Scan:
     def __init__(self, path: Path, wanted: frozenset[int]) -> None:
         self.path, self.wanted = path, wanted  # connections whose messages are looked into
         self.size = path.stat().st_size
-        self.at = 0  # the first byte, or row, that was not read whole
+        self.at = 0  # the first byte that was not read whole
 
     @property
     def place(self) -> str:
@@ -302,71 +299,6 @@ class _Mcap(_Scan):
         number, schema = content.number(2), self.schemas.get(content.number(2))
         definition = needs("rosbags.rosbag2.storage_mcap", "ros", KIND).get_msgdef(schema)
         yield _like_rosbags(number, content.text(), schema.name if schema else "", definition)
-
-
-class _Database(_Scan):
-    """A recording of ROS 2 in a database of SQLite, of which all is read that its pages give up to the break."""
-
-    @property
-    def place(self) -> str:
-        """Say after which row the break is."""
-        return f"after row {self.at:,}"
-
-    def records(self) -> Iterator[Foreign | Message]:
-        """Yield connections and messages, in the order of their rows."""
-        with _whole_pages(self.path) as path:
-            apsw = needs("apsw", "ros", KIND)
-            read_only = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
-            database = apsw.Connection(f"{path.absolute().as_uri()}?immutable=1", flags=read_only)
-            try:
-                database.limit(apsw.SQLITE_LIMIT_LENGTH, MOST_RECORD)
-                database.execute("PRAGMA writable_schema = ON")  # else a file shorter than it says is refused
-                for number, topic, kind in database.execute("SELECT id, name, type FROM topics"):
-                    yield _like_rosbags(number, topic, kind, _definition_in(database, apsw, kind))
-                yield from self._messages(database)
-            finally:
-                database.close()
-
-    def _messages(self, database: Foreign) -> Iterator[Message]:
-        """Yield messages; rows that come again are of broken pages."""
-        wanted = ",".join(map(str, self.wanted))
-        columns = f"id, topic_id, timestamp, CASE WHEN topic_id IN ({wanted}) THEN data END"
-        for row, number, recorded, packed in database.execute(f"SELECT {columns} FROM messages"):
-            if row <= self.at:
-                raise ValueError("rows come again")
-            self.at = row
-            yield Message(int(number), int(recorded), packed or b"")
-
-
-def _definition_in(database: Foreign, apsw: Foreign, kind: str) -> Foreign:
-    """Look up how messages of a type are defined; recordings before Iron do not say it."""
-    interfaces = needs("rosbags.interfaces", "ros", KIND)
-    formats = interfaces.MessageDefinitionFormat
-    asked = "SELECT encoding, encoded_message_definition FROM message_definitions WHERE topic_type = ?"
-    try:
-        encoding, text = next(iter(database.execute(asked, (kind,))), ("", ""))
-    except apsw.Error:
-        encoding, text = "", ""
-    known = {"ros2msg": formats.MSG, "ros2idl": formats.IDL}
-    return interfaces.MessageDefinition(known.get(encoding, formats.NONE), text)
-
-
-@contextmanager
-def _whole_pages(path: Path) -> Iterator[Path]:
-    """The database without the part of a page at its end, which SQLite would fill up with zeros."""
-    with path.open("rb") as stream, TemporaryDirectory(prefix="flinders-") as folder:
-        page = int.from_bytes(stream.read(18)[16:], "big")
-        left = path.stat().st_size
-        over = left % (65536 if page == 1 else page)
-        if not over:
-            yield path
-            return
-        copy, left = Path(folder) / "pages.db3", left - over
-        stream.seek(0)
-        with copy.open("wb") as written:
-            while left and (chunk := stream.read(min(CHUNK, left))):
-                left -= written.write(chunk)
-        yield copy
 
 
 def _fields(packed: bytes) -> dict[bytes, bytes]:

@@ -41,10 +41,8 @@ if TYPE_CHECKING:
 
 NPY: Final = b"\x93NUMPY"
 MAT: Final = b"MATLAB 5.0 MAT-file"
-MOST_VALUES: Final = 1 << 27
-"""Values in the variables of a MATLAB file, 1 GB of them, that are held in memory: SciPy cannot read a part of one."""
 MOST_BYTES: Final = 1 << 30
-"""Bytes of a MATLAB file, unpacked."""
+"""Bytes of a MATLAB file, unpacked, that are held in memory: SciPy cannot read a part of one."""
 MOST_NESTED: Final = 1 << 28
 """Bytes of one with structures, which may hold small cells: each becomes an object, of 2.5 times its bytes."""
 COLUMNS: Final = frozenset({
@@ -116,17 +114,18 @@ def open_mat(file: File, **options: Any) -> TableRecording:
     MissingExtra
         Where SciPy is not installed.
     UnreadableInput
-        Also where it holds more than `MOST_VALUES` or `MOST_BYTES`, or, with structures in it, `MOST_NESTED`.
+        Also where it holds more than `MOST_BYTES`, or, with structures in it, `MOST_NESTED`.
     """
     io = needs("scipy.io", "scipy", "a MATLAB file")
     with reading(file.name, "a MATLAB file"):
-        if _is_beyond(file, MOST_BYTES):
-            raise _too_much(file, f"{MOST_BYTES >> 30} GB")
         variables = [variable for variable in io.whosmat(file.path) if variable[2] in COLUMNS]
-        if any(kind == "struct" for _, _, kind in variables) and _is_beyond(file, MOST_NESTED):
-            raise _too_much(file, f"{MOST_NESTED >> 20} MB, with structures in it")
-        if sum(math.prod(shape) for _, shape, _ in variables) > MOST_VALUES:
-            raise _too_much(file, f"{MOST_VALUES:,} values")
+        is_nested = any(kind == "struct" for _, _, kind in variables)
+        most = MOST_NESTED if is_nested else MOST_BYTES
+        if _is_beyond(file, most):
+            raise UnreadableInput(
+                f"{file.name} holds more than {most >> 20} MB{', with structures in it' * is_nested}: save the "
+                "magnetometer and its time alone, save('small.mat', 't', 'mag', '-v7')"
+            )
         content = io.loadmat(
             file.path,
             squeeze_me=True,
@@ -135,13 +134,6 @@ def open_mat(file: File, **options: Any) -> TableRecording:
             variable_names=[name for name, _, _ in variables],
         )
     return open_table(file, Table.of_arrays(file.name, "MATLAB", dict(_variables(content))), **options)
-
-
-def _too_much(file: File, most: str) -> UnreadableInput:
-    return UnreadableInput(
-        f"{file.name} holds more than {most}: save the magnetometer and its time alone, "
-        "save('small.mat', 't', 'mag', '-v7')"
-    )
 
 
 def _is_beyond(file: File, most: int) -> bool:
@@ -179,20 +171,20 @@ def _inflated(stream: BinaryIO, length: int, most: int) -> Iterator[int]:
 
 def _variables(content: Mapping[str, Any], depth: int = 0) -> Mapping[str, NDArray[Any]]:
     """Bring the fields of structures to the top, with dots in their names."""
-    found: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for name, value in content.items():
         array = np.asarray(value)
         if name.startswith("__"):
             continue
         if array.dtype.names and array.ndim == 0 and depth < DEEPEST:
             inside = _variables({part: array[part].item() for part in array.dtype.names}, depth + 1)
-            found.update({f"{name}.{part}": leaf for part, leaf in inside.items()})
+            arrays.update({f"{name}.{part}": leaf for part, leaf in inside.items()})
         elif array.dtype.kind in "iufb":
-            found[name] = array
-    heads = {name.partition(".")[0] for name in found}
-    if len(heads) == 1 and all("." in name for name in found):  # one structure, with everything in it
-        return {name.partition(".")[2]: array for name, array in found.items()}
-    return found
+            arrays[name] = array
+    heads = {name.partition(".")[0] for name in arrays}
+    if len(heads) == 1 and all("." in name for name in arrays):  # one structure, with everything in it
+        return {name.partition(".")[2]: array for name, array in arrays.items()}
+    return arrays
 
 
 def _mapped(file: File, name: str) -> NDArray[Any] | None:

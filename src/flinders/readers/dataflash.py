@@ -48,16 +48,7 @@ from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told,
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
 from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
-from flinders.readers._names import (
-    ACCELERATION,
-    ATTITUDE,
-    CURRENT,
-    CURRENTS,
-    RATE,
-    TEMPERATURE,
-    THROTTLE,
-    THROTTLES,
-)
+from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
 from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, as_column
 from flinders.readers._source import refusal
@@ -275,7 +266,7 @@ def _messages(file: File) -> Messages:
 
 def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
     """Name, number from 1, and messages of each compass that says something."""
-    found: list[tuple[str, int, Table]] = []
+    compasses: list[tuple[str, int, Table]] = []
     for place, name in enumerate(COMPASS_NAMES, 1):
         table = messages.get(name)
         if table is None or not _has(table, "Mag"):
@@ -284,12 +275,13 @@ def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
             table = table.only(np.isfinite(clock))
         label = _label(table, INSTANCE)
         if label is None:
-            found += [(name, place, table)] * bool(len(table))
+            compasses += [(name, place, table)] * bool(len(table))
             continue
         table = table.only(np.isin(table.column(label), np.arange(256)))
         instances = table.column(label)
-        found += [(f"{name} {each:.0f}", int(each) + 1, table.only(instances == each)) for each in np.unique(instances)]
-    return found
+        for each in np.unique(instances):
+            compasses.append((f"{name} {each:.0f}", int(each) + 1, table.only(instances == each)))
+    return compasses
 
 
 def _instrument(
@@ -370,8 +362,8 @@ def _history(parm: Table | None, source: str) -> History:
 def _auxiliary(messages: Messages, values: dict[str, float]) -> tuple[_Auxiliary, ...]:
     """Find what was logged beside readings: the first IMU, the first battery, throttle, motors and attitude."""
     others = (_battery(messages), _throttle(messages), _attitude(messages, values), _throttles(messages))
-    found = [*_imu(_first(messages.get("IMU"))), *filter(None, (*others, _currents(messages)))]
-    return tuple(each for each in found if all(len(table) and _label(table, CLOCKS) for table in each.tables))
+    columns = [*_imu(_first(messages.get("IMU"))), *filter(None, (*others, _currents(messages)))]
+    return tuple(each for each in columns if all(len(table) and _label(table, CLOCKS) for table in each.tables))
 
 
 def _imu(table: Table | None) -> Iterator[_Auxiliary]:

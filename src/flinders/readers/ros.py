@@ -41,11 +41,11 @@ from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, counted
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
-from flinders.readers._limits import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
 from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._reader import Reader
 from flinders.readers._resample import TimeSeries, numbered, resampled
+from flinders.readers._source import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
 from flinders.readers._unindexed import BAG, KIND, MCAP, REPAIRS, SQLITE, beginning_of
 
 if TYPE_CHECKING:
@@ -177,18 +177,22 @@ def _count(file: File, topics: Sequence[_Topic], bag: _Bag) -> None:
 
     Raises
     ------
-    ValueError
-        Where there are fewer.
+    _Fewer
+        Where there are.
     UnreadableInput
         In its place for a folder, of which nothing is read then.
     """
     expected, read = sum(one.msgcount for one in bag.connections), sum(len(topic.stamps) for topic in topics)
     if read >= expected:
         return
-    found = f"{read:,} of {counted(expected, 'message')} are there"
+    counts = f"{read:,} of {counted(expected, 'message')} are there"
     if file.path.is_dir():
-        raise UnreadableInput(f"{file.name} is damaged: {found}; give the file in it, whose beginning can be read")
-    raise ValueError(found)
+        raise UnreadableInput(f"{file.name} is damaged: {counts}; give the file in it, whose beginning can be read")
+    raise _Fewer(counts)
+
+
+class _Fewer(ValueError):
+    """There are fewer messages than the recording says it has. Never leaves this module."""
 
 
 def _beginning(file: File, error: Exception, expected: int | None) -> _Bag:
@@ -199,7 +203,7 @@ def _beginning(file: File, error: Exception, expected: int | None) -> _Bag:
     part = beginning_of(file.name, file.path, head, expected)
     wanted = [one for one in part.connections if _is_wanted(one)] if part else []
     if part is None or not any(one.msgtype in (FIELD, VECTOR) for one in wanted):
-        if head.startswith(SQLITE) and isinstance(error.__cause__, needs("apsw", "ros", KIND).Error):
+        if head.startswith(SQLITE) and isinstance(error.__cause__ or error, (needs("apsw", "ros", KIND).Error, _Fewer)):
             advice = _unfinished(file.path) or f"copy it again, or try {REPAIRS[SQLITE].format(shown(file.path.name))}"
             raise UnreadableInput(f"{file.name} is a broken database, out of which no reading can be taken: {advice}")
         raise error
@@ -401,7 +405,7 @@ _NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
 
 def _topics(name: str, bag: _Bag) -> list[_Topic]:
     """Read all that is wanted, magnetometers first, those with tesla before those without a unit."""
-    found: dict[tuple[str, str], _Topic] = {}
+    topics: dict[tuple[str, str], _Topic] = {}
     if bag.connections:  # none given would be all
         for connection, recorded, packed in bag.reader.messages(list(bag.connections)):
             if packed[:4] == ZSTD and not bag.is_first:
@@ -409,7 +413,7 @@ def _topics(name: str, bag: _Bag) -> list[_Topic]:
                     f"messages of {name} are packed, as its {METADATA} says: give the folder it lies in"
                 )
             key = connection.topic, connection.msgtype
-            topic = found.setdefault(key, _Topic(*key))
+            topic = topics.setdefault(key, _Topic(*key))
             if not bag.damage:
                 topic.add(recorded, bag.decode(packed, connection.msgtype))
                 continue
@@ -419,7 +423,7 @@ def _topics(name: str, bag: _Bag) -> list[_Topic]:
             except UnreadableInput:
                 topic.broken += 1
     order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE)
-    read = (topic for topic in found.values() if topic.stamps)
+    read = (topic for topic in topics.values() if topic.stamps)
     return sorted(read, key=lambda topic: (order.index(topic.kind), topic.name))
 
 

@@ -176,9 +176,9 @@ def _number(cell: str) -> float | None:
     >>> _number("10.5"), _number("8 W"), _number("3,5°E"), _number("north")
     (10.5, -8.0, 3.5, None)
     """
-    found = re.fullmatch(r"(.*?)\s*(?:°|deg)?\s*([EeWw]?)", cell.strip())
-    if found is None:
+    match = re.fullmatch(r"(.*?)\s*(?:°|deg)?\s*([EeWw]?)", cell.strip())
+    if match is None:
         return None
-    value = number(found[1], ".")
-    value = number(found[1], ",") if value is None else value
-    return -value if value is not None and found[2] in {"W", "w"} else value
+    value = number(match[1], ".")
+    value = number(match[1], ",") if value is None else value
+    return -value if value is not None and match[2] in {"W", "w"} else value

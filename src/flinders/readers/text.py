@@ -24,12 +24,11 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import NoMagnetometer, UnitError, UnreadableInput
-from flinders.readers import _arrow
-from flinders.readers._columns import wanted_acceleration
+from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration
 from flinders.readers._lines import Lines, encoding_of, newline_of
 from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
-from flinders.readers._numbers import NumberRows, rows_of
+from flinders.readers._numbers import BLOCKS_AT_ONCE, LEAST_FOR_ARROW, NumberRows, parser_of, rows_of
 from flinders.readers._reader import Reader
 from flinders.readers._recognition import foreign_kind
 from flinders.readers._rewrite import Rewriter
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples, Skipped
     from flinders.readers._columns import Columns
-    from flinders.readers._numbers import Grid
+    from flinders.readers._numbers import Grid, Parse
     from flinders.readers._source import Source
     from flinders.readers._tokenizer import Dialect
 
@@ -63,7 +62,7 @@ _NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
 @dataclass(slots=True, eq=False)
-class TextRecording:
+class TextRecording(ColumnsRecording):
     """Text that yields its readings in bounded memory: a file again and again, a `Stream` once."""
 
     file: Source  # where its lines are
@@ -78,23 +77,9 @@ class TextRecording:
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
 
     @property
-    def source(self) -> str:
-        """The name of the file."""
-        return self.file.name
-
-    @property
-    def name(self) -> str:
-        """What the magnetometer is called, where it is one of several."""
-        return self.layout.columns.name
-
-    @property
-    def states_unit(self) -> bool:
-        """The unit stands in the header."""
-        return self.layout.columns.stated
-
-    def each(self, unit: str | None, scale: float | None) -> tuple[TextRecording, ...]:
-        """Each of several magnetometers, in the unit that its names or the user say; none where there is one."""
-        return tuple(self.with_columns(columns, unit, scale) for columns in self.layout.columns.magnetometers)
+    def columns(self) -> Columns:
+        """Which column is what."""
+        return self.layout.columns
 
     def with_columns(self, columns: Columns, unit: str | None, scale: float | None) -> TextRecording:
         """Read these columns, in the unit that their names or the user say."""
@@ -179,16 +164,9 @@ class TextRecording:
                 )  # no −0
             yield list(rewriter.lines(lines, rows, corrected))
 
-    def describe(self) -> str:
-        """Say in one line what was recognised and is used."""
-        columns = self.layout.columns
-        unit = f"counts of {self.unit.scale:g} µT" if self.unit.name == COUNTS != self.unit.inside else self.unit.name
-        parts = [f"{self.source}: {columns.describe(unit)}", str(self.layout)]
-        parts += [f"axes {self.axes}"] * (not self.axes.is_identity)
-        return "; ".join(parts + columns.remarks())
-
-    def __str__(self) -> str:
-        return self.describe()
+    def written(self) -> str:
+        """How it is written."""
+        return str(self.layout)
 
     def _pass(self, columns: Columns) -> Iterator[_Stretch]:
         """Go over these columns of the file once, noting what is left out, and judge it at the end."""
@@ -210,12 +188,12 @@ class TextRecording:
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
         file, encoding = self.file, self.layout.encoding
-        if not isinstance(file, File) or file.size < _arrow.LEAST or (parse := _arrow.parser_of(grid)) is None:
+        if not isinstance(file, File) or file.size < LEAST_FOR_ARROW or (parse := parser_of(grid)) is None:
             for lines in file.lines(encoding):
                 rows = self._rows(lines, grid)
                 yield lines, rows, self._usable(rows, columns)
             return
-        for stretch in file.lines(encoding, blocks=_arrow.BLOCKS):
+        for stretch in file.lines(encoding, blocks=BLOCKS_AT_ONCE):
             if (whole := self._parsed(stretch, parse)) and (usable := self._usable(whole, columns)).all():
                 yield stretch, whole, usable
                 continue
@@ -223,7 +201,7 @@ class TextRecording:
                 rows = self._parsed(lines, parse) or self._rows(lines, grid)
                 yield lines, rows, self._usable(rows, columns)
 
-    def _parsed(self, lines: Lines, parse: _arrow.Parse) -> NumberRows | None:
+    def _parsed(self, lines: Lines, parse: Parse) -> NumberRows | None:
         """Read a stretch by pyarrow, where it holds nothing but readings."""
         values = parse(lines) if self._is_all_readings(lines) else None
         return None if values is None else NumberRows(values, lines.numbers, [])
@@ -376,11 +354,11 @@ def calibration_in_force(above: Sequence[str]) -> str:
     'magzero 12,13,14'
     """
     for text in above:
-        found = _CALIBRATION.match(text)
-        numbers = re.findall(r"[-+]?\d+", found[2]) if found else []
-        neutral = _NO_GAIN if found and "gain" in found[1].casefold() else 0
-        if found and any(int(each) != neutral for each in numbers):
-            return f"{found[1]} {','.join(numbers)}"
+        match = _CALIBRATION.match(text)
+        numbers = re.findall(r"[-+]?\d+", match[2]) if match else []
+        neutral = _NO_GAIN if match and "gain" in match[1].casefold() else 0
+        if match and any(int(each) != neutral for each in numbers):
+            return f"{match[1]} {','.join(numbers)}"
     return ""
 
 
@@ -391,21 +369,6 @@ def _not_raw(name: str, layout: TextLayout) -> UnreadableInput:
         "come on top of that, and boards put it in its place. Set offsets to 0 (maggain to 1024) and record again; to "
         f"use what was logged all the same, add --columns '{','.join(layout.columns.field.names)}'"
     )
-
-
-def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
-    """Choose the unit between what the header says and what the user says; UnitError where they contradict."""
-    if unit is not None:
-        chosen = Unit.of(unit, scale)
-        if columns.stated and chosen.name != columns.unit:
-            raise UnitError(
-                f"the header of {name} says {columns.unit} ({columns.field.names[0]}) and unit {unit!r} was given: "
-                "leave it out, or correct the header"
-            )
-        return chosen
-    if scale is not None:
-        return Unit.of(columns.unit if columns.stated else COUNTS, scale)
-    return Unit.of(columns.unit or COUNTS, columns.scale)
 
 
 READERS: Final = (

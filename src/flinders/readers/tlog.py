@@ -145,21 +145,22 @@ def open_tlog(file: File) -> Log:
         heard.listen(content)
     if not heard.packets:
         raise UnreadableInput(f"{file.name} holds no MAVLink packets with their times: copy it again")
-    found = [each for each in heard.readings if heard.table(each)[:, MAG].any()]
-    if not found:
+    streams = [each for each in heard.readings if heard.table(each)[:, MAG].any()]
+    if not streams:
         raise NoMagnetometer(
             f"{file.name} is a MAVLink telemetry log without readings of a compass: have the vehicle send RAW_IMU or "
             "SCALED_IMU (stream RAW_SENSORS), or read its own log (.bin)"
         )
     order = list(COMPASS_MESSAGES)
-    found.sort(key=lambda each: (each[0], order.index(each[1])))
+    streams.sort(key=lambda each: (each[0], order.index(each[1])))
     damage = tuple(_damage(heard, file.size))
     return Log(
         file.name,
         FORMAT,
-        tuple(_instrument(file, heard, each, several=len({system for system, _ in found}) > 1) for each in found),
+        tuple(_instrument(file, heard, each, several=len({system for system, _ in streams}) > 1) for each in streams),
         position=heard.position or heard.fix,
-        begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=min(heard.table(each)[0, SINCE] for each in found)),
+        begun=datetime(1970, 1, 1, tzinfo=UTC)
+        + timedelta(seconds=min(heard.table(each)[0, SINCE] for each in streams)),
         notes=damage,
         damage=damage,
     )
@@ -305,15 +306,15 @@ class _Heard:
 
     def of_motors(self, system: int) -> tuple[TimeSeries, ...]:
         """Current of a system's motors, four by four, as far as they say that any flows."""
-        found: list[TimeSeries] = []
+        motors: list[TimeSeries] = []
         for number in CONTROLLERS:
             rows = self.table((system, number), 1 + OF_FOUR)
             used = np.flatnonzero(np.nan_to_num(rows[:, 1:]).any(axis=0))
             series = TimeSeries.of(rows[:, 0], rows[:, 1 : 2 + used[-1]]) if len(used) else None
-            found += [series] if series is not None else []
+            motors += [series] if series is not None else []
             if not len(used) or used[-1] + 1 < OF_FOUR:
                 break
-        return tuple(found)
+        return tuple(motors)
 
     def throttle(self, system: int) -> TimeSeries | None:
         """Throttle of a system, where it is sent."""

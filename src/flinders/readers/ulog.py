@@ -112,10 +112,10 @@ def open_ulog(file: File) -> Log:
         flight = _Flight.of(_parsed(pyulog, file))
         instruments = [*_sensor_mag(file.name, flight)]
         for derived in (_vehicle_magnetometer, _sensor_combined, _mag_worker_data):
-            found = [*derived(file.name, flight)]
+            others = [*derived(file.name, flight)]
             most = max((one.readings or 0 for one in instruments), default=0)
-            if max((one.readings or 0 for one in found), default=0) > MUCH_MORE * most:
-                instruments = [*found, *instruments]
+            if max((one.readings or 0 for one in others), default=0) > MUCH_MORE * most:
+                instruments = [*others, *instruments]
         damage = tuple(_damage(file, flight))
         return Log(
             file.name,
@@ -152,16 +152,13 @@ class _Bounded(io.BufferedReader):
 def _parsed(pyulog: Any, file: File) -> Any:  # noqa: ANN401 - pyulog has no types
     """Let pyulog read the topics that are wanted; what it would print is not printed."""
     with redirect_stdout(io.StringIO()), _Bounded(io.FileIO(file.path), file.name, file.size) as handle:
-        return _guarded(pyulog.ULog, handle)(handle, message_name_filter_list=list(TOPICS))
+        return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(TOPICS))
 
 
-def _guarded(ulog: type[Any], handle: io.BufferedReader) -> type[Any]:
-    """A parser that refuses definitions which nest into more columns than memory holds; as pyulog does broken ones.
-
-    It also notes where the last message should end, as `ends`, so that a whole log is not gone through once more.
-    """
+def _guarded(ulog: type[Any]) -> type[Any]:
+    """A parser that refuses definitions which nest into more columns than memory holds; as pyulog does broken ones."""
     left = MOST_FIELDS
-    whole, unpack = ulog._MessageAddLogged, ulog._unpack_ushort_byte  # the one place where columns are made
+    whole = ulog._MessageAddLogged  # the one place where columns are made
 
     class Subscription(whole):  # type: ignore[misc, valid-type]
         def _parse_format(self, message_formats: Mapping[str, Any]) -> None:
@@ -169,23 +166,7 @@ def _guarded(ulog: type[Any], handle: io.BufferedReader) -> type[Any]:
             left -= _columns(self.message_name, message_formats, left)
             super()._parse_format(message_formats)
 
-    class Header:
-        """Of one message after the other; pyulog makes one for the definitions, and one for what comes then."""
-
-        __slots__ = ("end", "msg_size", "msg_type")
-
-        def __init__(self) -> None:
-            self.msg_size = self.msg_type = 0
-            self.end = handle.tell()
-            made.append(self)
-
-        def initialize(self, packed: bytes) -> None:
-            self.msg_size, self.msg_type = unpack(packed)
-            self.end += 3 + self.msg_size
-
-    made: list[Header] = []
-    ends = property(lambda _: made[-1].end if made else 0)
-    return type("Guarded", (ulog,), {"_MessageAddLogged": Subscription, "_MessageHeader": Header, "ends": ends})
+    return type("Guarded", (ulog,), {"_MessageAddLogged": Subscription})
 
 
 def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -> int:
@@ -337,9 +318,9 @@ def _current(topics: Topics) -> TimeSeries | None:
     for (name, _), columns in sorted(topics.items(), key=lambda item: item[0]):
         if name == "battery_status":
             amperes = _stack(columns, "current_a")
-            found = TimeSeries.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
-            if found is not None:
-                return found
+            series = TimeSeries.of(_seconds(columns), np.where(amperes == -1, np.nan, amperes))
+            if series is not None:
+                return series
     return None
 
 
@@ -445,11 +426,11 @@ class _Readings:
         if not self.settings:
             return field
         stage = np.searchsorted([since for since, _ in self.settings], time, side="right") - 1
-        found = np.empty_like(field)
+        raw = np.empty_like(field)
         for number in np.unique(stage):
             rows = stage == number
-            found[rows] = self.settings[max(int(number), 0)][1].unapply(field[rows])
-        return found
+            raw[rows] = self.settings[max(int(number), 0)][1].unapply(field[rows])
+        return raw
 
 
 def _sensor_mag(source: str, flight: _Flight) -> Iterator[Instrument]:
@@ -514,8 +495,8 @@ def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
         )
         return replace(_instrument(name, turned, None, device), notes=(note,), frames=("vehicle", "vehicle"))
     settings = _settings(readings.flight, device, turned=True)
-    found = _instrument(name, replace(turned, settings=settings, mounting=parameters.mounting), parameters, device)
-    return replace(found, frames=("sensor", "vehicle"))
+    instrument = _instrument(name, replace(turned, settings=settings, mounting=parameters.mounting), parameters, device)
+    return replace(instrument, frames=("sensor", "vehicle"))
 
 
 def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | None, device: int = 0) -> Instrument:
@@ -560,7 +541,7 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
 
 def _settings(flight: _Flight, device: int, *, turned: bool) -> tuple[tuple[float, px4.Px4Parameters], ...]:
     """What was applied to a compass from when on; without the mounting where it had not been turned yet."""
-    found: list[tuple[float, px4.Px4Parameters]] = []
+    settings: list[tuple[float, px4.Px4Parameters]] = []
     for since, values in flight.stages:
         parameters = px4.of_device(values, device) or px4.Px4Parameters()
         parameters = replace(parameters, compensation=np.zeros(3))
@@ -568,9 +549,9 @@ def _settings(flight: _Flight, device: int, *, turned: bool) -> tuple[tuple[floa
             parameters = replace(parameters, rotation=px4.INTERNAL, board=np.eye(3))
         if not np.isfinite(parameters.matrix).all() or np.linalg.matrix_rank(parameters.matrix) < 3:
             raise ArrayError(f"{parameters.words()} cannot be undone")
-        if not found or parameters.words() != found[-1][1].words():
-            found.append((since, parameters))
-    return tuple(found)
+        if not settings or parameters.words() != settings[-1][1].words():
+            settings.append((since, parameters))
+    return tuple(settings)
 
 
 def _device(columns: Mapping[str, Any]) -> int:
@@ -631,7 +612,7 @@ def _damage(file: File, flight: _Flight) -> Iterator[str]:
     """What of it is not there."""
     if flight.log.file_corruption:
         yield "parts of it are broken and were left out: copy it again if you can"
-    elif not flight.log.has_data_appended and flight.log.ends != file.size and _is_cut(file):
+    elif not flight.log.has_data_appended and _is_cut(file):
         yield "it ends within a message, as after a loss of power: what comes before was read"
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)

@@ -24,10 +24,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
 from flinders.readers._extras import reading
-from flinders.readers._limits import MOST_MEMBER, metered
 from flinders.readers._lines import shown
 from flinders.readers._reader import Reader
-from flinders.readers._source import spooled
+from flinders.readers._source import MOST_MEMBER, metered, spooled
 from flinders.readers.text import open_text
 
 if TYPE_CHECKING:
@@ -60,10 +59,10 @@ def members(file: File) -> list[zipfile.ZipInfo]:
         For an archive that is broken, or has more than `MOST_MEMBERS`.
     """
     with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive:
-        found = [member for member in archive.infolist() if not member.is_dir()]
-    if len(found) > MOST_MEMBERS:
-        raise UnreadableInput(f"{file.name} has {len(found):,} members: unpack it and give the recording inside")
-    return found
+        listed = [member for member in archive.infolist() if not member.is_dir()]
+    if len(listed) > MOST_MEMBERS:
+        raise UnreadableInput(f"{file.name} has {len(listed):,} members: unpack it and give the recording inside")
+    return listed
 
 
 def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) -> Iterator[bytes]:
@@ -121,20 +120,20 @@ def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRec
 
 def _asked(name: str, there: list[zipfile.ZipInfo], topic: str) -> zipfile.ZipInfo:
     exact = [member for member in there if member.filename.casefold() == topic.strip().casefold()]
-    found = exact or [member for member in there if topic.strip().casefold() in member.filename.casefold()]
-    if len(found) != 1:
-        how = "several members" if found else "no member"
-        raise UsageError(f"{name} has {how} called {topic!r}: there are {_listed(found or there)}")
-    return found[0]
+    named = exact or [member for member in there if topic.strip().casefold() in member.filename.casefold()]
+    if len(named) != 1:
+        how = "several members" if named else "no member"
+        raise UsageError(f"{name} has {how} called {topic!r}: there are {_listed(named or there)}")
+    return named[0]
 
 
 def _likely(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
     """Pick the member that is named like a magnetometer, or the only one that may be a recording."""
     texts = [member for member in there if _bare(member).endswith(TEXT) and not _is_aside(member.filename)]
     for words in RANKED:
-        found = [member for member in texts if all(word in _bare(member) for word in words)]
-        if found:
-            return found[0]
+        named = [member for member in texts if all(word in _bare(member) for word in words)]
+        if named:
+            return named[0]
     if len(texts) == 1:
         return texts[0]
     if not texts:

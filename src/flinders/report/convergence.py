@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import counted
 from flinders.heading.error_propagation import level_gradients
@@ -161,10 +162,10 @@ def _ends(trace: Trace, which: range) -> tuple[float, float]:
 def _parameters(trace: Trace, which: range, plot: Plot) -> str:
     """Some parameters off their last values: bands of 1 σ first, then the lines, so that none is hidden."""
     counts, off, sigmas = trace.steps.counts, trace.off, trace.steps.sigmas
-    ends, runs = (plot.up.low, plot.up.high), _runs(trace)
+    ends, known = (plot.up.low, plot.up.high), runs(trace.steps.is_known)
     bands, lines = [], []
     for place, parameter in enumerate(which):
-        for run in runs:
+        for run in known:
             value, sigma = off[run, parameter], sigmas[run, parameter]
             low, high = (np.clip(edge, 2 * ends[0], 2 * ends[1]) for edge in (value - sigma, value + sigma))
             bands.append(plot.area(f"band c{place}", counts[run], low, high))
@@ -210,7 +211,7 @@ def _headings(trace: Trace, plot: Plot) -> str:
         y = plot.y(trace.target_deg) - 5
         parts.append(text(plot.right - 4, y, f"target {trace.target_deg:g}°", "end", "halo"))
     off = trace.heading_off_deg.clip(low / 10.0, 10.0 * high)
-    lines = [plot.line("line", trace.steps.counts[run], off[run]) for run in _runs(trace)]
+    lines = [plot.line("line", trace.steps.counts[run], off[run]) for run in runs(trace.steps.is_known)]
     return "".join(parts) + plot.clipped(f"plot{plot.top:.0f}", *lines)
 
 
@@ -230,9 +231,3 @@ def root_ticks(whole: int) -> list[int]:
     """
     counts = (nearest_round(whole * (place / 4) ** 2) for place in (1, 2, 3))
     return [int(count) for count in counts if 1.0 <= count <= NEAR_END * whole]
-
-
-def _runs(trace: Trace) -> list[slice]:
-    """Steps in a row that have an ellipsoid."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], trace.steps.is_known, [False]]).astype(int)))
-    return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +13,9 @@ from rich.text import Text
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.fitting.advice import UPSIDE_DOWN, movement
-from flinders.fitting.result import Fit, Refused
-from flinders.fitting.verdict import OF_THE_RECORDING
+from flinders.fitting.result import Fit, fit_of
 from flinders.report.formatting import degrees, p_value, written_time
-from flinders.report.sections import mounting
+from flinders.report.sections import mounting, said_of
 from flinders.report.terminal import COLOURS, graded, notes, numbers, page, styled, table
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from flinders.comparison.merging import Merged
     from flinders.comparison.multi_sensor import Member, Together
+    from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError
     from flinders.findings import Finding, Verdict
     from flinders.fitting.axis_extremes import Extremes
@@ -37,27 +37,20 @@ def of_fit(fit: Fit) -> RenderableType:
 
     Of a refused one no number of the calibration is shown: none can be trusted, and what stands on a screen is
     copied into a firmware sooner or later. It says why, how to do better, and what is odd about the recording.
+    Calibrations put together are shown each against the others.
     """
-    if fit.verdict != "refused":
-        result = numbers(fit.calibration, fit.offset_sigma, fit.noise)
-        return Group(page(_before_and_after(fit), result, _fit_verdict(fit)), findings(fit.findings, movement(fit)))
-    reasons = [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
-    return Group(page(_fit_verdict(fit)), findings(reasons, movement(fit)))
-
-
-def of_merged(merged: Merged) -> RenderableType:
-    """Lay out calibrations put together: each against the others, and the result, if it is not refused."""
-    is_refused = merged.verdict == "refused"
-    said = [finding for finding in merged.findings if finding.severity != "note" or not is_refused]
-    result = None if is_refused else numbers(merged.calibration, merged.offset_sigma, merged.noise)
-    return Group(page(_merged_parts(merged), result, _merged_verdict(merged)), findings(said))
+    if fit.method == "merged" and fit.repeats is not None:
+        blocks = _merged_parts(fit.repeats), _numbers(fit), _merged_verdict(fit, fit.repeats)
+        return Group(page(*blocks), findings(said_of(fit)))
+    before = None if fit.verdict == "refused" else _before_and_after(fit)
+    return Group(page(before, _numbers(fit), _fit_verdict(fit)), findings(said_of(fit), movement(fit)))
 
 
 def of_extremes(extremes: Extremes) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
     unknown = np.full(3, np.nan)
     said = graded(extremes.verdict, "how good it is nobody knows, with these limits:", "six typed numbers; minmax")
-    result = numbers(extremes.calibration, unknown, None)
+    result = numbers(extremes.calibration, unknown, math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
 
@@ -112,6 +105,11 @@ def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
     return notes(said)
 
 
+def _numbers(fit: Fit) -> Text | None:
+    """Offset, matrix and noise; none of a refused fit."""
+    return None if fit.verdict == "refused" else numbers(fit.calibration, fit.offset_sigma, fit.noise)
+
+
 def _before_and_after(fit: Fit) -> Table:
     unit = label(fit.calibration.unit)
     raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
@@ -128,17 +126,17 @@ def good_to(error: HeadingError, target_deg: float) -> str:
     return f"worst heading good to {degrees(error.worst)} (1 σ; the target is {target_deg:g}°)"
 
 
-def _quality(outcome: Fit | Merged, good: str, refused: str, basis: str, *more: Text) -> Table:
+def _quality(fit: Fit, good: str, refused: str, basis: str, *more: Text) -> Table:
     """The verdict of a calibration, for whom its number holds, and what it rests on."""
-    error, within = outcome.heading_error_deg, good_to(outcome.heading_error_deg, outcome.target_deg)
+    error, within = fit.heading_error_deg, good_to(fit.heading_error_deg, fit.target_deg)
     words = {
         "good": f"{within}{good}",
         "limited": f"{within}, with these limits:",
         "refused": f"not fit for use, {refused}",
-    }[outcome.verdict]
-    if outcome.verdict == "refused":
-        return graded(outcome.verdict, words, basis)
-    return graded(outcome.verdict, words, f"{basis}; held level, dip {error.dip_deg:.3g}°", *more)
+    }[fit.verdict]
+    if fit.verdict == "refused":
+        return graded(fit.verdict, words, basis)
+    return graded(fit.verdict, words, f"{basis}; held level, dip {error.dip_deg:.3g}°", *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
@@ -158,7 +156,7 @@ def _reach(fit: Fit) -> str:
 # ----------------------------------------------------------------------------------------------- merged, and typed
 
 
-def _merged_parts(merged: Merged) -> Table:
+def _merged_parts(repeats: Repeats) -> Table:
     """Each calibration against the others."""
     names = ("readings", "claims", "off the others", "chance")
     headings = (
@@ -168,16 +166,16 @@ def _merged_parts(merged: Merged) -> Table:
     rows = [
         (part.source, f"{part.samples:,}" if part.samples else "", degrees(part.claimed_deg),
          f"{degrees(part.off_deg)} ± {degrees(part.off_sigma_deg)}", p_value(part.p_value))
-        for part in merged.repeats.parts
+        for part in repeats.parts
     ]  # fmt: skip
     return table(headings, rows)
 
 
-def _merged_verdict(merged: Merged) -> Table:
-    readings = f" of {counted(merged.samples, 'reading')}" if merged.samples else ""
-    chance = f"; chance scatters them as far with {p_value(merged.repeats.p_value)}"
-    basis = f"{counted(len(merged.repeats.parts), 'calibration')}{readings}{chance}"
-    return _quality(merged, "", "nothing was written", basis)
+def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
+    readings = f" of {counted(fit.samples, 'reading')}" if fit.samples else ""
+    chance = f"; chance scatters them as far with {p_value(repeats.p_value)}"
+    basis = f"{counted(len(repeats.parts), 'calibration')}{readings}{chance}"
+    return _quality(fit, "", "nothing was written", basis)
 
 
 def extremes_table(extremes: Extremes) -> Table:
@@ -218,18 +216,13 @@ def verdict_of(outcome: Fit | FlindersError) -> Verdict:
     return outcome.verdict if isinstance(outcome, Fit) else "refused"
 
 
-def _fit_of(outcome: Fit | FlindersError) -> Fit | None:
-    """The fit, good or refused, if there is one."""
-    return outcome.fit if isinstance(outcome, Refused) else outcome if isinstance(outcome, Fit) else None
-
-
 def _coloured(verdict: Verdict) -> Text:
     return Text(verdict, COLOURS[verdict])
 
 
 def _sensor_row(name: str, outcome: Fit | FitError) -> tuple[RenderableType, ...]:
     """Name, readings, share of the sphere, worst heading and verdict of one magnetometer."""
-    fit, quality = _fit_of(outcome), verdict_of(outcome)
+    fit, quality = fit_of(outcome), verdict_of(outcome)
     error = "" if fit is None or quality == "refused" else degrees(fit.heading_error_deg.worst)
     cells = ("", "") if fit is None else (f"{fit.samples:,}", f"{fit.coverage.fraction:.0%}")
     return name, *cells, error, _coloured(quality)
@@ -239,7 +232,7 @@ def _why_refused(outcome: Fit | FitError) -> str:
     """Why a fit was refused, in a line."""
     if isinstance(outcome, Fit):
         return ""
-    fit = _fit_of(outcome)
+    fit = fit_of(outcome)
     if fit is None:
         return str(outcome)
     return "; ".join(finding.advice.partition(":")[0] for finding in fit.findings if finding.severity == "refuses")
@@ -247,7 +240,7 @@ def _why_refused(outcome: Fit | FitError) -> str:
 
 def _error(outcome: Fit | FlindersError) -> str:
     """Worst heading error, of what is refused too, since it says how far it is from being of use."""
-    fit = _fit_of(outcome)
+    fit = fit_of(outcome)
     return "–" if fit is None else degrees(fit.heading_error_deg.worst)
 
 
@@ -263,7 +256,7 @@ def _axes_cells(together: Together, member: Member) -> tuple[str, str, str]:
 
 def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
     """What limits a member: what the others show of it first, then the gravest of its own."""
-    fit = _fit_of(member.fit)
+    fit = fit_of(member.fit)
     if fit is None:
         yield "refuses", f"{number} {member.fit}"
         return

@@ -78,8 +78,7 @@ def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence
         "overview": overview,
         "drift": drift,
         "notes": [*notes, *_notes(overview), *about],
-        "outcome": _outcome(overview, drift),
-        "numbers": _numbers(overview, drift),
+        "fair": FAIR,
         "units": None if drift is None else _orders(drift),
         "states": STATES,
         "figures": _figures(overview, drift),
@@ -115,43 +114,6 @@ def chance(p_value: float) -> str:
 # ------------------------------------------------------------------------------------------------------------- words
 
 
-def _outcome(overview: Overview, drift: FleetDrift | None) -> dict[str, str]:
-    """What matters most, in a title and a sentence."""
-    if drift is None:
-        return _calibrated(overview)
-    urgent = drift.states["recalibrate"]
-    moved = f" {counted(drift.step_units, 'unit')} had something moved near the sensor." if drift.step_units else ""
-    title = f"{counted(urgent, 'unit')} to recalibrate" if urgent else "None to recalibrate"
-    return {
-        "verdict": "limited" if urgent or drift.states["unordered"] else "good",
-        "what": f"Compass drift of {counted(drift.units, 'unit')}",
-        "title": title,
-        "sentence": f"Of these the heading changed by more than {drift.target_deg:g}°, which chance does not explain."
-        f"{moved}"
-        if urgent
-        else f"No heading is known to have changed by more than {drift.target_deg:g}°.{moved}",
-    }
-
-
-def _calibrated(overview: Overview) -> dict[str, str]:
-    """How many gave a calibration, why the others did not, and how good these are."""
-    refused, failed = (overview.verdicts.get(name, 0) for name in ("refused", "failed"))
-    given = overview.rows - refused - failed
-    lost = [f"{refused:,} {'was' if refused == 1 else 'were'} refused"] if refused else []
-    lost += [f"{failed:,} could not be read"] if failed else []
-    said = (
-        f"{given:,} of {counted(overview.rows, 'recording')} gave a calibration{'; ' * bool(lost)}{' and '.join(lost)}"
-    )
-    median = overview.heading_deg.quantile(0.5)
-    typical = f" Half of the calibrations are good to {degrees(median)} of heading or better."
-    return {
-        "verdict": "good" if given >= (1.0 - FAIR) * overview.rows > 0 else "limited" if given else "refused",
-        "what": "Compasses of a fleet",
-        "title": f"{percent(given, overview.rows)} calibrated",
-        "sentence": f"{said}.{typical * math.isfinite(median)}",
-    }
-
-
 def _notes(overview: Overview) -> list[str]:
     """What lies over the whole fleet."""
     summed = overview.methods.get("consistent", 0)
@@ -178,38 +140,6 @@ def about_order(drift: FleetDrift) -> list[str]:
             "further down, and count once"
         )
     return remarks
-
-
-def _numbers(overview: Overview, drift: FleetDrift | None) -> list[tuple[str, str, str]]:
-    """What stands in large figures: name, number, what it is."""
-    good, refused, failed = (overview.verdicts.get(name, 0) for name in ("good", "refused", "failed"))
-    rows = [
-        ("Units", f"{overview.units:,}", counted(overview.rows, "recording")),
-        ("Good", percent(good, overview.rows), counted(good, "recording")),
-    ]
-    above = overview.heading_deg.share_above(overview.target_deg)
-    beyond = percent(above, 1.0) if above else "none"
-    better = f"half of the calibrations are better; {beyond} above {overview.target_deg:g}°"
-    errors = _median("Worst heading off by", overview.heading_deg, better)
-    if drift is None:
-        why = f"{refused:,} refused, {failed:,} could not be read" if refused or failed else "all gave one"
-        return [*rows, ("No calibration", f"{refused + failed:,}", why), *errors]
-    return [
-        *rows,
-        *errors,
-        ("To recalibrate", f"{drift.states['recalibrate']:,}", f"changed by more than {drift.target_deg:g}°"),
-        ("Moved in a step", f"{drift.step_units:,}", f"{counted(drift.step_count, 'step')} in {drift.gaps:,} gaps"),
-        *_median(
-            "Heading changed by",
-            drift.change_deg,
-            "median, at the worst heading; the uncertainty of both recordings is in it",
-        ),
-    ]
-
-
-def _median(name: str, counts: Histogram, words: str) -> list[tuple[str, str, str]]:
-    """A large figure of what was counted; none of nothing."""
-    return [(name, degrees(counts.quantile(0.5)), words)] if counts.total else []
 
 
 def _orders(drift: FleetDrift) -> list[tuple[str, list[UnitDrift]]]:

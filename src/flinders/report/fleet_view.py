@@ -34,7 +34,7 @@ SUMS_ALONE: Final = (
     "outliers, drift and correlated residuals went unnoticed: headings are as good where there are none, but 3 "
     "times further off than claimed where residuals are correlated, and 10 times with 1 % of outliers"
 )
-"""What fits from sums alone cost; measured by ``python -m benchmarks.moments_only``, docs/fleet.md has the table."""
+"""What fits from sums alone, which tables of earlier releases may hold, have cost."""
 
 PRINTED: Final = {"session": "claims_too_small", "walk_deg": "walk_deg_per_root_year"}
 """Names in JSON, where they are not those of the attributes."""

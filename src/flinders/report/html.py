@@ -32,9 +32,10 @@ import numpy as np
 
 from flinders.core.calibration_file import Provenance
 from flinders.core.units import label
-from flinders.errors import counted, figures
+from flinders.errors import FlindersError, counted, figures
 from flinders.fitting.advice import UPSIDE_DOWN
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.export import export_fit, origin_lines
+from flinders.fitting.result import Fit, fit_of
 from flinders.report import figures as drawing
 from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
@@ -48,9 +49,10 @@ from flinders.report.formatting import (
     minus,
     offset_entries,
 )
-from flinders.report.html_file import html_file, joined, style_of
+from flinders.report.html_file import filled, html_file, joined, style_of
 from flinders.report.sections import SOURCES, disturbance_rows, instrument_rows, sources, with_unit
 from flinders.report.view import matrix_sigma, sentence, tiles_view
+from flinders.targets import registry
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -69,7 +71,7 @@ WITH_3D, WITHOUT_3D = "report.js", "plain.js"
 
 FILTERS: Final = {
     "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
-    "label": label, "strength": length, "date": date_of,
+    "label": label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
 }  # fmt: skip
 """How the page writes numbers."""
 
@@ -77,6 +79,10 @@ START: Final = "m0.theming(() => {});\nm0.copying();"
 
 ASTRAY, NOISY = 0.05, 3.0
 """Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
+
+
+OPEN_TARGET: Final = "c"
+"""Target whose listing stands first, open."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +136,7 @@ def page(
     InputError
         For a recording that cannot be read.
     """
-    fit = outcome if isinstance(outcome, Fit) else outcome.fit if isinstance(outcome, Refused) else None
+    fit = fit_of(outcome)
     usable = None if fit is None or fit.verdict == "refused" else fit
     drawn = None if recording is None else FigureData.of(fit, recording)
     walk = None if drawn is None or fit is None or not goes_with(fit, drawn) else drawn.walk(fit)
@@ -140,10 +146,10 @@ def page(
         "outcome": _outcome(outcome, fit),
         "fit": fit,
         "usable": usable,
-        "numbers": [] if usable is None else _numbers(usable),
+        "upside_down": UPSIDE_DOWN,
         "parameters": [] if usable is None else _parameters(usable),
         "disturbances": [] if usable is None else disturbance_rows(usable),
-        "listings": [] if usable is None else [python_listing(usable.calibration), *listings],
+        "listings": [] if usable is None else [_python_listing(usable.calibration), *listings],
         "walk": walk,
         "walk_words": "" if walk is None or fit is None else _walk_words(walk, fit),
         "names": SOURCES,
@@ -160,6 +166,22 @@ def page(
     return html_file("report.html.j2", given, style=_style(), script=script, filters=FILTERS)
 
 
+def listings_of(fit: Fit) -> list[Listing]:
+    """The calibration for each target that can hold it and whose file is text, code first."""
+    if fit.verdict == "refused":
+        return []
+    listings = []
+    for name, target in sorted(registry().items(), key=lambda row: row[0] != OPEN_TARGET):
+        try:
+            export, _ = export_fit(fit, target)
+        except FlindersError:
+            continue
+        if export.data is None:
+            notes = () if export.has_comments else tuple(origin_lines(fit))
+            listings.append(Listing(target.use, f"{name}{target.suffix}", export.text, (*notes, *export.warnings)))
+    return listings
+
+
 def goes_with(fit: Fit, drawn: FigureData) -> bool:
     """Whether readings are as long as a calibration has them; where they are of another sensor, nothing moved."""
     if not len(drawn.residuals) or not drawn.is_used.any():
@@ -169,60 +191,16 @@ def goes_with(fit: Fit, drawn: FigureData) -> bool:
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 
-def python_listing(calibration: Calibration) -> Listing:
+def _python_listing(calibration: Calibration) -> Listing:
     """The correction as Python."""
     return Listing("Python with NumPy", "correction.py", python_of(calibration))
 
 
 def python_of(calibration: Calibration) -> str:
     """The correction as Python that needs NumPy alone: `raw`, as recorded, becomes `corrected`."""
-    unit = label(calibration.unit)
-    lines = ["import numpy as np", ""]
-    raw = "raw"
-    if not calibration.axes.is_identity:
-        rows = calibration.axes.apply(np.eye(3)).T.astype(int).tolist()
-        lines.append(f"axes = np.array({rows})  # {calibration.axes}, from the axes as recorded")
-        raw = f"{raw} @ axes.T"
-    if calibration.raw.scale != 1.0:
-        lines.append(f"scale = {calibration.raw.scale!r}  # {unit} in one {calibration.raw.name} of the recording")
-        raw = f"scale * ({raw})" if "@" in raw else f"scale * {raw}"
-    if calibration.disturbances:
-        lines += _driven_lines(calibration)
-        raw = f"{raw} - disturbance"
-    lines += [
-        f"offset = np.array({calibration.offset.tolist()})  # {unit}",
-        "matrix = np.array([",
-        *(f"    {row}," for row in calibration.matrix.tolist()),
-        "])",
-        f"corrected = {_divided(calibration, f'({raw} - offset)')} @ matrix.T  # rows of x, y, z",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _driven_lines(calibration: Calibration) -> list[str]:
-    """What drives the offset, as Python: one value of each for each row."""
-    terms = [
-        f"np.outer({disturbance.name} - {disturbance.reference!r}, {disturbance.per_unit.tolist()})"
-        for disturbance in calibration.disturbances
-    ]
-    columns = [
-        f"{with_unit(one)}{f', as of {one.lag_s:.3g} s before' * bool(one.lag_s)}" for one in calibration.disturbances
-    ]
-    gains = [
-        f"gain = 1.0 + {one.gain_per_unit!r} * ({one.name} - {one.reference!r})"
-        for one in calibration.disturbances
-        if one.gain_per_unit
-    ]
-    return [
-        f"# of each row: {'; '.join(columns)}",
-        f"disturbance = {' + '.join(terms)}  # {label(calibration.unit)}",
-        *gains,
-    ]
-
-
-def _divided(calibration: Calibration, field: str) -> str:
-    """Where the scale grows with a disturbance, the field without that."""
-    return f"({field} / gain[:, np.newaxis])" if any(one.gain_per_unit for one in calibration.disturbances) else field
+    axes = calibration.axes.apply(np.eye(3)).T.astype(int).tolist()
+    given = {"calibration": calibration, "axes": axes, "unit": label(calibration.unit)}
+    return filled("correction.py.j2", given, {"with_unit": with_unit}) + "\n"
 
 
 # ------------------------------------------------------------------------------------------------------------- words
@@ -234,37 +212,6 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
         return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
     title = TITLES[fit.verdict] if fit.states_uncertainty else "Of unknown quality"
     return {"verdict": fit.verdict, "title": title, "sentence": capitalised(sentence(fit))}
-
-
-def _numbers(fit: Fit) -> list[tuple[str, str, str]]:
-    """What stands in large figures: name, number, what it is."""
-    strength, spread = fit.uncorrected_strength
-    unit = label(fit.calibration.unit)
-    field = fit.calibration.field_strength
-    left = f"{fit.noise / fit.ellipsoid.radius:.1%}" if fit.ellipsoid.radius > 0.0 else "?"
-    known = "known" if fit.calibration.field_strength_known else "relative: none was given"
-    strengths = [
-        ("Strength of the field", length(field, unit), known),
-        ("Varies while turning", left, f"before: {spread:.1%} about {length(strength, unit)}"),
-    ]
-    if not fit.states_uncertainty:
-        return strengths
-    raw, error, limit = fit.uncorrected_heading_error_deg, fit.heading_error_deg, fit.attitude_limit_deg
-    target = f"{fit.target_deg:g}°"
-    tilt = "any" if limit >= UPSIDE_DOWN else "none" if limit <= 0.0 else f"{limit:.0f}°"
-    return [
-        ("Worst heading off by", degrees(error.worst), f"before: {degrees(raw.worst)}; the target is {target}"),
-        ("All headings, rms", degrees(error.rms), f"before: {degrees(raw.rms)}"),
-        ("Holds up to a tilt of", tilt, minus(f"held level, dip {error.dip_deg:.3g}°")),
-        *([] if fit.alignment_error_deg is None else [_mounting(fit, fit.alignment_error_deg)]),
-        *strengths,
-    ]
-
-
-def _mounting(fit: Fit, error_deg: float) -> tuple[str, str, str]:
-    """What the mounting adds, and who says so."""
-    is_estimated = fit.calibration.rotation == "estimated"
-    return "Mounting adds", degrees(error_deg), f"as told by {sources(fit)}" if is_estimated else "as it was stated"
 
 
 def _walk_words(walk: RandomWalk, fit: Fit) -> str:

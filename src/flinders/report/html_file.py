@@ -39,7 +39,7 @@ SHEETS: Final = ("figure.css", "report.css")
 
 
 def html_file(template: str, given: Mapping[str, Any], *, style: str, script: str, filters: Mapping[str, Any]) -> str:
-    """Fill in a template of this package.
+    """Fill in a template of this package that is a page.
 
     Parameters
     ----------
@@ -52,18 +52,23 @@ def html_file(template: str, given: Mapping[str, Any], *, style: str, script: st
     filters : mapping of str to function
         How it writes numbers.
     """
+    hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
+    return filled(template, {**given, "style": style, "script": script, **hashes}, filters) + "\n"
+
+
+def filled(template: str, given: Mapping[str, Any], filters: Mapping[str, Any]) -> str:
+    """Fill in a template of this package; what stands in HTML is escaped."""
     import jinja2
 
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("flinders.report"),
-        autoescape=True,
+        autoescape=jinja2.select_autoescape(["html.j2"]),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters.update(filters)
-    hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
-    return environment.get_template(template).render(**given, style=style, script=script, **hashes) + "\n"
+    return environment.get_template(template).render(**given)
 
 
 def style_of(*sheets: str) -> str:

@@ -1,20 +1,15 @@
-"""What a recording holds, as a page for the terminal.
-
->>> likely_unit(48.0, "counts"), likely_unit(480.0, "counts"), likely_unit(3.0, "counts"), likely_unit(48.0, "uT")
-('uT', 'mG', '', '')
-"""
+"""What a recording holds, as a page for the terminal."""
 
 from __future__ import annotations
 
 import shlex
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
 from rich.padding import Padding
 from rich.text import Text
 
-from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_earth
+from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label
 from flinders.errors import counted, figures
 from flinders.report.formatting import written_time
 from flinders.report.terminal import facts, notes, page
@@ -25,9 +20,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.core.geomag import SiteField
+    from flinders.report.recording_contents import Contents, RecordedSensor
 
-GAP: Final = 5.0
-"""Usual steps from one reading to the next that make a gap."""
 STALE: Final = 0.02
 """Share of readings that repeat the one before from which on it is worth a word."""
 OFF: Final = 0.25
@@ -35,106 +29,6 @@ OFF: Final = 0.25
 TITLES: Final = 11
 MARKED: Final = {"!": "limits", "·": "note"}
 """Severity of what has a mark in place of a title."""
-ENOUGH_SEEN: Final = 0.5
-"""Of all directions, below which the size of an ellipsoid is a guess, and not shown."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedSensor:
-    """One magnetometer of a recording.
-
-    Attributes
-    ----------
-    number : int
-        Counted from 1, as ``--sensor`` takes it.
-    name : str
-    unit, inside : str
-        What it is written in, and what `lowest`, `highest` and `strength` are in.
-    readings : int
-    seconds, rate_hz, longest_gap_s : float or None
-        From the first to the last; mean rate but for the longest step; that step, where it is a gap. None without a
-        clock.
-    backward_steps : int
-        Steps of the clock that go back.
-    repeats : int
-        Readings that are equal to the one before.
-    rails : tuple of str
-        Ends of axes at which the sensor was at its limit.
-    lowest, highest : (3,) float
-    stored : str
-        The calibration that was in force, in words.
-    is_as_logged : bool
-        It was left on.
-    beside : tuple of str
-        What was recorded beside it.
-    unmoved : str
-        Why the sensor was hardly turned, in words; nothing where it was.
-    coverage : float or None
-        Of all directions, seen; None where no ellipsoid fits, or the sensor was hardly turned.
-    strength : float or None
-        Of the field, by that ellipsoid; None where too little is seen.
-    likeness : str
-        What its values look like, such as gravity, where no name says that it is a magnetometer.
-    notes : tuple of str
-        What else to know, a sentence each.
-    """
-
-    number: int
-    name: str
-    unit: str
-    inside: str
-    readings: int
-    seconds: float | None = None
-    rate_hz: float | None = None
-    longest_gap_s: float | None = None
-    backward_steps: int = 0
-    repeats: int = 0
-    rails: tuple[str, ...] = ()
-    lowest: tuple[float, ...] = ()
-    highest: tuple[float, ...] = ()
-    stored: str = ""
-    is_as_logged: bool = False
-    beside: tuple[str, ...] = ()
-    unmoved: str = ""
-    coverage: float | None = None
-    strength: float | None = None
-    likeness: str = ""
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contents:
-    """What a file holds.
-
-    Attributes
-    ----------
-    source, format : str
-    bytes : int or None
-    begun : str or None
-        Date and time, UTC.
-    position : tuple of float or None
-        Latitude and longitude in degrees, north and east positive, and altitude in metres.
-    site : SiteField or None
-        The field that the World Magnetic Model has there.
-    sensors : tuple of RecordedSensor
-    commands : tuple of str
-        What to type next.
-    notes : tuple of str
-    """
-
-    source: str
-    format: str
-    bytes: int | None
-    begun: str | None
-    position: tuple[float, float, float] | None
-    site: SiteField | None
-    sensors: tuple[RecordedSensor, ...]
-    commands: tuple[str, ...]
-    notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready, under the names of the attributes."""
-        return {**asdict(self), "site": None if self.site is None else self.site.as_dict()}
 
 
 def of_contents(contents: Contents) -> RenderableType:
@@ -169,26 +63,6 @@ def commands_for(path: str, sensors: Sequence[RecordedSensor], options: Sequence
         return (shlex.join([*words, "-o", "calibration.json"]),)
     one = shlex.join([*words, "--sensor", str(best.number), "-o", "calibration.json"])
     return one, f"{shlex.join([*words, '--sensor', 'all'])} -o calibration-{{sensor}}.json"
-
-
-def likely_unit(strength: float | None, inside: str) -> str:
-    """The unit in which a strength would be that of the earth, where none is known; nothing where none would do."""
-    return "" if strength is None or inside != COUNTS else unit_of_the_earth(strength)
-
-
-def unit_remark(strength: float | None, inside: str) -> str:
-    """Say which unit readings without one may be in: a strength alone does not prove it.
-
-    >>> unit_remark(480.0, "counts")
-    "as mG the strength would be the earth's: add --unit mG if that is their unit, or --scale with the µT of a count"
-    >>> unit_remark(3.0, "counts")
-    ''
-    """
-    name = likely_unit(strength, inside)
-    return name and (
-        f"as {name} the strength would be the earth's: add --unit {name} if that is their unit, or --scale with the µT "
-        "of a count"
-    )
 
 
 def _of_the_file(contents: Contents) -> list[tuple[str, str]]:
@@ -228,7 +102,7 @@ def _of_a_sensor(sensor: RecordedSensor, site: SiteField | None) -> list[tuple[s
             else f", {sensor.strength / site.strength:.2f} of the field there"
         )
         rows.append(("strength", f"{figures(sensor.strength, 4)} {unit} by the ellipsoid through them{share}"))
-    rows.append(("beside", ", ".join(sensor.beside) or "nothing"))
+    rows.append(("beside", ", ".join(sensor.auxiliary) or "nothing"))
     return rows + [("!", note) for note in _doubts(sensor, site)] + [("·", note) for note in sensor.notes]
 
 

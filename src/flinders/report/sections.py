@@ -22,6 +22,7 @@ from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.likelihood.parameters import TERMS
 from flinders.report.formatting import degrees, minus, with_uncertainty
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from flinders.core.disturbance import Disturbance
     from flinders.estimators.regressors import DisturbanceEstimate
+    from flinders.findings import Finding
     from flinders.fitting.aiding import Aiding
     from flinders.fitting.result import Fit
 
@@ -45,6 +47,13 @@ class DisturbanceRow:
     per: str
     offsets: tuple[tuple[str, str], ...]
     words: str
+
+
+def said_of(fit: Fit) -> list[Finding]:
+    """Findings that a page shows: of a refused fit those that limit it or refuse it, and notes on the recording."""
+    if fit.verdict != "refused":
+        return list(fit.findings)
+    return [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
 
 
 def mounting(fit: Fit) -> str:

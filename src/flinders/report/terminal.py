@@ -23,6 +23,7 @@ Braille in a character make square pictures; a terminal without such letters get
 
 from __future__ import annotations
 
+import math
 from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
@@ -101,12 +102,12 @@ def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
     return text
 
 
-def numbers(calibration: Calibration, offset_sigma: Floats, noise: float | None) -> Text:
+def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Text:
     """Offset above matrix, in columns x, y and z, each on its decimal points."""
     unit = label(calibration.unit)
     offset = offset_entries(calibration, offset_sigma)
     shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix))]
-    below, _ = on_the_point(["?" if noise is None else figures(noise, 3), offset[0]])
+    below, _ = on_the_point(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
     shown.append(below.ljust(len(shown[0])))
     names, units = ("offset", "matrix", "", "", "noise"), (unit, "", "", "", unit)
     return lines(list(zip(names, shown, units, strict=True)))

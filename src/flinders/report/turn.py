@@ -26,7 +26,7 @@ from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
-from flinders.comparison.composition import ANY_ANGLE, in_words
+from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import counted, figures
 from flinders.geometry.plane import across
@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.arrays import Floats
-    from flinders.comparison.composition import Composed
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import PlaneEllipse, Turn
 
@@ -58,7 +57,7 @@ AROUND: Final = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
 CIRCLE: Final = np.stack([np.cos(AROUND), np.sin(AROUND)], axis=1)
 
 
-def of_turn(fit: Fit, turn: Turn, *, composed: Composed | None, after: str | None) -> RenderableType:
+def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) -> RenderableType:
     """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
     mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
     headings = (
@@ -121,15 +120,15 @@ def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
     return f"not evenly spaced, {cost}"
 
 
-def _composed(composed: Composed, after: str | None) -> RenderableType:
+def _composed(composed: Fit, after: str | None) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
-    good = good_to(error, composed.fit.target_deg)
+    good = good_to(error, composed.target_deg)
     words = good if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{in_words(composed.turns)}; held level, dip {error.dip_deg:g}°"
+    basis = f"{in_words(turns_of(composed.method))}; held level, dip {error.dip_deg:g}°"
     said = graded(composed.verdict, f"{words}, with these limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
-    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.fit.noise))
+    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
     return Group(page(result, said), findings(composed.findings))
 
 

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from msgspec import Struct
 
+from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.findings.row import ANY_ANGLE_DEG
@@ -255,7 +256,7 @@ def view(
     goal, frame : str
         As in `flinders.heading.guidance`.
     """
-    is_rejected, runs = _rejected(fit, samples)
+    is_rejected, rejected = _rejected(fit, samples)
     numbered = np.arange(len(samples)) if numbers is None else np.asarray(numbers)
     corrected = np.empty((0, 3)) if fit.is_flat else fit.calibration.at().apply(samples.field[~is_rejected])
     is_known = fit.states_uncertainty and not fit.is_flat
@@ -270,7 +271,7 @@ def view(
         findings=tuple(FindingView(**finding.as_dict()) for finding in fit.findings),
         tiles_deg=tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
-        rejected=_numbered(runs, numbered),
+        rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=sentence(fit, claims.get("attitude_limit_deg")),
         **({} if fit.is_flat else _drawn(fit, corrected)),
@@ -318,9 +319,9 @@ def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple
     is_at_rail = np.zeros(len(samples), bool)
     for rail in DataQuality.of(samples).rails:
         is_at_rail |= samples.field[:, rail.axis] == rail.value
-    runs = _outlier_runs(fit, is_at_rail)
-    rows = is_at_rail | _are_outliers(fit, samples, is_at_rail, runs)
-    return rows, [*runs, *_runs(np.flatnonzero(is_at_rail))]
+    outliers = _outlier_runs(fit, is_at_rail)
+    rows = is_at_rail | _are_outliers(fit, samples, is_at_rail, outliers)
+    return rows, [*outliers, *((run.start, run.stop - 1) for run in runs(is_at_rail))]
 
 
 def rotation_of(fit: Fit) -> Floats:
@@ -477,23 +478,6 @@ def _are_outliers(
         farthest = np.argsort(-distances, kind="stable")[: outlier.rows]
         are[first + farthest] = True
     return are
-
-
-def _runs(rows: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """Ascending rows as runs.
-
-    >>> _runs(np.array([1, 2, 3, 7]))
-    [(1, 3), (7, 7)]
-    """
-    if not len(rows):
-        return []
-    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    return [(int(part[0]), int(part[-1])) for part in parts]
-
-
-def _numbered(runs: Sequence[tuple[int, int]], numbers: NDArray[np.intp]) -> tuple[tuple[int, int], ...]:
-    """Runs of places in what was fitted as runs of readings."""
-    return tuple((int(numbers[first]), int(numbers[last])) for first, last in sorted(runs))
 
 
 def _triple(vector: Floats) -> Triple:

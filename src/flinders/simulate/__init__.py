@@ -38,7 +38,7 @@ Which motion when:
 Anything can be put together:
 
 >>> rough = tumble(
-...     seed=2, motion="flight", n=2000, held=0.2, outliers=0.01,
+...     seed=2, motion="flight", n=2000, stationary=0.2, outliers=0.01,
 ...     sensor=Sensor(offset=[10, 0, 0], noise=0.3, resolution=0.15, limit=80.0),
 ...     imu=Imu(gyro_bias=[0.01, 0.0, 0.0]),
 ...     disturbances=[MotorCurrent(0.2), ThermalDrift(0.1), Step(4.0, at=0.7), PassingMagnet(100.0, at=0.3)],
@@ -64,6 +64,7 @@ from flinders.simulate import fleet as fleet
 from flinders.simulate import truth as truth
 from flinders.simulate.disturbances import Effect as Effect
 from flinders.simulate.disturbances import FieldStep as FieldStep
+from flinders.simulate.disturbances import GaussMarkov as GaussMarkov
 from flinders.simulate.disturbances import MotorCurrent as MotorCurrent
 from flinders.simulate.disturbances import Motors as Motors
 from flinders.simulate.disturbances import PassingMagnet as PassingMagnet

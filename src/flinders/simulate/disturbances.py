@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, ClassVar, Protocol
 import numpy as np
 
 from flinders.arrays import table, triple
+from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
 from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import not_negative, positive, share
@@ -51,7 +52,7 @@ class Effect:
         What the meter of each motor says.
     temperature : (N,) float, °C, optional
         What the sensor's thermometer says.
-    strays : (N,) bool, optional
+    outliers : (N,) bool, optional
         Readings that are of no use.
     gain : (N,) float, optional
         What the earth's field is multiplied by.
@@ -60,9 +61,11 @@ class Effect:
     shift: Floats
     current: Floats | None = None
     temperature: Floats | None = None
-    strays: NDArray[np.bool_] | None = None
+    outliers: NDArray[np.bool_] | None = None
     gain: Floats | None = None
     currents: Floats | None = None
+
+    strays = renamed_attribute("strays", "outliers")
 
 
 class Perturbation(Protocol):
@@ -170,6 +173,34 @@ def _set_anew(since: Floats, values: Floats) -> Floats:
     return settings
 
 
+@dataclass(frozen=True, slots=True)
+class GaussMarkov:
+    """Noise with a memory: what it is at one moment has nearly gone after a few time constants.
+
+    Attributes
+    ----------
+    sigma : float, µT
+        Standard deviation along each axis.
+    seconds : float, s
+        Until its correlation has sunk to 37 %.
+    """
+
+    kind: ClassVar[str] = "noise"
+
+    sigma: float
+    seconds: float = 1.0
+
+    def on(self, time: Floats, rng: Generator) -> Effect:
+        """What it does to readings taken at (N,) times in s."""
+        memory = np.exp(-np.diff(time, prepend=time[0]) / positive(self.seconds, "seconds"))
+        push = not_negative(self.sigma, "sigma", "µT") * rng.standard_normal((len(time), 3))
+        noise = np.empty_like(push)
+        noise[0] = push[0]
+        for row in range(1, len(noise)):
+            noise[row] = memory[row] * noise[row - 1] + np.sqrt(1.0 - memory[row] ** 2) * push[row]
+        return Effect(noise)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ThermalDrift:
     """An offset that moves with the temperature of the sensor, which warms up and settles.
@@ -254,7 +285,7 @@ class FieldStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassingMagnet:
-    """A magnet that is carried past: a field that swells, and is gone. Its readings are strays.
+    """A magnet that is carried past: a field that swells, and is gone. Its readings are outliers.
 
     Attributes
     ----------
@@ -278,7 +309,7 @@ class PassingMagnet:
         phase = (time - closest) / positive(self.seconds, "seconds")
         felt = np.abs(phase) < 0.5
         swell = np.where(felt, np.cos(math.pi * phase) ** 2, 0.0)
-        return Effect(np.outer(swell, _vector(self.peak, rng, "peak")), strays=felt)
+        return Effect(np.outer(swell, _vector(self.peak, rng, "peak")), outliers=felt)
 
 
 def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDArray[np.bool_]]:
@@ -293,16 +324,16 @@ def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDA
 
     Examples
     --------
-    >>> fields, strays = stray_fields(np.random.default_rng(0), 100, 0.03)
-    >>> int(strays.sum()), bool(np.linalg.norm(fields[strays], axis=1).min() >= 0.5)
+    >>> fields, outliers = stray_fields(np.random.default_rng(0), 100, 0.03)
+    >>> int(outliers.sum()), bool(np.linalg.norm(fields[outliers], axis=1).min() >= 0.5)
     (3, True)
     """
     struck = round(share(proportion, "outliers") * n)
     rows = rng.choice(n, struck, replace=False)
-    fields, strays = np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
+    fields, outliers = np.zeros((n, 3)), np.zeros(n, dtype=np.bool_)
     fields[rows] = uniform(rng, struck) * rng.uniform(0.5, 3.0, (struck, 1))
-    strays[rows] = True
-    return fields, strays
+    outliers[rows] = True
+    return fields, outliers
 
 
 def _vector(value: float | ArrayLike, rng: Generator, name: str) -> Floats:

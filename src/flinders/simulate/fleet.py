@@ -29,7 +29,9 @@ from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import count, share
+from flinders.simulate.disturbances import GaussMarkov, ThermalDrift
 from flinders.simulate.motions import north_and_down, random_attitude, turns
+from flinders.simulate.recording import tumble
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -49,6 +51,8 @@ SOFT: Final = 0.15
 NOISE_UT: Final = (0.1, 1.0)
 FIELD_UT: Final = (25.0, 65.0)
 STEP_UT: Final = 0.1
+FIELD_READINGS: Final = (1_000, 20_000)
+"""Of a unit that people record."""
 DIP_DEG: Final = 60.0
 BY_JIG: Final = 0.5
 """Share of units that a jig turns; a hand turns the others."""
@@ -255,6 +259,42 @@ def fleet(
     ['flipped-throughout', 'level-turn']
     """
     return (unit(number, seed=seed, bad=bad, readings=readings) for number in range(first, first + n))
+
+
+def field_unit(number: int, *, seed: int = 0) -> Specimen:
+    """Make a unit as people record it, not as a line does: by hand, with all that comes with it.
+
+    20 s to 7 min of turning at 50 Hz, half a µT of noise of which a part has a memory of a second, a reading in a
+    hundred taken beside something magnetic, and a sensor that warms up by 15 K, has a thermometer and hardly minds.
+
+    Parameters
+    ----------
+    number : int
+        From 0; with the seed it says all.
+    seed : int
+        Of the fleet.
+
+    Examples
+    --------
+    >>> one = field_unit(3)
+    >>> len(one.samples), list(one.samples.disturbances)
+    (1102, ['temperature'])
+    """
+    if number < 0 or seed < 0:
+        raise UsageError(f"unit {number} of seed {seed}: need numbers from 0 on")
+    rng = np.random.default_rng([seed, number, 1])
+    least, most = np.log(FIELD_READINGS)
+    made = tumble(
+        rng,
+        motion="hand",
+        n=int(np.exp(rng.uniform(least, most))),
+        field_strength=rng.uniform(*FIELD_UT),
+        noise=0.4,
+        outliers=0.01,
+        disturbances=[GaussMarkov(0.3, seconds=1.0), ThermalDrift(0.002)],
+    )
+    samples = replace(made.samples, source=f"unit {number:07d}")
+    return Specimen(number, samples, made.sensor, made.field_strength)
 
 
 def in_body(world: Floats, angles: Floats) -> Floats:

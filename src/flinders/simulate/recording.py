@@ -11,6 +11,7 @@ import numpy as np
 from flinders.arrays import frozen, triple
 from flinders.arrays import matrix as square
 from flinders.core.samples import Samples
+from flinders.deprecation import renamed_attribute, renamed_keywords
 from flinders.errors import UsageError
 from flinders.geometry.rotation import best_rotation
 from flinders.geometry.sphere import fibonacci
@@ -83,7 +84,7 @@ class Simulated:
     directions : (N, 3) float
         True unit direction of the field in body axes.
     field_strength : float, µT
-    strays : (N,) bool
+    outliers : (N,) bool
         Readings taken in a stray field: those of no use.
     attitudes : (N, 3, 3) float, optional
         True attitudes, from body axes into world axes, where the motion has them.
@@ -107,7 +108,7 @@ class Simulated:
     sensor: Sensor
     directions: Floats
     field_strength: float
-    strays: NDArray[np.bool_]
+    outliers: NDArray[np.bool_]
     attitudes: Floats | None = None
     dip_deg: float = 60.0
     motion: str = ""
@@ -117,7 +118,10 @@ class Simulated:
     shift: Floats | None = None
     disturbances: tuple[str, ...] = ()
 
+    strays = renamed_attribute("strays", "outliers")
 
+
+@renamed_keywords(held="stationary")
 def tumble(
     seed: int | Generator = 0,
     *,
@@ -125,7 +129,7 @@ def tumble(
     n: int | None = None,
     rate_hz: float = RATE_HZ,
     tilt_deg: float | None = None,
-    held: float = 0.0,
+    stationary: float = 0.0,
     sensor: Sensor | None = None,
     field_strength: float = 50.0,
     dip_deg: float = 60.0,
@@ -151,7 +155,7 @@ def tumble(
         Readings a second.
     tilt_deg : float, optional
         How far the body is tilted at most, for ``tilted``, ``drive`` and ``flight``.
-    held : float
+    stationary : float
         Share of the readings, 0 … 1, taken while the body is held still, in three pauses.
     sensor : Sensor, optional
         By default `Sensor.random`.
@@ -178,19 +182,19 @@ def tumble(
     >>> level = tumble(seed=3, motion="level", n=200, sensor=Sensor(), dip_deg=70)
     >>> float(np.ptp(level.samples.field[:, 2]))       # a level sensor never leaves its plane
     0.0
-    >>> int(tumble(n=500, outliers=0.03).strays.sum())
+    >>> int(tumble(n=500, outliers=0.03).outliers.sum())
     15
     """
     if motion not in MOTIONS:
         raise UsageError(f"motion {motion!r} is not known: use one of {', '.join(MOTIONS)}")
     course = _course(motion, n, positive(rate_hz, "rate_hz"), dip_deg, tilt_deg)
-    of_sensor, of_motion, of_strays, of_noise = np.random.default_rng(seed).spawn(4)
+    of_sensor, of_motion, of_outliers, of_noise = np.random.default_rng(seed).spawn(4)
     of_pauses, *of_disturbances = of_noise.spawn(1 + len(disturbances))
     sensor = Sensor.random(of_sensor) if sensor is None else sensor
     sensor = sensor if noise is None else replace(sensor, noise=noise)
     imu = Imu() if imu is None else imu
-    path = _paused(of_pauses, MOTIONS[motion].draw, of_motion, course, share(held, "held"))
-    stray, strays = stray_fields(of_strays, course.n, outliers)
+    path = _paused(of_pauses, MOTIONS[motion].draw, of_motion, course, share(stationary, "stationary"))
+    stray, is_outlier = stray_fields(of_outliers, course.n, outliers)
     time = np.arange(course.n) / course.rate_hz
     effects = [one.on(time, rng) for one, rng in zip(disturbances, of_disturbances, strict=True)]
     shift = _total([effect.shift for effect in effects])
@@ -201,7 +205,7 @@ def tumble(
         sensor,
         path.directions,
         field_strength,
-        _astray(strays, effects),
+        np.logical_or.reduce([is_outlier, *(effect.outliers for effect in effects if effect.outliers is not None)]),
         path.attitudes,
         dip_deg=float(dip_deg),
         motion=motion,
@@ -301,10 +305,10 @@ def _course(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg
 
 
 def _paused(
-    of_pauses: Generator, draw: Callable[[Generator, Course], Path], rng: Generator, course: Course, held: float
+    of_pauses: Generator, draw: Callable[[Generator, Course], Path], rng: Generator, course: Course, stationary: float
 ) -> Path:
     """Draw a path on which a share of the readings is taken while the body is held still."""
-    still = min(round(held * course.n), course.n - 1)
+    still = min(round(stationary * course.n), course.n - 1)
     if still == 0:
         return draw(rng, course)
     path = draw(rng, replace(course, n=course.n - still))
@@ -334,13 +338,6 @@ def _recorded(
         currents=_last(effects, "currents"),
         source=source,
     )
-
-
-def _astray(strays: NDArray[np.bool_], effects: Sequence[Effect]) -> NDArray[np.bool_]:
-    """(N,) readings of no use: those in a stray field, and those that an effect spoils."""
-    for effect in effects:
-        strays = strays if effect.strays is None else strays | effect.strays
-    return strays
 
 
 def _felt(path: Path, imu: Imu, rng: Generator) -> Floats | None:

@@ -98,7 +98,7 @@ class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     seed : int or None
     readings : int
     rate_hz : float or None
-    strays : int
+    outliers : int
         Readings that are of no use.
     gyro_bias : (3,) rad/s or None
         Where there is a gyro.
@@ -110,7 +110,7 @@ class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     seed: int | None = None
     readings: Count
     rate_hz: Positive | None = None
-    strays: Count = 0
+    outliers: Count = msgspec.field(default=0, name="strays")
     gyro_bias: Triple | None = None
     disturbances: tuple[str, ...] = ()
 
@@ -163,7 +163,7 @@ class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_f
                 seed=simulated.seed,
                 readings=len(simulated.samples),
                 rate_hz=simulated.rate_hz,
-                strays=int(simulated.strays.sum()),
+                outliers=int(simulated.outliers.sum()),
                 gyro_bias=_triple(simulated.imu.gyro_bias) if biased and simulated.imu else None,
                 disturbances=simulated.disturbances,
             ),

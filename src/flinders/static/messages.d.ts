@@ -1,4 +1,4 @@
-// Generated from flinders/live/messages.py: python -m flinders.live.messages > messages.d.ts
+// Generated from flinders/live/messages.py: python -m tests.message_types > messages.d.ts
 
 /** The tiles, sent once. */
 export interface TilesView {

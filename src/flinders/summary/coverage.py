@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.native.engine import Records
     from flinders.summary.cloud import Cloud
+    from flinders.summary.summary import Summary
 
 UPRIGHT: Final = 0.55
 """Mean height of the directions of a recording, of that of a level vehicle's, from which on it is told from it."""
@@ -164,6 +167,35 @@ class Coverage:
 
     def __repr__(self) -> str:
         return f"Coverage({self.fraction:.0%} of the sphere, largest hole {self.hole_deg:.0f}°)"
+
+
+class RecordCoverage(Coverage):
+    """Coverage as a record of the engine states it: readings are counted by direction where somebody asks for that.
+
+    Parameters
+    ----------
+    record : Records
+    summary : Summary
+        Of the same readings.
+    ellipsoid : Ellipsoid
+        Of the record.
+    within : float
+        As of `Coverage.through`.
+    """
+
+    def __init__(self, record: Records, summary: Summary, ellipsoid: Ellipsoid, within: float) -> None:
+        super().__init__(None, record["hole"].copy(), float(record["hole_deg"]), float(record["coverage"]))
+        vars(self)["_source"] = summary, ellipsoid, within
+
+    @cached_property
+    def counts(self) -> Floats:
+        """(100,) readings in each of `CELLS`."""
+        summary, ellipsoid, within = vars(self)["_source"]
+        return Coverage.through(summary.cloud, ellipsoid, within=within).counts
+
+    def __reduce__(self) -> tuple[type[Coverage], tuple[Floats, Floats, float]]:
+        """Leave the readings behind where it is sent or copied."""
+        return Coverage, (self.counts, self.hole, self.hole_deg)
 
 
 def directions_of(readings: Floats, ellipsoid: Ellipsoid) -> Floats:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
@@ -51,7 +52,7 @@ _FIRST: Final = np.array([int(np.flatnonzero(_PRODUCT.ravel() == i)[0]) for i in
 _DOUBLED: Final = np.outer(TWICE, TWICE)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Moments:
     """Weighted sums of xⁱyʲzᵏ for i + j + k ≤ 4, about zero.
 
@@ -131,14 +132,14 @@ class Moments:
         centred = self.about(self.mean, self.unit)
         return float(np.sqrt(max(np.trace(centred[6:9, 6:9]), 0.0) / self.sums[0]) * self.unit)
 
-    @property
+    @cached_property
     def covariance(self) -> Floats:
         """(3, 3) covariance of the readings about their mean, in the square of their unit."""
         centred = self.about(self.mean, self.unit)
         covariance: Floats = centred[6:9, 6:9] / self.sums[0] * self.unit**2
         return covariance
 
-    @property
+    @cached_property
     def principal_variances(self) -> Floats:
         """(3,) variances of the readings along their principal axes, ascending."""
         variances: Floats = np.linalg.eigvalsh(self.covariance).clip(min=0.0)

@@ -11,17 +11,24 @@ Summary(100 readings, 100 cells)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self
 
+import numpy as np
+
 from flinders.core.samples import Samples
+from flinders.deprecation import renamed_attribute
 from flinders.summary.cloud import Cloud, natural_side
 from flinders.summary.moments import Moments
-from flinders.summary.quality import DataQuality
+from flinders.summary.quality import DataQuality, TimeStamps
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from flinders.core.samples import Recording
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording, Skipped
+    from flinders.native.engine import Records
+    from flinders.summary.quality import Rail
 
 _STRETCH: Final = 65536
 """Readings summarised at a time: few enough to need little memory, enough to make adding up cheap."""
@@ -51,7 +58,7 @@ class Summary:
         return cls(Moments.empty(), Cloud.empty(), DataQuality())
 
     @classmethod
-    def of(cls, readings: Samples | ArrayLike, *, side: float | None = None) -> Self:
+    def of(cls, readings: Samples | ArrayLike, *, side: float | None = None) -> Summary:
         """Summarise readings that are in memory.
 
         Parameters
@@ -74,35 +81,171 @@ class Summary:
                 Cloud.of(samples.field, time=samples.time, side=side),
                 DataQuality.of(samples),
             )
-        whole = cls.empty()
+        whole: Summary = cls.empty()
         for block in samples.blocks(_STRETCH):
             whole = whole + cls.of(block, side=side)
         return whole
 
     @classmethod
-    def through(cls, recording: Recording) -> Self:
+    def through(cls, recording: Recording) -> Summary:
         """Summarise a recording block by block, in one pass and in bounded memory."""
-        whole, side = cls.empty(), None
+        whole: Summary = cls.empty()
+        side = None
         for block in recording.blocks():
             if side is None and len(block):
                 side = natural_side(block.field)
             whole = whole + cls.of(block, side=side)
         return whole
 
-    def __add__(self, other: Summary) -> Self:
+    @classmethod
+    def deferred(cls, samples: Samples) -> Summary:
+        """The summary of samples in memory, which is made when a part of it is first asked for."""
+        return _Deferred(samples)
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """Rows left out while reading."""
+        return self.health.skipped
+
+    @property
+    def statistics(self) -> Statistics:
+        """What a verdict asks of the recording."""
+        health = self.health
+        return Statistics(
+            rows=health.rows,
+            repeats=health.repeats,
+            extent=float(health.extent.max()),
+            principal_variances=self.moments.principal_variances,
+            rails=health.rails,
+            clock=health.clock,
+            skipped=self.skipped,
+        )
+
+    def __add__(self, other: Summary) -> Summary:
         """`other` goes on where this ends."""
-        return type(self)(self.moments + other.moments, self.cloud + other.cloud, self.health + other.health)
+        return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health + other.health)
 
-    def beside(self, other: Summary) -> Self:
+    def combined(self, other: Summary) -> Summary:
         """Both, where `other` is a recording of its own: what lies between the two says nothing."""
-        return type(self)(self.moments + other.moments, self.cloud + other.cloud, self.health.merged(other.health))
+        return Summary(self.moments + other.moments, self.cloud + other.cloud, self.health.merged(other.health))
 
-    def forget(self, factor: float) -> Self:
+    beside = renamed_attribute("beside", "combined")
+
+    def forget(self, factor: float) -> Summary:
         """Weigh all readings so far by a factor below one: once a block, this forgets exponentially."""
-        return type(self)(self.moments * factor, self.cloud * factor, self.health)
+        return Summary(self.moments * factor, self.cloud * factor, self.health)
 
     def __len__(self) -> int:
         return self.health.rows
 
     def __repr__(self) -> str:
         return f"Summary({len(self)} readings, {len(self.cloud)} cells)"
+
+
+class _Deferred(Summary):
+    """The summary of samples in memory, made when a part of it is first asked for."""
+
+    def __init__(self, samples: Samples) -> None:
+        vars(self)["_samples"] = samples
+
+    @cached_property
+    def _whole(self) -> Summary:
+        """The summary itself."""
+        return Summary.of(vars(self)["_samples"])
+
+    @property
+    def moments(self) -> Moments:
+        """See `Summary`."""
+        return self._whole.moments
+
+    @property
+    def cloud(self) -> Cloud:
+        """See `Summary`."""
+        return self._whole.cloud
+
+    @property
+    def health(self) -> DataQuality:
+        """See `Summary`."""
+        return self._whole.health
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """See `Summary`."""
+        skipped: tuple[Skipped, ...] = vars(self)["_samples"].skipped
+        return skipped
+
+    def __len__(self) -> int:
+        return len(vars(self)["_samples"])
+
+    def __reduce__(self) -> tuple[type[Summary], tuple[Moments, Cloud, DataQuality]]:
+        """Leave the readings behind where it is sent or copied."""
+        return Summary, (self.moments, self.cloud, self.health)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statistics:
+    """What a verdict asks of a recording, from its summary or from a record of the engine.
+
+    Attributes
+    ----------
+    rows : int
+        Usable readings.
+    repeats : int
+        Readings equal to the one before in all three axes.
+    extent : float
+        Range of the axis that ranges farthest.
+    principal_variances : (3,) float
+        Variances along the principal axes, ascending.
+    rails : tuple of Rail
+        Where the sensor was at its limit.
+    clock : TimeStamps
+        What the time stamps say.
+    skipped : tuple of Skipped
+        Rows left out while reading.
+    """
+
+    rows: int
+    repeats: int
+    extent: float
+    principal_variances: Floats
+    rails: tuple[Rail, ...]
+    clock: TimeStamps
+    skipped: tuple[Skipped, ...]
+
+    @classmethod
+    def of_record(cls, record: Records, time: Floats | None = None, skipped: tuple[Skipped, ...] = ()) -> Self:
+        """Take the record of readings that were at no rail.
+
+        Parameters
+        ----------
+        record : Records
+        time : (N,) float, s, optional
+            As the engine was given it.
+        skipped : tuple of Skipped
+            Rows left out while reading.
+
+        Examples
+        --------
+        >>> from flinders.native.engine import engine
+        >>> record = engine().fit(np.random.default_rng(1).normal(size=(100, 3)).repeat(2, axis=0))
+        >>> Statistics.of_record(record).repeats
+        100
+        """
+        return cls(
+            rows=int(record["rows"]),
+            repeats=int(record["repeats"]),
+            extent=float((record["highest"] - record["lowest"]).max()),
+            principal_variances=record["principal_variances"],
+            rails=(),
+            clock=_clock(record, time),
+            skipped=skipped,
+        )
+
+
+def _clock(record: Records, time: Floats | None) -> TimeStamps:
+    """What a record says of (N,) times; readings without one are passed over."""
+    if time is None or np.isnan(record["start"]):
+        return TimeStamps()
+    start, end = float(record["start"]), float(record["end"])
+    steps = int(np.count_nonzero(~np.isnan(time))) - 1
+    return TimeStamps(start, end, end - start, steps, float(record["longest_step"]), int(record["backward_steps"]))

@@ -208,3 +208,8 @@ class Export:
     warnings: tuple[str, ...] = ()
     data: bytes | None = None
     has_comments: bool = True
+
+    @property
+    def content(self) -> str | bytes:
+        """Content of the file."""
+        return self.text if self.data is None else self.data

@@ -181,6 +181,22 @@ class Target:
         """Whether it refuses readings in the axes of the vehicle: it acts before the mounting, on what it reads."""
         return self.acts == "recorded" and not self.fed
 
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {
+            "use": self.use,
+            "suffix": self.suffix,
+            "formula": self.formula,
+            "unit": self.unit,
+            "holds": self.holds,
+            "axes": self.where,
+            "storage": self.storage,
+            "source": self.source,
+            "unverified": self.unverified,
+            "import": self.reader is not None,
+            "docs": self.docs,
+        }
+
     def render(
         self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions = NOTHING_MORE
     ) -> Export:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -99,6 +99,15 @@ class MotionCalPacket:
         own = np.array(values[BEFORE_OFFSET:])
         xx, yy, zz, xy, xz, yz = own[4:]
         return cls(own[:3], float(own[3]), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: the packet as it is sent, and its values."""
+        return {
+            "packet": self.encode().hex(),
+            "offset_uT": self.offset,
+            "field_uT": self.strength,
+            "matrix": self.matrix,
+        }
 
     def encode(self) -> bytes:
         """The 68 bytes: signature, nine offsets, B, W₀₀ W₁₁ W₂₂ W₀₁ W₀₂ W₁₂, CRC."""

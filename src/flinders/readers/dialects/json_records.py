@@ -81,14 +81,14 @@ def _loaded(text: str) -> object:
 
 def flat(record: dict[str, object]) -> dict[str, object]:
     """Bring what lies inside objects and lists to the top, with dots in its name: ``mag.x``, ``mag.y.0``."""
-    found: dict[str, object] = {}
+    leaves: dict[str, object] = {}
     for key, value in record.items():
         inside = {str(place): each for place, each in enumerate(value)} if isinstance(value, list) else value
         if isinstance(inside, dict):
-            found |= {f"{key}.{inner}": leaf for inner, leaf in flat(inside).items()}
+            leaves |= {f"{key}.{inner}": leaf for inner, leaf in flat(inside).items()}
         else:
-            found[key] = value
-    return found
+            leaves[key] = value
+    return leaves
 
 
 def _numbers(record: dict[str, object] | list[object]) -> int:

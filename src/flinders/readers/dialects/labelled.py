@@ -39,6 +39,7 @@ DELIMITERS: Final = frozenset(("", ",", ";", '"', '","', '";"', ":", "/"))
 """What stands between the numbers of a table, whose rows need no guess, and of times and dates."""
 _SETTING: Final = re.compile(r"calibration|offset|bias|matrix|(hard|soft).?iron", re.IGNORECASE)
 """Words of lines that say how a sensor is set or corrected."""
+_AXIS_ALONE: Final = re.compile(r"\s*[wxyz]\s*[:=][^:=]*", re.IGNORECASE)  # as YAML has it, and ``ros2 topic echo``
 LONGEST: Final = 2048  # Characters in a printed line; nobody reads a longer one
 PLAIN: Final = ("x", "y", "z")
 WORDS: Final = "labelled lines"
@@ -60,6 +61,21 @@ class _Printed(NamedTuple):
 
 
 @dataclass(slots=True)
+class _Heading:
+    """A label in a line of its own: of the numbers in the next line, or of the lines below with an axis each."""
+
+    label: str = ""
+    is_taken: bool = False  # by a line with an axis
+
+    def before(self, line: str) -> str:
+        """Put it in front of a line that it names."""
+        is_axis = bool(self.label) and _AXIS_ALONE.fullmatch(line) is not None
+        joined = f"{self.label} {line}" if self.label and (is_axis or not self.is_taken) else line
+        self.label, self.is_taken = self.label if is_axis else "", is_axis
+        return joined
+
+
+@dataclass(slots=True)
 class Labelled(Dialect):
     """Lines of some kinds that together make a reading."""
 
@@ -68,7 +84,7 @@ class Labelled(Dialect):
     needed: frozenset[int]  # places in the row without which there is no reading
     has_headings: bool = False  # labels stand in lines of their own above the numbers
     signs: tuple[str, ...] | None = None  # what stands before and between the numbers, where that alone is known
-    _heading: str = field(default="", init=False)
+    _heading: _Heading = field(default_factory=_Heading, init=False)
     _cells: list[str] = field(init=False)
     _quick: re.Pattern[str] | None = field(default=None, init=False)
 
@@ -77,14 +93,13 @@ class Labelled(Dialect):
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take the numbers of a line by its kind; a reading where that ends one."""
-        if self._quick and not self._heading and (found := self._quick.fullmatch(line)):
-            return found.groups()
+        if self._quick and not self._heading.label and (match := self._quick.fullmatch(line)):
+            return match.groups()
         if _is_heading(line):
-            self._heading = line
+            self._heading = _Heading(line)
             return () if self.has_headings else None
-        line = f"{self._heading} {line}" if self._heading else line
+        line = self._heading.before(line)
         numbers, gaps = cut(line) if len(line) <= LONGEST else ([], ())
-        self._heading = ""
         kind = self._kind(gaps)
         if kind is None:
             return None
@@ -114,6 +129,7 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     counts = Counter(each.kind for each in printed)
     labelled = list(dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked))
     closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
+    headings = sum(map(_is_heading, lines))
     if closing is not None:
         if counts[closing] < LEAST_SHARE * sum(len(each.numbers) >= len(PLAIN) for each in every):
             return None
@@ -122,12 +138,13 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
         turns = [
             kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)
         ]
-        found = _laid_out(turns, [kind for kind in read if kind not in turns], printed)
-        found.has_headings = 2 * sum(map(_is_heading, lines)) > counts[closing]
-        return found
-    often = max(OFTEN * max(counts.values(), default=0), enough)
-    if together := _axis_by_axis([kind for kind in labelled if counts[kind] >= often]):
-        return together
+        dialect = _laid_out(turns, [kind for kind in read if kind not in turns], printed)
+        dialect.has_headings = 2 * headings > counts[closing]
+        return dialect
+    often = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
+    if by_axis := _axis_by_axis([kind for kind in labelled if counts[kind] >= often]):
+        by_axis.has_headings = 2 * headings > counts[by_axis.closing]
+        return by_axis
     return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
 
 
@@ -137,31 +154,30 @@ def _is_heading(line: str) -> bool:
 
 
 def _with_headings(lines: list[str]) -> list[str]:
-    """Put each line that is a heading in front of the next one."""
-    joined, heading = list[str](), ""
+    """Put each line that is a heading in front of the lines that it names."""
+    joined, heading = list[str](), _Heading()
     for line in lines:
         if _is_heading(line):
-            heading = line
+            heading = _Heading(line)
         else:
-            joined.append(f"{heading} {line}" if heading else line)
-            heading = ""
+            joined.append(heading.before(line))
     return joined
 
 
 def _printed(line: str) -> _Printed:
     numbers, gaps = cut(line)
     is_plain = set(gaps) <= DELIMITERS and "0x" not in line.casefold()
-    is_setting = _SETTING.search(" ".join(gaps)) is not None
+    is_setting = _SETTING.search(gaps[0]) is not None
     return _Printed(names_of(gaps) if numbers else (), numbers, gaps, is_labelled(gaps), is_plain, is_setting)
 
 
 def _magnetometer(kinds: Sequence[Kind], counts: Counter[Kind]) -> Kind | None:
     """Pick the kind that names one: the rawest, of those one that states its unit, then the most frequent."""
-    found = {kind: fields for kind in kinds if (fields := magnetometers(kind))}
-    often = [kind for kind in found if counts[kind] >= OFTEN * max(counts[other] for other in found)]
+    sensors = {kind: fields for kind in kinds if (fields := magnetometers(kind))}
+    often = [kind for kind in sensors if counts[kind] >= OFTEN * max(counts[other] for other in sensors)]
 
     def quality(kind: Kind) -> tuple[int, bool, int]:
-        best = found[kind][0]
+        best = sensors[kind][0]
         return best.rank, meaning(kind[best.cells[0]]).unit in ("", COUNTS), -counts[kind]
 
     return min(often, key=quality, default=None)
@@ -205,17 +221,17 @@ def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
 def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     """Take the lines of three numbers, or of four of which the first is the time, whatever stands between them."""
     alike = Counter((each.kind, each.gaps[:-1]) for each in printed if _says_nothing(each.kind))
-    (kind, signs), count = max(alike.items(), key=lambda found: found[1], default=(((), ()), 0))
+    (kind, signs), count = max(alike.items(), key=lambda counted: counted[1], default=(((), ()), 0))
     if not count or count < enough or sum(other > OFTEN * count for other in alike.values()) > 1:
         return None
-    found = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
-    if _alternates([[float(number.replace("−", "-")) for number in numbers] for numbers in found]):
+    rows = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
+    if _alternates([[float(number.replace("−", "-")) for number in numbers] for numbers in rows]):
         return None
-    names = _timed(kind, found)
+    names = _timed(kind, rows)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
         return None
     words = "lines of three numbers" if len(kind) == len(PLAIN) else "lines of time and three numbers"
-    names = (*names[: -len(PLAIN)], *PLAIN)
+    names = (*names[: -len(PLAIN)], *(f"{axis}{_unit_alone(kind)}" for axis in PLAIN))
     return Labelled(words, names, {kind: 0}, kind, frozenset(range(len(kind))), signs=signs)
 
 
@@ -225,11 +241,17 @@ def _says_nothing(kind: Kind) -> bool:
     others = (kind[0], "") if len(kind) == len(PLAIN) + 1 else ("",)
     if len(kind) not in (len(PLAIN), len(PLAIN) + 1) or (others[0] and meaning(others[0]).kind != TIME):
         return False
-    if not any(names):
+    if not any(names) or _unit_alone(kind):
         return True
     stems = {name.rpartition(" ")[0] for name in names}
     is_of_axes = tuple(name.rpartition(" ")[2] for name in names) == PLAIN
     return is_of_axes and len(stems) == 1 and not meaning(names[0]).kind and not QUANTITY.search(names[0])
+
+
+def _unit_alone(kind: Kind) -> str:
+    """The unit behind the last three numbers, where no label stands before them: ``1 2 3 mT``."""
+    units = set(kind[-len(PLAIN) :])
+    return unit if len(units) == 1 and (unit := units.pop()).startswith(" (") else ""
 
 
 def _alternates(rows: Sequence[Sequence[float]]) -> bool:

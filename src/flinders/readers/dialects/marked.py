@@ -72,15 +72,15 @@ class Marked(Dialect):
 
     def row(self, line: str) -> Sequence[str] | None:
         """Take the time and the numbers of a line of the magnetometer; nothing for another mark."""
-        found = self.line.fullmatch(line.strip())
-        if found is None:
+        match = self.line.fullmatch(line.strip())
+        if match is None:
             return None
-        values = re.split(r"\s*,\s*|\s+", found["values"].strip())
-        if self.auxiliary and found["mark"] == self.auxiliary:
+        values = re.split(r"\s*,\s*|\s+", match["values"].strip())
+        if self.auxiliary and match["mark"] == self.auxiliary:
             self._latest = values
-        if found["mark"].casefold() != self.mark.casefold():
+        if match["mark"].casefold() != self.mark.casefold():
             return ()
-        cells = [found["time"]] * bool(found["time"]) + self._in_units(values)
+        cells = [match["time"]] * bool(match["time"]) + self._in_units(values)
         auxiliary = self._latest or [""] * 6 if self.auxiliary else []
         is_whole = len(cells) + len(auxiliary) == len(self.names)
         return [*cells, *auxiliary] if is_whole and None not in [number(cell, ".") for cell in cells] else None
@@ -130,9 +130,9 @@ def recognise(lines: list[str]) -> Marked | None:
             )
     filled = [line.strip() for line in lines if line.strip()]
     for dialect in (_PAPARAZZI, _REPLAY):
-        found = [match for line in filled if (match := dialect.line.fullmatch(line))]
-        if found and len(found) >= SHARES[dialect.line] * len(filled):
-            return replace(dialect) if dialect is _REPLAY else _paparazzi([match["mark"] for match in found])
+        matches = [match for line in filled if (match := dialect.line.fullmatch(line))]
+        if matches and len(matches) >= SHARES[dialect.line] * len(filled):
+            return replace(dialect) if dialect is _REPLAY else _paparazzi([match["mark"] for match in matches])
     return None
 
 

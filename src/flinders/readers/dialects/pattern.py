@@ -44,5 +44,5 @@ class Pattern(Dialect):
 
     def row(self, line: str) -> list[str] | None:
         """Take the numbers of a line; None where it is not written so."""
-        found = self.line.search(line)
-        return None if found is None else [decimal(number) for number in found.groups()]
+        match = self.line.search(line)
+        return None if match is None else [decimal(number) for number in match.groups()]

@@ -109,10 +109,10 @@ def stamped(lines: list[str], behind: Recognise, *, marked: bool = True) -> Stam
 def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
     """Find lines of three words of one length that only hexadecimal digits explain."""
     for digits, word in WORDS.items():
-        found = [words for line in lines if len(words := word.findall(line)) >= LEAST]
-        lettered = [words for words in found if not all(map(str.isdigit, words))]
-        if lettered and len(lettered) >= LETTERED * len(found):
-            count = _hexadecimal_words(found)
+        rows = [words for line in lines if len(words := word.findall(line)) >= LEAST]
+        lettered = [words for words in rows if not all(map(str.isdigit, words))]
+        if lettered and len(lettered) >= LETTERED * len(rows):
+            count = _hexadecimal_words(rows)
             inner = behind([_marked(line, digits, count) for line in lines])
             return (
                 Hexadecimal(f"hexadecimal words in {inner.words}", inner.names, inner, digits, count) if inner else None

@@ -1,0 +1,308 @@
+"""Offset, shape, and what disturbances add to them, by the magnitude alone: a problem of `flinders.likelihood.solver`.
+
+Minimises
+
+    Σ ρ(s(x − Σ P (c(t − lag) − reference)) / σ) + prior
+
+over (b, S, P, a) with the columns of `flinders.likelihood.disturbance`. The Sampson distance s has the direction of
+each reading eliminated already. Readings that lie far off count less at first, ρ(s) = k² log(1 + s²/k²), and not at
+all in the end, where ρ(s) = s². Lags are given: `flinders.estimators.time_delay` looks for them.
+
+Source: P. W. Holland, R. E. Welsch, Comm. Statist. A 6 (1977) 813–827, for Cauchy weights and their k.
+
+>>> from flinders import simulate
+>>> from flinders.estimators.regressors import Logged
+>>> motors = simulate.MotorCurrent(per_ampere=[0.5, 0.0, -0.3])
+>>> samples = simulate.tumble(seed=1, disturbances=[motors]).samples
+>>> solved = settle(DisturbanceProblem(Logged.of([samples], ("current",)), ("current",), 0.3, {}))
+>>> solved.at.disturbances.round(1) + 0.0
+array([[ 0.5,  0. , -0.3]])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
+
+import numpy as np
+
+from flinders.estimators.robust import robust_sigma
+from flinders.likelihood import disturbance, magnitude, prior
+from flinders.likelihood.equations import NormalEquations
+from flinders.likelihood.observations import Linearised
+from flinders.likelihood.parameters import ParameterLayout, Parameters
+from flinders.likelihood.solver import Iterate, levenberg_marquardt
+from flinders.summary.coverage import directions_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.estimators.regressors import Logged
+    from flinders.likelihood.solver import Equations
+
+ROUGHLY: Final = 1_000
+"""Readings on which a start is found."""
+
+NO_WORSE: Final = 0.01
+"""In χ²: a step that costs less is taken, as the Jacobian is that of the surface and not of the cost."""
+
+SETTLED: Final = 1e-5
+"""Standard deviations: such a step is the last. Where a disturbance follows the attitude, steps shrink slowly."""
+
+FINEST: Final = 1e-9
+"""Of the radius: no scale of the residuals is smaller."""
+
+FAR: Final = 4.0
+"""Robust standard deviations beyond which a reading is left out in the end."""
+
+CAUCHY: Final = 2.4
+"""Robust standard deviations at which a reading counts half at first."""
+
+FEWEST_KEPT: Final = 0.5
+"""Share of the readings that is kept, however far the others lie."""
+
+WEAK: Final = 1.0
+"""Fields over the recorded range, 1 σ: what is thought likely of a disturbance before it is looked at."""
+
+GROWTH: Final = 0.005
+"""Share of the scale per °C, 1 σ: the same."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompensatedReadings:
+    """Observations of the magnitude alone, of readings less what disturbances add.
+
+    Attributes
+    ----------
+    field : (N, 3) float
+    departures : (N, K) float
+        Values of the disturbances less their references.
+    warmth : (N,) float, optional
+        That of the temperature among them, which the scale may follow.
+    inliers : (N,) bool, optional
+        Readings that count; None for Cauchy weights.
+    """
+
+    field: Floats
+    departures: Floats
+    warmth: Floats | None
+    inliers: NDArray[np.bool_] | None = None
+
+    def thinned(self, most: int) -> Self:
+        """The same on fewer readings, spread evenly over all."""
+        stride = -(-len(self.field) // most)
+        warmth = None if self.warmth is None else self.warmth[::stride]
+        return replace(self, field=self.field[::stride], departures=self.departures[::stride], warmth=warmth)
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Offset, shape, P and a."""
+        return ParameterLayout.of(disturbances=self.departures.shape[1], slope=self.warmth is not None)
+
+    def compensated(self, at: Parameters) -> Floats:
+        """(N, 3) readings at the references of the disturbances."""
+        settled = self.field - self.departures @ at.disturbances
+        if self.warmth is None:
+            return settled
+        grown: Floats = np.maximum(1.0 + at.slope * self.warmth, 0.1)[:, np.newaxis]
+        return at.offset + (settled - at.offset) / grown
+
+    def distances(self, at: Parameters) -> Floats:
+        """(N,) Sampson distances."""
+        return magnitude.distances(self.compensated(at), at.ellipsoid)
+
+    def jacobian(self, at: Parameters) -> Floats:
+        """(N, P) by how much each parameter moves the surface there."""
+        directions = directions_of(self.compensated(at), at.ellipsoid)
+        columns = disturbance.columns(directions, at.ellipsoid, self.departures, self.warmth)
+        return np.column_stack([magnitude.information(directions, at.ellipsoid), columns])
+
+    def scale(self, at: Parameters) -> float:
+        """Robust standard deviation of the distances that count."""
+        distances = self.distances(at)
+        counted = distances if self.inliers is None else distances[self.inliers]
+        return max(robust_sigma(counted), FINEST * at.ellipsoid.radius)
+
+    def at(self, _: Parameters) -> Self:
+        """Nothing of it is calculated before."""
+        return self
+
+    def linearised(self, at: Parameters, _: Floats, __: ParameterLayout, scale: float) -> Linearised:
+        """Normal equations, of iteratively reweighted least squares; it has no directions of its own."""
+        scaled = self.distances(at) / scale
+        weights = 1.0 / (1.0 + (scaled / CAUCHY) ** 2) if self.inliers is None else self.inliers.astype(float)
+        rows = self.jacobian(at) / scale
+        weighted = rows * weights[:, np.newaxis]
+        return Linearised.without_directions(weighted.T @ rows, weighted.T @ scaled, self._loss(scaled))
+
+    def cost(self, at: Parameters, _: Floats, scale: float) -> float:
+        """Σ ρ of the distances in their scale."""
+        return self._loss(self.distances(at) / scale)
+
+    def _loss(self, scaled: Floats) -> float:
+        """Σ ρ of (N,) scaled distances."""
+        if self.inliers is None:
+            return float(CAUCHY**2 * np.log1p((scaled / CAUCHY) ** 2).sum())
+        return float(scaled[self.inliers] @ scaled[self.inliers])
+
+
+CompensatedIterate: TypeAlias = Iterate[Parameters, CompensatedReadings, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Readings, and what is thought of the parameters before.
+
+    Attributes
+    ----------
+    readings : CompensatedReadings
+    spread : float
+        Of the prior on the shape.
+    """
+
+    readings: CompensatedReadings
+    spread: float
+    tolerance: ClassVar[float] = NO_WORSE
+    settled: ClassVar[float] = SETTLED
+
+    @property
+    def layout(self) -> ParameterLayout:
+        """Of the readings."""
+        return self.readings.layout
+
+    def prior_equations(self, at: Parameters) -> NormalEquations:
+        """What is thought before: of the shape, and that P and a are small over what was recorded."""
+        matrix, gradient = np.zeros((self.layout.size, self.layout.size)), np.zeros(self.layout.size)
+        shape = prior.equations(at.ellipsoid, spread=self.spread)
+        ranges = np.maximum(np.abs(self.readings.departures).max(axis=0, initial=0.0), np.finfo(float).tiny)
+        precision = np.repeat((ranges / (WEAK * at.ellipsoid.radius)) ** 2, 3)
+        if self.readings.warmth is not None:
+            precision = np.append(precision, 1.0 / GROWTH**2)
+        values = np.append(at.disturbances.ravel(), [] if self.readings.warmth is None else [at.slope])
+        matrix[:9, :9], gradient[:9] = shape.matrix, shape.gradient
+        matrix[9:, 9:], gradient[9:] = np.diag(precision), -precision * values
+        return NormalEquations(matrix, gradient, shape.cost + float(precision @ values**2), 0)
+
+    def reweighed(self, iterate: CompensatedIterate, _: Equations) -> CompensatedIterate:
+        """Weighed by the robust scale of the distances."""
+        return replace(iterate, weights=self.readings.scale(iterate.at))
+
+    def solved(self, at: Parameters) -> Parameters:
+        """Where the solver leads from some parameters."""
+        start = Iterate(at, (self.readings,), (np.empty((0, 3)),), self.readings.scale(at))
+        return levenberg_marquardt(self, start).at
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DisturbanceProblem:
+    """A recording, and the disturbances that are to be found in it.
+
+    Attributes
+    ----------
+    logged : Logged
+    names : tuple of str
+        Of the disturbances that are followed.
+    spread : float
+        Of the prior on the shape.
+    lags : dict of str to float, s
+        Those that are not zero.
+    """
+
+    logged: Logged
+    names: tuple[str, ...]
+    spread: float
+    lags: dict[str, float]
+
+    @property
+    def departures(self) -> Floats:
+        """(N, K) values of the disturbances less their references."""
+        return self.logged.departures(self.names, self.lags)
+
+    @property
+    def readings(self) -> CompensatedReadings:
+        """Field and disturbances as recorded."""
+        departures = self.departures
+        warmth = departures[:, self.names.index("temperature")] if "temperature" in self.names else None
+        return CompensatedReadings(self.logged.field, departures, warmth)
+
+    def prior_matrix(self, at: Parameters) -> Floats:
+        """(P, P) precision of what is thought before."""
+        return _Fit(self.readings, self.spread).prior_equations(at).matrix
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solved:
+    """A solution.
+
+    Attributes
+    ----------
+    at : Parameters
+    distances : (N,) float
+    jacobian : (N, 9 + K) float
+        Of offset, shape, P₁, P₂, … and a.
+    used : (N,) bool
+        Readings that belong to the surface.
+    """
+
+    at: Parameters
+    distances: Floats
+    jacobian: Floats
+    used: NDArray[np.bool_]
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the distances of the readings that were used."""
+        used = self.distances[self.used]
+        return float(np.sqrt(used @ used / max(len(used) - self.jacobian.shape[1], 1)))
+
+
+def settle(problem: DisturbanceProblem, start: Solved | None = None) -> Solved:
+    """Solve from each of a few starts, robustly at first, and keep the best."""
+    readings = problem.readings
+    at = _start(readings.thinned(ROUGHLY), problem.spread) if start is None else start.at
+    used = _near(readings.distances(at))
+    for _ in range(3):
+        at = _Fit(replace(readings, inliers=used), problem.spread).solved(at)
+        again = _near(readings.distances(at))
+        if np.array_equal(again, used):
+            break
+        used = again
+    return Solved(at, readings.distances(at), readings.jacobian(at), used)
+
+
+def _start(readings: CompensatedReadings, spread: float) -> Parameters:
+    """The best of what the solver finds from spheres: about readings as they are, and without steps of disturbances."""
+    shifts: list[Floats] = [np.zeros((readings.departures.shape[1], 3))]
+    if readings.departures.shape[1]:
+        shifts.append(_by_steps(readings))
+    found = [_Fit(readings, spread).solved(_sphere(readings, shift)) for shift in shifts]
+    return min(found, key=lambda at: robust_sigma(readings.distances(at)))
+
+
+def _by_steps(readings: CompensatedReadings) -> Floats:
+    """(K, 3) P from steps between neighbours: where a disturbance jumps, the attitude has hardly changed."""
+    wide = max(1, len(readings.field) // 2000)
+    steps, moved = (values[wide:] - values[:-wide] for values in (readings.departures, readings.field))
+    shifts: Floats = np.linalg.lstsq(steps, moved, rcond=None)[0]
+    return shifts
+
+
+def _near(distances: Floats) -> NDArray[np.bool_]:
+    """Which readings belong to the surface."""
+    size = np.abs(distances)
+    limit = max(FAR * robust_sigma(distances), float(np.quantile(size, FEWEST_KEPT)))
+    near: NDArray[np.bool_] = size <= max(limit, np.finfo(float).tiny)
+    return near
+
+
+def _sphere(readings: CompensatedReadings, shifts: Floats) -> Parameters:
+    """A sphere about compensated readings, by linear least squares about the median one; also of flat ones."""
+    settled = readings.field - readings.departures @ shifts
+    middle = np.median(settled, axis=0)
+    about = settled - middle
+    design = np.column_stack([2.0 * about, np.ones(len(about))])
+    solution = np.linalg.lstsq(design, np.einsum("ij,ij->i", about, about), rcond=None)[0]
+    distances = np.linalg.norm(about - solution[:3], axis=1)
+    radius = max(float(np.median(distances)), 1e-12)
+    return replace(Parameters.at(middle + solution[:3], radius * np.eye(3)), disturbances=shifts)

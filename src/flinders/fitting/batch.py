@@ -1,0 +1,523 @@
+"""Many recordings at once: one call of the engine, and the rules of the catalogue on columns of its records.
+
+A recording is judged from its record alone, with the numbers and findings of `flinders.fit`. One that needs more than
+that, be it outliers to list, a level turn or the sentence of a refusal, is given to `flinders.fit` by itself.
+
+>>> from flinders import simulate
+>>> tumbles = [simulate.tumble(seed=seed, n=500, motion="uniform").samples for seed in range(3)]
+>>> columns = fit_batch([*tumbles, tumbles[0][:5]])
+>>> columns, columns.code.tolist()
+(BatchColumns(3 good, 1 refused; 3 of 4 by their records), ['', '', '', 'too-few-samples'])
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from flinders.core.samples import Samples
+from flinders.core.units import EARTH_UT, MICROTESLA
+from flinders.diagnostics.unmodelled import unmodelled_of
+from flinders.diagnostics.unmoved import was_turned
+from flinders.errors import FitError, FlindersError, UsageError
+from flinders.estimators.auto import FEWEST_LEFT, THICK, trimmed_covariance
+from flinders.estimators.level import is_level
+from flinders.estimators.likelihood import ENOUGH, Likelihood
+from flinders.estimators.robust import Robust
+from flinders.findings import CATALOGUE, VERDICTS, fit
+from flinders.fitting import calibrate
+from flinders.fitting.claim import widening_by_few
+from flinders.fitting.result import Fit, Refused
+from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.likelihood.identifiability import flat_below
+from flinders.likelihood.magnitude import distances
+from flinders.native.engine import engine
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.findings import Severity
+    from flinders.native.engine import Records
+
+UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
+"""The 45 entries of a covariance on and above its diagonal, row by row."""
+
+WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
+"""Columns of so many numbers."""
+
+DIAGONAL: Final = slice(0, 81, 10)
+"""Of a flat covariance."""
+
+CODES: Final = (*(row.code for row in fit.ROWS), "alternating", "outliers", *OF_CALIBRATION, *OF_RECORDING)
+"""Findings that a record tells, in the order of `flinders.fitting.verdict.judge`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lined:
+    """Recordings that lie one after the other in the same columns, as in a table of a fleet.
+
+    A sequence of `Samples`, of which each is made when it is asked for.
+
+    Attributes
+    ----------
+    whole : Samples
+        The readings of all.
+    ends : (U,) int
+        Where those of each end.
+    sources : sequence of str
+        Where each came from, for messages.
+
+    Examples
+    --------
+    >>> lined = Lined(Samples.of(np.arange(18.0).reshape(6, 3)), np.array([2, 6]), ["A17", "B02"])
+    >>> lined[1].source, len(lined[1])
+    ('B02', 4)
+    """
+
+    whole: Samples
+    ends: NDArray[np.int64]
+    sources: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def __getitem__(self, place: int) -> Samples:
+        """One of them."""
+        begin = int(self.ends[place - 1]) if place else 0
+        return replace(self.whole[begin : int(self.ends[place])], source=self.sources[place])
+
+    def __iter__(self) -> Iterator[Samples]:
+        return (self[place] for place in range(len(self)))
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """(U,) how many readings each has."""
+        return np.diff(self.ends, prepend=0)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FitColumns:
+    """Columns that the fits of U units fill, NaN where a fit gives no number.
+
+    Attributes
+    ----------
+    readings, used : (U,) int
+        Those there are, and those that the fit used.
+    verdict, code, message, method : (U,) str
+        ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two.
+    worst_deg, rms_deg, dip_deg : (U,) float
+        Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
+    offset, matrix, covariance : (U, 3), (U, 9), (U, 45) float, in `unit_of_field`
+        Of the calibration; the upper triangle of the covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), row by row.
+    noise, radius : (U,) float, in `unit_of_field`
+    coverage : (U,) float
+        Share of the sphere that was seen.
+    findings : (U,) tuple of str
+        Their codes, the most severe first.
+    unit_of_field : (U,) str
+    """
+
+    readings: NDArray[np.int64]
+    used: NDArray[np.int64]
+    verdict: NDArray[np.object_]
+    code: NDArray[np.object_]
+    message: NDArray[np.object_]
+    method: NDArray[np.object_]
+    worst_deg: Floats
+    rms_deg: Floats
+    dip_deg: Floats
+    offset: Floats
+    matrix: Floats
+    covariance: Floats
+    noise: Floats
+    radius: Floats
+    coverage: Floats
+    findings: NDArray[np.object_]
+    unit_of_field: NDArray[np.object_]
+
+    @classmethod
+    def empty(cls, units: int) -> Self:
+        """Nothing known yet."""
+        columns: dict[str, Any] = {}
+        for each in dataclasses.fields(cls):
+            kind = str(each.type)
+            if kind == "Floats":
+                columns[each.name] = np.full((units, WIDTHS[each.name]) if each.name in WIDTHS else units, np.nan)
+            elif "object" in kind:
+                columns[each.name] = np.full(units, "", dtype=object)
+            else:
+                columns[each.name] = np.zeros(units, dtype=bool if "bool" in kind else np.int64)
+        return cls(**columns)
+
+    def __len__(self) -> int:
+        return len(self.used)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
+class BatchColumns(FitColumns):
+    """Results of a batch of U units.
+
+    Attributes
+    ----------
+    by_record : (U,) bool
+        Judged from its record, without a fit of its own.
+    """
+
+    by_record: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        verdicts = ", ".join(f"{many} {verdict}" for verdict, many in sorted(Counter(self.verdict.tolist()).items()))
+        return f"BatchColumns({verdicts}; {int(self.by_record.sum())} of {len(self)} by their records)"
+
+
+def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_deg: float = 60.0) -> BatchColumns:
+    """Fit and judge many units at once, each as `flinders.fit` would by itself.
+
+    Parameters
+    ----------
+    units : sequence of Samples, or Lined
+        The readings of each.
+    target_deg : float
+        Worst heading error that is good enough, in degrees.
+    dip_deg : float
+        Inclination of the field at the site.
+
+    Returns
+    -------
+    BatchColumns
+        In the order given. A unit that gives no calibration is a row with its error.
+
+    Raises
+    ------
+    UsageError
+        For a target that is not positive, or within a degree of the magnetic poles.
+    """
+    if not target_deg > 0.0:
+        raise UsageError(f"target is {target_deg:g}°: need a positive angle")
+    columns = BatchColumns.empty(len(units))
+    for places, whole, offsets in _groups(units):
+        records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
+        known = _tells_all(records, whole.unit.inside)
+        for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
+            known[at] = not _may_be_level(_inliers(records[at], units[places[at]]))
+        table = _Table.of(records[known], _Chosen(units, places[known]), whole.unit.inside, target_deg)
+        _fill(columns, places[known], table)
+    for place in np.flatnonzero(~columns.by_record).tolist():
+        one = units[place]
+        fill_row(columns, place, _alone(one, target_deg=target_deg, dip_deg=dip_deg))
+        columns.readings[place], columns.unit_of_field[place] = len(one), one.unit.inside
+    return columns
+
+
+@dataclass(frozen=True, slots=True)
+class _Chosen:
+    """Some of many units, each made when it is asked for.
+
+    Attributes
+    ----------
+    units : sequence of Samples, or Lined
+    places : (K,) int
+        Of those that are chosen.
+    """
+
+    units: Sequence[Samples] | Lined
+    places: NDArray[np.intp]
+
+    def __getitem__(self, at: int) -> Samples:
+        return self.units[int(self.places[at])]
+
+    @property
+    def disturbed(self) -> Iterator[int]:
+        """Those with currents, throttles or temperatures."""
+        if isinstance(self.units, Lined):
+            return iter(range(len(self.places)) if self.units.whole.disturbances else ())
+        return (at for at in range(len(self.places)) if self[at].disturbances)
+
+
+def _groups(units: Sequence[Samples] | Lined) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
+    """Units whose readings alone have a say, one behind the other: their places, all readings, where each begins."""
+    if isinstance(units, Lined):
+        if _is_plain(units.whole):
+            yield np.arange(len(units)), units.whole, np.concatenate([[0], units.ends])
+        return
+    groups: dict[tuple[str, bool], list[int]] = defaultdict(list)
+    for place, one in enumerate(units):
+        if type(one) is Samples and _is_plain(one):
+            groups[one.unit.inside, one.time is None].append(place)
+    for places in groups.values():
+        some = [units[place] for place in places]
+        time = None if some[0].time is None else np.concatenate([one.time for one in some if one.time is not None])
+        whole = Samples(np.concatenate([one.field for one in some]), unit=some[0].unit, time=time)
+        yield np.array(places), whole, np.cumsum([0, *map(len, some)])
+
+
+def _is_plain(one: Samples) -> bool:
+    """Whether nothing beside the readings and their times has a say in the fit."""
+    return one.strength is None and not one.skipped and not one.axes.is_mirror
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """What records say of U units, column by column.
+
+    Attributes
+    ----------
+    records : (U,) of `flinders.native.engine.RECORD`
+    quantities : mapping of (U,)
+        What the rules of the catalogue compare, by name.
+    covariance : (U, 81)
+        With what repeated and few readings add.
+    inside : str
+        Unit of the readings: ``uT`` or ``counts``.
+    """
+
+    records: Records
+    quantities: dict[str, Any]
+    covariance: Floats
+    inside: str
+
+    @classmethod
+    def of(cls, records: Records, units: _Chosen, inside: str, target_deg: float) -> Self:
+        """Take those records that tell all, and work out what rules compare."""
+        repetition, factor = _repetition(records)
+        quantities = {
+            "target_deg": np.full(len(records), target_deg),
+            "samples": records["used"],
+            **_of_surface(records, inside),
+            **_of_accuracy(records, np.sqrt(factor)),
+            **_of_evidence(records, repetition),
+            **_of_the_recording(records),
+            **_changes(records, units),
+            **{name: np.full(len(records), value) for name, value in NOT_ASKED.items()},
+        }
+        return cls(records, quantities, records["covariance"] * factor[:, np.newaxis], inside)
+
+    @property
+    def findings(self) -> dict[tuple[str, Severity], NDArray[np.bool_]]:
+        """(U,) which units have each finding, the most severe first."""
+        there: dict[tuple[str, Severity], NDArray[np.bool_]] = {}
+        for code in CODES:
+            rule = CATALOGUE[code].rule
+            if rule is not None:
+                there |= {(code, severity): holds for severity, holds in rule.holds(self.quantities).items()}
+        return {key: there[key] for severity in VERDICTS for key in there if key[1] == severity}
+
+
+NOT_ASKED: Final = dict.fromkeys(
+    ("alignment_deg", "apart_deg", "apart_by_chance", "apart_beyond_claim_deg", "swap_gain", "farthest"), np.nan
+) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
+"""Quantities of what no record tells; a unit of which one of them matters is fitted by itself."""
+
+
+def _tells_all(records: Records, inside: str) -> NDArray[np.bool_]:
+    """(U,) whether a record tells all: one fit of all readings, of a sensor that was turned out of one plane."""
+    may_be_swapped = (records["is_white"] == 0) | (records["is_robust"] == 1)
+    is_swapped = (records["swaps"] > 0).any(axis=1) & may_be_swapped
+    is_seen = (records["status"] == 0) & (records["unobserved"] == 0)
+    tells: NDArray[np.bool_] = is_seen & was_turned(records, inside, weakest=0.0) & ~is_swapped
+    return tells
+
+
+def _inliers(record: Records, one: Samples) -> Samples:
+    """The readings of a unit without its outliers."""
+    if not record["is_robust"]:
+        return one
+    surface = Ellipsoid(record["centre"], symmetric(record["shape"]))
+    return one[np.abs(distances(one.field, surface)) <= record["rejected_beyond"]]
+
+
+def _may_be_level(inliers: Samples) -> bool:
+    """Whether a unit with outliers may have been turned in one plane, which a few of them hide."""
+    field = inliers.field[:: max(1, -(-len(inliers) // ENOUGH))]
+    return len(field) >= FEWEST_LEFT and is_level(trimmed_covariance(field), THICK)
+
+
+def _repetition(records: Records) -> tuple[Floats, Floats]:
+    """Factors by which repeated readings, and these with few ones, widen covariances, as `flinders.fitting.claim`."""
+    rows = records["rows"].astype(float)
+    share = rows / np.maximum(rows - records["repeats"], 1)
+    known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
+    repetition = np.maximum(1.0, share / known)
+    few = [widening_by_few(freedom) for freedom in (rows / repetition - 9.0).tolist()]
+    return repetition, repetition * few
+
+
+def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
+    """What the ellipsoid says, and the calibration that it makes."""
+    axes = np.linalg.eigvalsh(_shapes(records))
+    radius, noise = np.exp(np.log(axes).mean(axis=1)), records["noise"]
+    nearest = np.clip(radius, *EARTH_UT)
+    thickness, width = np.sqrt(records["principal_variances"][:, [0, 2]]).T
+    is_absolute = inside == MICROTESLA
+    every = np.ones(len(records))
+    return {
+        "radius": radius,
+        "axis_ratio": axes[:, 2] / axes[:, 0],
+        "noise_share": noise / radius,
+        "structure_share": records["distortion"] / radius,
+        "inflation": 2.0 * axes[:, 2] / (records["highest"] - records["lowest"]).max(axis=1),
+        "flatness": thickness / width,
+        "flatness_limit": np.array([flat_below(w, n) / w for w, n in zip(width.tolist(), noise.tolist(), strict=True)]),
+        "nearest_earth": nearest,
+        "times_outside_earth": np.maximum(radius / nearest, nearest / radius) if is_absolute else every * np.nan,
+        "handedness": every,
+        "field_strength": radius,
+        "is_in_counts": every * (not is_absolute),
+        "is_relative": every,
+        "is_unaligned": every,
+    }
+
+
+def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
+    """What the covariance says about heading, with what belongs to directions."""
+    level = records["radius"] * np.cos(np.deg2rad(records["dip_deg"]))
+    structure_deg = np.rad2deg(np.nan_to_num(records["distortion"]) / level)
+    lag_one = np.nan_to_num(records["lag_one"])
+    off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
+    return {
+        "worst_deg": np.hypot(wider * records["level_worst_deg"], structure_deg),
+        "rms_deg": np.hypot(wider * records["level_rms_deg"], structure_deg),
+        "structure_deg": structure_deg,
+        "next_correlation": lag_one,
+        "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
+        "alternating_deg": np.degrees(np.arctan2(off, level)),
+    }
+
+
+def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
+    """How much there was to go by."""
+    per_reading = 1.0 / (records["correlation_time"] * records["excess_variance"])
+    effective = np.nan_to_num(records["rows"] / repetition * per_reading, nan=np.inf)
+    independent = np.minimum(effective, records["used"])
+    return {
+        "hole_deg": records["hole_deg"],
+        "covered": records["coverage"],
+        "unobserved": records["unobserved"],
+        "prior_share": records["prior_influence"],
+        "independent": independent,
+        "independent_share": independent / records["used"],
+    }
+
+
+def _of_the_recording(records: Records) -> dict[str, Floats]:
+    """What recordings say about themselves."""
+    seconds = np.nan_to_num(records["end"] - records["start"])
+    return {
+        "outlier_share": records["rejected"] / records["rows"],
+        "repeated_share": records["repeats"] / records["rows"],
+        "backward_steps": records["backward_steps"],
+        "longest_step_s": np.nan_to_num(records["longest_step"]),
+        "usual_step_s": seconds / np.maximum(records["rows"] - 1, 1),
+    }
+
+
+def _changes(records: Records, units: _Chosen) -> dict[str, Floats]:
+    """Whether something changed within a recording, or follows what was recorded beside it."""
+    unmodelled_deg, shapes = np.full(len(records), np.nan), _shapes(records)
+    for place in units.disturbed:
+        record = records[place]
+        time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
+        surface, inliers = Ellipsoid(record["centre"], shapes[place]), _inliers(record, units[place])
+        unmodelled = unmodelled_of(inliers, surface, dip_deg=float(record["dip_deg"]), time=time)
+        unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
+    return {
+        "drift_deg": records["drift_deg"],
+        "drift_by_chance": records["drift_by_chance"],
+        "drift": np.linalg.norm(records["drift_offset"], axis=1),
+        "unmodelled_deg": unmodelled_deg,
+    }
+
+
+def _shapes(records: Records) -> Floats:
+    """(U, 3, 3) shapes."""
+    shapes: Floats = records["shape"][:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    return shapes
+
+
+def _corrections(records: Records) -> tuple[Floats, Floats]:
+    """(U,) field strengths and (U, 3, 3) matrices of determinant 1, as `Calibration.from_ellipsoid`."""
+    radii, directions = np.linalg.eigh(_shapes(records))
+    strength = np.exp(np.log(radii).mean(axis=1))
+    matrix = (directions * (strength[:, np.newaxis] / radii)[:, np.newaxis, :]) @ directions.swapaxes(1, 2)
+    return strength, 0.5 * (matrix + matrix.swapaxes(1, 2))
+
+
+def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> None:
+    """Write down what the records tell; what refuses a calibration is said by a fit of its own."""
+    findings = table.findings
+    is_refused = np.zeros(len(places), dtype=bool)
+    for (_, severity), there in findings.items():
+        is_refused |= there & (severity == "refuses")
+    kept = ~is_refused & ~np.isnan(table.quantities["worst_deg"])
+    if not kept.any():
+        return
+    records, places = table.records[kept], places[kept]
+    strength, matrix = _corrections(records)
+    columns.readings[places], columns.used[places] = records["rows"], records["used"]
+    columns.offset[places], columns.matrix[places] = records["centre"], matrix.reshape(-1, 9)
+    columns.covariance[places] = table.covariance[kept][:, UPPER]
+    columns.noise[places], columns.radius[places] = records["noise"], strength
+    columns.worst_deg[places], columns.rms_deg[places] = (table.quantities[n][kept] for n in ("worst_deg", "rms_deg"))
+    columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
+    columns.method[places] = np.where(records["is_robust"] == 1, Robust.name, Likelihood.name)
+    columns.unit_of_field[places] = table.inside
+    columns.findings[places], columns.verdict[places] = _named({key: there[kept] for key, there in findings.items()})
+    columns.by_record[places] = True
+
+
+def _named(findings: Mapping[tuple[str, Severity], Any]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
+    """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
+    there = np.stack(list(findings.values()), axis=1)
+    limits = np.array([severity == "limits" for _, severity in findings])
+    kinds, kind = np.unique(there, axis=0, return_inverse=True)
+    named, verdicts = np.empty(len(kinds), dtype=object), np.empty(len(kinds), dtype=object)
+    for place, row in enumerate(kinds):
+        named[place] = tuple(code for (code, _), is_there in zip(findings, row, strict=True) if is_there)
+        verdicts[place] = "limited" if (row & limits).any() else "good"
+    return named[kind], verdicts[kind]
+
+
+def _alone(one: Samples, *, target_deg: float, dip_deg: float) -> Fit | Exception:
+    """What `flinders.fit` makes of one unit: a fit, or the error that it raises."""
+    try:
+        return calibrate.fit(one, target_deg=target_deg, dip_deg=dip_deg)
+    except UsageError:
+        raise
+    except Refused as error:
+        return error.fit
+    except Exception as error:  # noqa: BLE001 - a unit that fails is a row, and never the end of the others
+        return error
+
+
+def _described(error: Exception) -> tuple[str, str, str]:
+    """Verdict, code and message of a unit that gives no fit."""
+    if isinstance(error, FlindersError):
+        return "refused" if isinstance(error, FitError) else "failed", error.code, str(error)
+    return "failed", "internal", f"{type(error).__name__}: {error}; this is a fault in Flinders, report it"
+
+
+def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
+    """Write the fit of a unit, or the error in its place, into its row."""
+    if not isinstance(result, Fit):
+        columns.findings[place] = ()
+        columns.verdict[place], columns.code[place], columns.message[place] = _described(result)
+        return
+    error, findings = result.heading_error_deg, result.findings
+    columns.verdict[place], columns.method[place], columns.used[place] = result.verdict, result.method, result.samples
+    columns.worst_deg[place], columns.rms_deg[place], columns.dip_deg[place] = error.worst, error.rms, error.dip_deg
+    columns.noise[place], columns.coverage[place] = result.noise, result.coverage.fraction
+    columns.findings[place] = tuple(finding.code for finding in findings)
+    if result.verdict == "refused":
+        columns.code[place], columns.message[place] = Refused.code, findings[0].advice
+        return
+    columns.offset[place], columns.radius[place] = result.calibration.offset, result.calibration.field_strength
+    columns.matrix[place] = result.calibration.matrix.ravel()
+    columns.covariance[place] = result.covariance.ravel()[UPPER]

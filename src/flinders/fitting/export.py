@@ -1,0 +1,132 @@
+"""A fit written for a target: which compass of a vehicle it goes to, and what is known of it, as comments.
+
+A target (`flinders.targets`) writes the numbers of a calibration; here they get the origin, the claim and the limits
+of their fit, and the compass that their readings came from.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from flinders.errors import NotExportable, UsageError, figures
+from flinders.targets import ExportOptions
+
+if TYPE_CHECKING:
+    from flinders.fitting.result import Fit
+    from flinders.targets import Export, Target
+
+
+def export_fit(
+    fit: Fit, target: Target, *, compass: int | None = None, lossy: bool = False, name: str | None = None
+) -> tuple[Export, list[str]]:
+    """Write a fit for a target.
+
+    Parameters
+    ----------
+    fit : Fit
+    target : Target
+    compass : int, optional
+        Which one of the vehicle; by default the one that its readings came from.
+    lossy, name
+        As for `flinders.targets.ExportOptions`.
+
+    Returns
+    -------
+    Export
+    list of str
+        What to say of the compass that it is for; nothing where it is not known, or is the one that was asked for.
+
+    Raises
+    ------
+    NotExportable, UnitError
+        If the target cannot hold it.
+    UsageError
+        If it was made from several compasses, and none was asked for.
+    """
+    if target.compasses:
+        refuse_on_top(fit, target.name)
+    number, notes = _compass_of(fit, target, compass)
+    asked = ExportOptions(compass=number, lossy=lossy, name=name)
+    return target.render(fit.calibration, about=[*origin_lines(fit), *notes], asked=asked), notes
+
+
+def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None, list[str]]:
+    """The compass of a vehicle that a fit goes to, and what to say of it."""
+    if not target.compasses:
+        return None, []
+    known, devices = (known_numbers(fit, target.family, attribute) for attribute in ("compass", "device_id"))
+    if not known - {asked}:
+        return asked, []
+    device = f" (device id {min(devices)})" if len(devices) == 1 else ""
+    if asked is None:
+        number = only_number(fit, known, "compass", "--compass")
+        return number, [f"for compass {number} of the vehicle{device}"]
+    numbers = " and ".join(map(str, sorted(known)))
+    return asked, [f"for compass {asked}, as asked; it was made from compass {numbers} of the vehicle{device}"]
+
+
+def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
+    """The ``compass`` or ``device_id`` of each file of an autopilot that a fit was made from, where it is known."""
+    values = (getattr(file, attribute) for file in fit.files if file.autopilot == autopilot)
+    return {value for value in values if value is not None}
+
+
+def only_number(fit: Fit, known: set[int], what: str, option: str) -> int | None:
+    """The one number or device id that is known, or None where none is.
+
+    Raises
+    ------
+    UsageError
+        If there are several; names the option that chooses one.
+    """
+    if len(known) > 1:
+        raise UsageError(
+            f"{fit.name} was made from {what} {' and '.join(map(str, sorted(known)))}: say with {option} which one "
+            "it is for, or calibrate each by itself"
+        )
+    return min(known, default=None)
+
+
+def refuse_unfit(fit: Fit) -> None:
+    """Refuse a fit that was refused; raises NotExportable."""
+    if fit.verdict == "refused":
+        raise NotExportable(
+            f"{fit.name} was refused as not fit for use: record anew and calibrate again",
+            beyond=(),
+            verdict="refused",
+        )
+
+
+def refuse_on_top(fit: Fit, autopilot: str) -> None:
+    """Refuse a calibration of corrected readings for an autopilot, whose own it would replace and not complete.
+
+    Raises
+    ------
+    NotExportable
+    """
+    logged = [file.name for file in fit.files if file.as_logged]
+    if logged:
+        raise NotExportable(
+            f"{fit.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
+            f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again without "
+            "--as-logged",
+            beyond=(),
+            as_logged=logged,
+        )
+
+
+def origin_lines(fit: Fit) -> list[str]:
+    """Where the numbers come from, what is claimed of them, and what limits them."""
+    sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
+    lines = [f"from {fit.name}{sensor}"]
+    if fit.is_described:
+        worst_deg = fit.heading_error_deg.worst
+        worst = "" if math.isnan(worst_deg) else f": worst heading good to {figures(worst_deg)}° (1 σ)"
+        lines.append(f"the calibration is {fit.verdict}{worst}")
+    return [*lines, *limit_lines(fit)]
+
+
+def limit_lines(fit: Fit) -> list[str]:
+    """What the calibration is not good for, as its file says."""
+    return [f"limited: {finding.advice}" for finding in fit.findings if finding.severity == "limits"]

@@ -1,0 +1,261 @@
+"""Compiles the engine: with the system's C compiler, else with the Python package ``ziglang``, which is one.
+
+The library lies in ``compiled`` in this package. Its name holds a digest of the sources, the options and the platform,
+so that a change makes a new library and nothing is compiled twice. A wheel's build hook (``hatch_build.py``) loads this
+file by its path, before anything is installed: it imports the standard library only.
+
+``python -m flinders.native.build`` compiles it for this machine.
+
+>>> [source.name for source in sources()][:3]
+['changes.c', 'cloud.c', 'correlation.c']
+>>> PLATFORMS["macosx_11_0_arm64"].zig
+'aarch64-macos.11.0'
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+HERE: Final = Path(__file__).parent
+
+COMPILED: Final = HERE / "compiled"
+"""Where the library is, in a wheel as in a checkout."""
+
+STRICT: Final = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Wstrict-prototypes")
+"""The language, and what a compiler warns of. Tests add ``-Werror``: a new compiler's warning stops no installation."""
+
+EXACT: Final = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+"""No product is fused with a sum, so digits are the same everywhere; roots vectorise. Never ``-ffast-math``."""
+
+FAST: Final = ("-O3", "-fvisibility=hidden")
+
+AVX2: Final = ("-mavx2", "-mfma", "-DFL_VARIANT=avx2")
+
+ZIG_PACKAGE: Final = "ziglang"
+
+WAYS_OUT: Final = (
+    f"install gcc or clang, or run 'pip install {ZIG_PACKAGE}', or name a compiler in the variable CC, then try again"
+)
+
+SUFFIXES: Final = {"win32": ".dll", "darwin": ".dylib"}
+"""Endings of a shared library, by system."""
+
+
+class NoCompiler(Exception):
+    """No C compiler could be called, or it refused the engine's sources; the message says which."""
+
+
+class Platform(NamedTuple):
+    """What a library is compiled for: system and machine as Python names them, and the name of both for zig.
+
+    Attributes
+    ----------
+    system : str
+        As in `sys.platform`.
+    machine : str
+        As in `platform.machine`, with x86_64 for AMD64.
+    zig : str
+        Target of ``zig cc``; empty for this machine.
+    """
+
+    system: str
+    machine: str
+    zig: str = ""
+
+    @property
+    def suffix(self) -> str:
+        """Ending of a shared library."""
+        return SUFFIXES.get(self.system, ".so")
+
+    @property
+    def options(self) -> list[str]:
+        """Options of the compiler that belong to the platform."""
+        position = [] if self.system == "win32" else ["-fPIC"]
+        return [*position, *(["-DFL_WITH_AVX2"] if self.machine == "x86_64" else [])]
+
+    def link_options(self, name: str) -> list[str]:
+        """Options of the linker that belong to the platform, for a library of this name."""
+        if self.system == "darwin":
+            return [f"-Wl,-install_name,@rpath/{name}"]
+        return [] if self.system == "win32" else ["-lm"]
+
+
+THIS: Final = Platform(sys.platform, {"AMD64": "x86_64"}.get(platform.machine(), platform.machine()))
+"""The platform of this process."""
+
+PLATFORMS: Final = {
+    "manylinux_2_17_x86_64": Platform("linux", "x86_64", "x86_64-linux-gnu.2.17"),
+    "manylinux_2_17_aarch64": Platform("linux", "aarch64", "aarch64-linux-gnu.2.17"),
+    "macosx_11_0_x86_64": Platform("darwin", "x86_64", "x86_64-macos.11.0"),
+    "macosx_11_0_arm64": Platform("darwin", "arm64", "aarch64-macos.11.0"),
+    "win_amd64": Platform("win32", "x86_64", "x86_64-windows-gnu"),
+}
+"""Platforms that wheels are released for, by the tag of the wheel."""
+
+
+def sources() -> list[Path]:
+    """C files of the engine, in order of name."""
+    return sorted(HERE.glob("*.c"))
+
+
+def path(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
+    """Where the library of these sources is, or has to be; parameters as for `library`."""
+    directory = directory or Path(os.environ.get("FLINDERS_NATIVE_BUILD") or COMPILED)
+    return directory / f"flinders-{_digest(options, target)}{target.suffix}"
+
+
+def library(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
+    """Compile the engine unless it is there already.
+
+    Parameters
+    ----------
+    directory : Path, optional
+        Where it is put; by default ``compiled`` in this package, or what ``FLINDERS_NATIVE_BUILD`` names.
+    options : sequence of str
+        Further options of the compiler, such as ``-DFLINDERS_FLOAT``.
+    target : Platform
+        What it is compiled for; by default this machine.
+
+    Returns
+    -------
+    Path
+        The shared library.
+
+    Raises
+    ------
+    NoCompiler
+        Where there is no C compiler, or it fails, or the directory cannot be written.
+    """
+    made = path(directory, options=options, target=target)
+    if not made.exists():
+        try:
+            made.parent.mkdir(parents=True, exist_ok=True)
+            command = compiler(target)
+            compile_library(made, compiler=command, options=options, target=target)
+            for name, licence in _licences(command, target).items():
+                shutil.copyfile(licence, made.parent / name)
+        except OSError as error:
+            raise NoCompiler(
+                f"the engine cannot be compiled into {made.parent} ({error.strerror}): name a folder that can be "
+                "written in the variable FLINDERS_NATIVE_BUILD"
+            ) from error
+    return made
+
+
+def compiler(target: Platform = THIS) -> list[str]:
+    """Command of a C compiler: ``CC``, the first of cc, gcc and clang that works, or zig; for other platforms zig.
+
+    Raises
+    ------
+    NoCompiler
+        Where there is none.
+    """
+    command = None if target.zig else system_compiler()
+    if command:
+        return command
+    if importlib.util.find_spec(ZIG_PACKAGE) is None:
+        if target.zig:
+            raise NoCompiler(f"{ZIG_PACKAGE} is needed to compile for {target.zig}: run 'pip install {ZIG_PACKAGE}'")
+        raise NoCompiler(f"the engine has to be compiled, and there is no C compiler here: {WAYS_OUT}")
+    machine = ["-target", target.zig] if target.zig else ["-mcpu=baseline"]
+    return [sys.executable, "-m", ZIG_PACKAGE, "cc", *machine]
+
+
+def system_compiler() -> list[str] | None:
+    """Command of the system's C compiler, which finds the headers of C; None where there is none."""
+    if os.environ.get("CC"):
+        return shlex.split(os.environ["CC"])
+    return next(([name] for name in ("cc", "gcc", "clang") if shutil.which(name) and _has_headers(name)), None)
+
+
+def _has_headers(name: str) -> bool:
+    """Whether a compiler finds math.h: the `cc` of macOS may only ask for one, and gcc may be without headers."""
+    command = [name, "-E", "-x", "c", "-"]
+    return subprocess.run(command, input=b"#include <math.h>\n", capture_output=True, check=False).returncode == 0
+
+
+def compile_library(
+    made: Path, *, compiler: Sequence[str], options: Sequence[str] = (), target: Platform = THIS
+) -> None:
+    """Compile and link the engine: kernels for the baseline and, on x86-64, for AVX2 as well.
+
+    Parameters
+    ----------
+    made : Path
+        The shared library; it appears as a whole or not at all.
+    compiler : sequence of str
+        Command of a C compiler that takes the options of GCC, such as ``["zig", "cc", "-target", ...]``.
+    options : sequence of str
+        Further options.
+    target : Platform
+        What the compiler compiles for.
+
+    Raises
+    ------
+    NoCompiler
+        Where it fails, with what it says.
+    """
+    flags = [*STRICT, *FAST, *EXACT, *target.options, *options]
+    with tempfile.TemporaryDirectory(dir=made.parent) as folder:
+        room = Path(folder)
+        jobs = [(source, room / f"{source.stem}.o", flags) for source in sources()]
+        if target.machine == "x86_64":
+            jobs.append((HERE / "kernels.c", room / "kernels_avx2.o", [*flags, *AVX2]))
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(lambda job: _run([*compiler, *job[2], "-c", str(job[0]), "-o", str(job[1])]), jobs))
+        objects, linked = [str(compiled) for _, compiled, _ in jobs], room / made.name
+        stripped = [] if "-g" in options else ["-Wl,-S"]
+        _run([*compiler, "-shared", *options, *stripped, *objects, *target.link_options(made.name), "-o", str(linked)])
+        linked.replace(made)
+
+
+def _licences(compiler: Sequence[str], target: Platform) -> dict[str, Path]:
+    """Licences of what zig links into a library, by the name that they get beside it."""
+    spec = importlib.util.find_spec(ZIG_PACKAGE)
+    if ZIG_PACKAGE not in compiler or spec is None or spec.origin is None:
+        return {}
+    package = Path(spec.origin).parent
+    windows = {"LICENSE-mingw-w64": package / "lib" / "libc" / "mingw" / "COPYING"}
+    return {"LICENSE-zig": package / "LICENSE", **(windows if target.system == "win32" else {})}
+
+
+def _run(command: Sequence[str]) -> None:
+    """Call the compiler."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise NoCompiler(
+            f"{command[0]} cannot be called ({error}): name another C compiler in the variable CC"
+        ) from error
+    if done.returncode:
+        raise NoCompiler(f"{shlex.join(command)} failed:\n{done.stderr.strip()}")
+
+
+def _digest(options: Sequence[str], target: Platform) -> str:
+    """Sixteen digits that change with sources, options and platform, not with line endings."""
+    parts = (STRICT, FAST, EXACT, AVX2, target.options, tuple(options), target.system, target.machine)
+    digest = hashlib.sha256(repr(parts).encode())
+    for file in [*sources(), *sorted(HERE.glob("*.h"))]:
+        digest.update(file.read_bytes().replace(b"\r\n", b"\n"))
+    return digest.hexdigest()[:16]
+
+
+if __name__ == "__main__":
+    try:
+        sys.stdout.write(f"{library()}\n")
+    except NoCompiler as error:
+        sys.exit(str(error))

@@ -1,0 +1,231 @@
+/* Cells that readings fall into, and the directions of the sphere that they cover. */
+#include "residuals.h"
+
+enum { REACH = 1 << 20, LOOKED_AT = 512 };
+
+#define EMPTY UINT64_MAX
+
+/* Median of a list, which is put into another order. */
+real fl_median(real *values, size_t n)
+{
+    const real upper = fl_select(values, n, n / 2);
+    if (n % 2) return upper;
+    real lower = values[0];
+    for (size_t i = 1; i < n / 2; i++) lower = values[i] > lower ? values[i] : lower;
+    return (lower + upper) / 2;
+}
+
+/* The power of two nearest to a twelfth of the median distance from the middle of a cloud. */
+real fl_cell_side(const real *field, size_t rows)
+{
+    const size_t stride = rows / LOOKED_AT > 1 ? rows / LOOKED_AT : 1;
+    real distances[2 * LOOKED_AT], middle[3] = {0, 0, 0}, largest = 0;
+    size_t n = 0;
+    for (size_t row = 0; row < rows && n < 2 * LOOKED_AT; row += stride, n++)
+        for (int axis = 0; axis < 3; axis++) {
+            const real value = fl_abs(field[3 * row + axis]);
+            middle[axis] += field[3 * row + axis];
+            largest = value > largest ? value : largest;
+        }
+    const real finest = fl_ldexp(1, -40);
+    if (!(finest < largest && largest < 1 / finest)) return 1;
+    for (int axis = 0; axis < 3; axis++) middle[axis] /= (real)n;
+    for (size_t i = 0; i < n; i++) {
+        const real *reading = field + 3 * i * stride;
+        const real x = reading[0] - middle[0], y = reading[1] - middle[1], z = reading[2] - middle[2];
+        distances[i] = fl_sqrt(x * x + y * y + z * z);
+    }
+    const real radius = fl_median(distances, n), least = finest * largest;
+    return fl_ldexp(1, (int)fl_floor(fl_log2((radius > least ? radius : least) / 12) + (real)0.5));
+}
+
+/* Key of the cell of a reading: three 21-bit indices. */
+uint64_t fl_cell_key(const real reading[3], real side)
+{
+    const real finer = 1 / side; /* exact: a power of two */
+    uint64_t key = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        real index = reading[axis] * finer + REACH;
+        index = index > 0 ? index : 0;
+        index = index < 2 * (real)REACH - 1 ? index : 2 * (real)REACH - 1;
+        key = key << 21 | (uint64_t)(int64_t)index;
+    }
+    return key;
+}
+
+/* Slots of a hash table for so many keys. */
+size_t fl_slots_for(size_t rows)
+{
+    size_t slots = 64;
+    while (slots < FL_TABLE && slots < 2 * rows) slots *= 2;
+    return slots;
+}
+
+/* The slot of a key in a table that is never full, free or its own. */
+size_t fl_slot(uint64_t *keys, size_t slots, uint64_t key)
+{
+    uint64_t mixed = key * UINT64_C(0x9E3779B97F4A7C15);
+    size_t slot = (size_t)(mixed >> 40) & (slots - 1);
+    while (keys[slot] != EMPTY && keys[slot] != key) slot = (slot + 1) & (slots - 1);
+    return slot;
+}
+
+/* Add readings to a cell; 1 if it was empty. */
+static int add_cell(const fl_room *room, size_t table, size_t slots, uint64_t key, const real sums[4])
+{
+    const size_t slot = table + fl_slot(room->keys + table, slots, key);
+    const int is_new = room->keys[slot] == EMPTY;
+    real *cell = room->cells + 4 * slot;
+    room->keys[slot] = key;
+    for (int i = 0; i < 4; i++) cell[i] = is_new ? sums[i] : cell[i] + sums[i];
+    return is_new;
+}
+
+/* Cells of twice the size: their number. */
+static size_t coarsen(const fl_room *room, size_t slots)
+{
+    size_t cells = 0;
+    memset(room->keys + FL_TABLE, 0xFF, slots * sizeof *room->keys);
+    for (size_t slot = 0; slot < slots; slot++) {
+        if (room->keys[slot] == EMPTY) continue;
+        uint64_t key = 0;
+        for (int shift = 42; shift >= 0; shift -= 21) {
+            const int64_t index = (int64_t)(room->keys[slot] >> shift & 0x1FFFFF);
+            key = key << 21 | (uint64_t)((index + REACH) / 2); /* counted from -REACH, halved and rounded down */
+        }
+        cells += (size_t)add_cell(room, FL_TABLE, slots, key, room->cells + 4 * slot);
+    }
+    memcpy(room->keys, room->keys + FL_TABLE, slots * sizeof *room->keys);
+    memcpy(room->cells, room->cells + 4 * FL_TABLE, 4 * slots * sizeof *room->cells);
+    return cells;
+}
+
+/* Sort readings into cells, at most 4096 of them: the table of a room. */
+void fl_cloud(const real *field, size_t rows, fl_room *room)
+{
+    const size_t slots = room->slots = fl_slots_for(rows);
+    size_t cells = 0;
+    room->side = fl_cell_side(field, rows);
+    memset(room->keys, 0xFF, slots * sizeof *room->keys);
+    for (size_t row = 0; row < rows; row++) {
+        const real *reading = field + 3 * row, sums[4] = {1, reading[0], reading[1], reading[2]};
+        cells += (size_t)add_cell(room, 0, slots, fl_cell_key(reading, room->side), sums);
+        while (cells > FL_CELLS) {
+            room->side *= 2;
+            cells = coarsen(room, slots);
+        }
+    }
+}
+
+const int fl_bands[6] = {1, 15, 34, 34, 15, 1}, fl_band_starts[6] = {0, 1, 16, 50, 84, 99};
+const real fl_band_edges[5] = {(real)0.98, (real)0.68, 0, (real)-0.68, (real)-0.98};
+
+/* cos(2πk/15) and cos(2πk/34) for k = 1, 2, ...: where sectors of a band begin. */
+const real fl_sectors_15[7] = {
+    (real)0.9135454576426009, (real)0.6691306063588582, (real)0.30901699437494745, (real)-0.10452846326765333,
+    (real)-0.4999999999999998, (real)-0.8090169943749473, (real)-0.9781476007338057};
+const real fl_sectors_34[17] = {
+    (real)0.9829730996839018, (real)0.9324722294043558, (real)0.8502171357296142, (real)0.7390089172206591,
+    (real)0.6026346363792564, (real)0.4457383557765383, (real)0.273662990072083, (real)0.09226835946330202,
+    (real)-0.09226835946330189, (real)-0.2736629900720829, (real)-0.4457383557765378, (real)-0.6026346363792563,
+    (real)-0.7390089172206593, (real)-0.850217135729614, (real)-0.9324722294043557, (real)-0.9829730996839018,
+    (real)-1.0};
+
+/* Middles of the cells of the sphere. */
+void fl_sphere_centres(real centres[100][3])
+{
+    for (int band = 0; band < 6; band++) {
+        const real step = 2 * FL_PI / fl_bands[band], turn = fl_cos(step), slant = fl_sin(step);
+        const real z = band == 0 ? 1 : band == 5 ? -1 : 1 - (real)0.02 * (fl_band_starts[band] + (real)fl_bands[band] / 2);
+        const real across = fl_sqrt(1 - z * z);
+        real x = across * fl_cos(step / 2), y = across * fl_sin(step / 2);
+        for (int cell = fl_band_starts[band]; cell < fl_band_starts[band] + fl_bands[band]; cell++) {
+            centres[cell][0] = x, centres[cell][1] = y, centres[cell][2] = z;
+            const real next = x * turn - y * slant;
+            y = y * turn + x * slant;
+            x = next;
+        }
+    }
+}
+
+/* Directions of the cells within a distance of the surface, one axis after the other, and their readings, behind the
+ * table. */
+static size_t directions(const fl_surface *surface, real within, const fl_room *room, real *axes)
+{
+    size_t n = 0;
+    real half[3];
+    fl_sym3_values(surface->shape, half);
+    for (size_t slot = 0; slot < room->slots; slot++) {
+        if (room->keys[slot] == EMPTY) continue;
+        const real *cell = room->cells + 4 * slot;
+        const real mean[3] = {cell[1] / cell[0], cell[2] / cell[0], cell[3] / cell[0]};
+        real local[3] = {mean[0] - surface->centre[0], mean[1] - surface->centre[1], mean[2] - surface->centre[2]}, y[3];
+        fl_sym3_apply(surface->inverse, local, y);
+        const real length = fl_sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
+        if (!(fl_abs(length - 1) * half[0] <= within)) continue;
+        for (int axis = 0; axis < 3; axis++) axes[axis * FL_TABLE + n] = length > 0 ? y[axis] / length : 0;
+        axes[3 * FL_TABLE + n++] = cell[0];
+    }
+    return n;
+}
+
+/* Largest cosine between a direction and those of the cells, in eight lanes; any that is larger than `enough` will do. */
+static real nearest(const real centre[3], const real *axes, size_t n, real enough)
+{
+    const real *x = axes, *y = axes + FL_TABLE, *z = axes + 2 * FL_TABLE;
+    real most = -1;
+    for (size_t begin = 0; begin < n && most <= enough; begin += FL_BLOCK) {
+        const size_t end = begin + FL_BLOCK < n ? begin + FL_BLOCK : n;
+        real best[FL_LANES];
+        size_t i = begin;
+        for (int lane = 0; lane < FL_LANES; lane++) best[lane] = -1;
+        for (; i + FL_LANES <= end; i += FL_LANES)
+            for (int lane = 0; lane < FL_LANES; lane++) {
+                const real cosine = centre[0] * x[i + lane] + centre[1] * y[i + lane] + centre[2] * z[i + lane];
+                best[lane] = cosine > best[lane] ? cosine : best[lane];
+            }
+        for (int lane = 0; lane < FL_LANES; lane++) most = best[lane] > most ? best[lane] : most;
+        for (; i < end; i++) {
+            const real cosine = centre[0] * x[i] + centre[1] * y[i] + centre[2] * z[i];
+            most = cosine > most ? cosine : most;
+        }
+    }
+    return most;
+}
+
+/* Share of the sphere that holds a reading, and the largest gap; cells farther than `within` are left out. */
+void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,
+                 flinders_record *record)
+{
+    uint32_t cells[FL_CELLS];
+    real *axes = room->cells + 4 * FL_TABLE, farthest = 2, by_cell[100] = {0}, readings = 0;
+    real centres[100][3], own[100]; /* largest cosine between a centre and the directions of its cell */
+    int count = 0;
+    fl_sphere_centres(centres);
+    for (int cell = 0; cell < 100; cell++) own[cell] = -2;
+    size_t n = within > 0 ? directions(surface, within + room->side, room, axes) : 0;
+    if (n == 0) n = directions(surface, FL_HUGE, room, axes);
+    const real *x = axes, *y = axes + FL_TABLE, *z = axes + 2 * FL_TABLE;
+    kernels->cells(x, y, z, n, cells);
+    for (size_t i = 0; i < n; i++) {
+        const uint32_t cell = cells[i];
+        const real *c = centres[cell], cosine = c[0] * x[i] + c[1] * y[i] + c[2] * z[i];
+        count += own[cell] == -2;
+        own[cell] = cosine > own[cell] ? cosine : own[cell];
+        by_cell[cell] += axes[3 * FL_TABLE + i];
+        readings += axes[3 * FL_TABLE + i];
+    }
+    record->upright = 0;
+    for (int cell = 0; cell < 100; cell++) {
+        const real *const centre = centres[cell];
+        const real cosine = own[cell] > farthest ? own[cell] : nearest(centre, axes, n, farthest);
+        record->upright += by_cell[cell] * centre[2] / (readings > 1 ? readings : 1);
+        if (cosine < farthest) {
+            farthest = cosine;
+            memcpy(record->hole, centre, sizeof record->hole);
+        }
+    }
+    farthest = farthest > 1 ? 1 : farthest < -1 ? -1 : farthest;
+    record->coverage = (real)count / 100;
+    record->hole_deg = fl_acos(farthest) * 180 / FL_PI;
+}

@@ -1,0 +1,145 @@
+/* The covariance of a fit whose residuals are correlated, in time and in direction: `fl_covariance`.
+ *
+ * The scatter of Σ J s over residuals s is Σᵢⱼ JᵢJⱼᵀ (C(i − j) + D(uᵢ, uⱼ)): C their autocovariance up to where it sinks
+ * into its noise, D a smooth distortion that belongs to the direction. Blocks of the recording that scatter more than
+ * that allows enlarge it. flinders.estimators.covariance gives reasons and sources.
+ */
+#include "residuals.h"
+
+enum { FEW = 50 };
+
+#define MOST_FREEDOM ((real)1.3)
+
+/* The readings that are looked at, with their rows; all of them where they are not too many. */
+static void gather_stretches(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
+                             fl_residuals *out)
+{
+    const size_t used = fit->used, all = FL_LOOKED;
+    const size_t every = used <= all ? used : (used + FL_STRETCHES - 1) / FL_STRETCHES;
+    const size_t length = used <= all ? used : FL_STRETCH;
+    size_t free = 0, part = 0;
+    int is_begun = 0;
+    out->n = 0, out->stretches = 0, out->width = 9;
+    out->rows = room->rows, out->distances = room->distances, out->cells = room->order, out->begins = room->begins;
+    out->directions = room->directions;
+    for (size_t row = 0; row < view->rows; row++) {
+        for (; part < room->parts && row >= (size_t)room->ends[part]; part++) is_begun = 0;
+        const int is_left_out = view->rejected && view->rejected[row];
+        const size_t within = is_left_out ? 0 : free++ % every;
+        const int begins = within == 0 || (used <= all && !is_begun); /* a long one's next stretch waits for its place */
+        room->passed[row] = (unsigned char)(is_left_out || within >= length || !(begins || is_begun));
+        if (room->passed[row]) continue;
+        if (begins) out->begins[out->stretches++] = out->n;
+        is_begun = 1;
+        out->n++;
+    }
+    out->begins[out->stretches] = out->n;
+    const fl_view some = {view->field, view->rows, room->passed, 1};
+    kernels->rows(&some, &fit->surface, out->rows, out->directions);
+    kernels->cells(out->directions, out->directions + FL_LOOKED, out->directions + 2 * FL_LOOKED, out->n, out->cells);
+    for (size_t i = 0; i < out->n; i++) out->distances[i] = out->rows[10 * i + 9];
+}
+
+/* Σ d². */
+static real square_of(const fl_residuals *residuals)
+{
+    real sum = 0;
+    for (size_t i = 0; i < residuals->n; i++) sum += residuals->distances[i] * residuals->distances[i];
+    return sum;
+}
+
+/* Scatter of Σ J s over all readings, and what was found of it. */
+static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const fl_fit *fit, const fl_room *room,
+                       real scatter[81], flinders_record *record)
+{
+    fl_blocks blocks;
+    real autocovariance[FL_LAGS], white[81], in_time[81];
+    const real share = (real)fit->used / (real)residuals->n, n = (real)residuals->n;
+    memset(scatter, 0, 81 * sizeof(real));
+    record->correlation_time = record->excess_variance = 1;
+    record->lag_one = record->distortion = 0;
+    record->lags = record->is_white = 1;
+    if (fl_sqrt(square_of(residuals) / n) < FL_FINEST * fit->surface.radius) return;
+    int lags = fl_autocovariance(residuals, autocovariance);
+    record->correlation_time = fl_time_of(autocovariance, lags);
+    record->distortion = fl_distortion(residuals, &fit->surface, 3 * (size_t)lags, record->correlation_time, room, scatter);
+    if (record->distortion > 0) {
+        for (int i = 0; i < 81; i++) scatter[i] *= share * share;
+        lags = fl_autocovariance(residuals, autocovariance);
+    }
+    record->lag_one = fl_lag_one(residuals);
+    record->lags = lags;
+    const real independent = n * share / record->correlation_time;
+    real freedom = independent / (independent - 9 > 1 ? independent - 9 : 1);
+    freedom = freedom < MOST_FREEDOM ? freedom : MOST_FREEDOM;
+    fl_blocks_of(kernels, residuals, &blocks);
+    for (int i = 0; i < 81; i++) {
+        white[i] = 0;
+        for (int block = 0; block < FL_BLOCKS; block++) white[i] += blocks.squares[block][i] * autocovariance[0];
+    }
+    fl_scatter_in_time(residuals, white, autocovariance, lags, in_time);
+    for (int i = 0; i < 81; i++) in_time[i] *= freedom;
+    record->excess_variance = 1 + share * (fl_creep(&blocks, in_time) - 1);
+    for (int i = 0; i < 81; i++) scatter[i] += share * record->excess_variance * in_time[i];
+    record->is_white = record->correlation_time == 1 && record->distortion == 0 && record->excess_variance == 1;
+}
+
+/* The part of a scatter of the gradient that lies in directions that are observed. */
+static void project(const fl_support *support, real scatter[81])
+{
+    real onto[81], half[81];
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            onto[9 * i + j] = 0;
+            for (int k = 0; k < 9; k++)
+                if (support->share[k] < FL_UNOBSERVED)
+                    onto[9 * i + j] += support->vectors[9 * i + k] * support->vectors[9 * j + k];
+            onto[9 * i + j] *= support->scale[i] / support->scale[j];
+        }
+    fl_multiply(onto, scatter, 9, 9, 9, half);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            scatter[9 * i + j] = 0;
+            for (int k = 0; k < 9; k++) scatter[9 * i + j] += half[9 * i + k] * onto[9 * j + k];
+        }
+}
+
+/* What a scatter of the gradient and the prior make of the covariance. */
+static void scattered(const fl_fit *fit, real scatter[81], real covariance[81])
+{
+    const fl_posterior *at = &fit->posterior;
+    real half[81];
+    if (!at->support.is_whole) project(&at->support, scatter);
+    for (int i = 0; i < 81; i++) scatter[i] = scatter[i] / (at->variance * at->variance) + at->prior_matrix[i];
+    fl_multiply(fit->covariance, scatter, 9, 9, 9, half);
+    fl_multiply(half, fit->covariance, 9, 9, 9, covariance);
+}
+
+/* Move a fit by the step of generalised least squares, where that leaves a surface. */
+static void move(fl_fit *fit, const real step[9])
+{
+    fl_surface surface;
+    real centre[3], shape[6];
+    for (int i = 0; i < 3; i++) centre[i] = fit->surface.centre[i] + step[i];
+    for (int i = 0; i < 6; i++) shape[i] = fit->surface.shape[i] + step[3 + i];
+    if (!fl_surface_of(centre, shape, &surface)) fit->surface = surface;
+}
+
+/* The covariance of a record, with what correlated residuals add to it. Where slow noise is found, the fit is moved to
+ * where that makes it most likely; what residuals scatter more than slow noise explains is added. */
+void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
+                   flinders_record *record)
+{
+    fl_residuals residuals;
+    real scatter[81], step[9], slow[81], explained[81];
+    memcpy(record->covariance, fit->covariance, sizeof record->covariance);
+    if (fit->used < FEW) return;
+    gather_stretches(kernels, view, fit, room, &residuals);
+    scatter_of(kernels, &residuals, fit, room, scatter, record);
+    if (record->is_white) return;
+    scattered(fit, scatter, record->covariance);
+    if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, step, slow, explained)) return;
+    fl_raise(record->covariance, explained, 9, 0);
+    for (int i = 0; i < 81; i++) record->covariance[i] += slow[i] - explained[i];
+    move(fit, step);
+}

@@ -1,0 +1,198 @@
+/* A smooth distortion that belongs to the direction: what residuals of one place have in common at different times. */
+#include "residuals.h"
+
+enum { CELLS = 100 };
+
+#define SMOOTH (FL_PI / 6)
+#define PROVEN ((real)3)
+
+/* Cells of the sphere that hold a reading. */
+typedef struct {
+    int n;
+    real counts[CELLS], means[CELLS]; /* of the residuals */
+    real middles[CELLS][3];
+    real jacobian[CELLS][9];
+    int place[CELLS]; /* of a cell among those seen */
+    real *kernel;     /* (n, n) covariance of the distortion, of unit size */
+    real *matrix;     /* (n, n) to work in */
+} sphere;
+
+/* How alike the distortion is in two directions. */
+static real alike(const real a[3], const real b[3])
+{
+    real cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    cosine = cosine > 1 ? 1 : cosine < -1 ? -1 : cosine;
+    const real angle = fl_acos(cosine) / SMOOTH;
+    return fl_exp(-angle * angle / 2);
+}
+
+/* Count readings and residuals by direction: the middle of the readings of each cell. */
+static void count_cells(const fl_residuals *residuals, const fl_surface *surface, sphere *on)
+{
+    real counts[CELLS] = {0}, sums[CELLS] = {0}, middles[CELLS][3] = {{0}};
+    for (size_t i = 0; i < residuals->n; i++) {
+        const uint32_t cell = residuals->cells[i];
+        counts[cell] += 1, sums[cell] += residuals->distances[i];
+        for (int axis = 0; axis < 3; axis++) middles[cell][axis] += residuals->directions[axis * FL_LOOKED + i];
+    }
+    on->n = 0;
+    for (int cell = 0; cell < CELLS; cell++) {
+        if (!(counts[cell] > 0)) continue;
+        const real *m = middles[cell], length = fl_sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2]);
+        on->place[cell] = on->n;
+        on->counts[on->n] = counts[cell], on->means[on->n] = sums[cell] / counts[cell];
+        for (int axis = 0; axis < 3; axis++) on->middles[on->n][axis] = length > 0 ? m[axis] / length : 0;
+        fl_jacobian(surface, on->middles[on->n], on->jacobian[on->n]);
+        on->n++;
+    }
+}
+
+/* Products of the sums of different visits to each cell, of residuals and of readings. */
+static void between_visits(const fl_residuals *residuals, const sphere *on, size_t apart, real *cross, real *pairs)
+{
+    real sums[CELLS][2] = {{0}}, squares[CELLS][2] = {{0}}, visit[CELLS][2] = {{0}};
+    size_t last[CELLS] = {0};
+    for (size_t i = 0; i < residuals->n; i++) {
+        const int cell = on->place[residuals->cells[i]];
+        if (visit[cell][1] > 0 && i - last[cell] > apart)
+            for (int k = 0; k < 2; k++) {
+                sums[cell][k] += visit[cell][k], squares[cell][k] += visit[cell][k] * visit[cell][k];
+                visit[cell][k] = 0;
+            }
+        visit[cell][0] += residuals->distances[i], visit[cell][1] += 1;
+        last[cell] = i;
+    }
+    for (int cell = 0; cell < on->n; cell++) {
+        const real *v = visit[cell], whole = sums[cell][0] + v[0], count = sums[cell][1] + v[1];
+        cross[cell] = whole * whole - squares[cell][0] - v[0] * v[0];
+        pairs[cell] = count * count - squares[cell][1] - v[1] * v[1];
+    }
+}
+
+/* Covariance of a smooth function, less what an ellipsoid fitted all around absorbs. */
+static void fill_kernel(const fl_surface *surface, sphere *on)
+{
+    real centres[CELLS][3], everywhere[CELLS][9], normal[81] = {0}, inverse[81], absorb[CELLS][9], half[CELLS][9];
+    real across[CELLS][9], both[81] = {0};
+    fl_sphere_centres(centres);
+    for (int c = 0; c < CELLS; c++) {
+        fl_jacobian(surface, centres[c], everywhere[c]);
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) normal[9 * i + j] += everywhere[c][i] * everywhere[c][j];
+    }
+    fl_inverse(normal, 9, inverse);
+    fl_multiply(everywhere[0], inverse, CELLS, 9, 9, absorb[0]);
+    memset(half, 0, sizeof half);
+    memset(across, 0, sizeof across);
+    for (int c = 0; c < CELLS; c++)
+        for (int d = 0; d < CELLS; d++) {
+            const real likeness = alike(centres[c], centres[d]);
+            for (int i = 0; i < 9; i++) half[c][i] += likeness * absorb[d][i];
+        }
+    for (int c = 0; c < CELLS; c++)
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) both[9 * i + j] += absorb[c][i] * half[c][j];
+    for (int k = 0; k < on->n; k++)
+        for (int c = 0; c < CELLS; c++) {
+            const real likeness = alike(on->middles[k], centres[c]);
+            for (int i = 0; i < 9; i++) across[k][i] += likeness * absorb[c][i];
+        }
+    for (int k = 0; k < on->n; k++)
+        for (int l = 0; l < on->n; l++) {
+            real entry = alike(on->middles[k], on->middles[l]);
+            for (int i = 0; i < 9; i++) {
+                entry -= on->jacobian[k][i] * across[l][i] + on->jacobian[l][i] * across[k][i];
+                for (int j = 0; j < 9; j++) entry += on->jacobian[k][i] * both[9 * i + j] * on->jacobian[l][j];
+            }
+            on->kernel[k * on->n + l] = entry;
+        }
+}
+
+/* Pseudo-inverse of a symmetric matrix (9, 9). */
+static void pseudo_inverse(const real matrix[81], real out[81])
+{
+    real vectors[81], values[9];
+    memcpy(vectors, matrix, sizeof vectors);
+    fl_eigen(vectors, 9, values);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            out[9 * i + j] = 0;
+            for (int k = 0; k < 9; k++)
+                if (values[k] > (real)1e-10 * values[8])
+                    out[9 * i + j] += vectors[9 * i + k] * vectors[9 * j + k] / values[k];
+        }
+}
+
+/* Variance that a distortion of unit size leaves in the residuals of a fit to these readings, in each cell. */
+static void left_over(const sphere *on, real variance[CELLS])
+{
+    real normal[81] = {0}, inverse[81], taken[CELLS][9], spread[CELLS][9], both[81] = {0};
+    for (int k = 0; k < on->n; k++)
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) normal[9 * i + j] += on->counts[k] * on->jacobian[k][i] * on->jacobian[k][j];
+    pseudo_inverse(normal, inverse);
+    fl_multiply(on->jacobian[0], inverse, on->n, 9, 9, taken[0]);
+    for (int k = 0; k < on->n; k++)
+        for (int i = 0; i < 9; i++) taken[k][i] *= on->counts[k];
+    fl_multiply(on->kernel, taken[0], on->n, on->n, 9, spread[0]);
+    for (int k = 0; k < on->n; k++)
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) both[9 * i + j] += taken[k][i] * spread[k][j];
+    for (int k = 0; k < on->n; k++) {
+        variance[k] = on->kernel[k * on->n + k];
+        for (int i = 0; i < 9; i++) {
+            variance[k] -= 2 * on->jacobian[k][i] * spread[k][i];
+            for (int j = 0; j < 9; j++) variance[k] += on->jacobian[k][i] * both[9 * i + j] * on->jacobian[k][j];
+        }
+    }
+}
+
+/* Take the most probable distortion off the residuals. */
+static void take_off(fl_residuals *residuals, const sphere *on, real direction, real noise)
+{
+    real weights[CELLS], smooth[CELLS];
+    const int n = on->n;
+    for (int k = 0; k < n; k++) {
+        for (int l = 0; l < n; l++) on->matrix[k * n + l] = direction * direction * on->kernel[k * n + l];
+        on->matrix[k * n + k] += noise / on->counts[k];
+        weights[k] = on->means[k];
+    }
+    if (fl_solve(on->matrix, n, weights)) return;
+    for (int k = 0; k < n; k++) {
+        smooth[k] = 0;
+        for (int l = 0; l < n; l++) smooth[k] += direction * direction * on->kernel[k * n + l] * weights[l];
+    }
+    for (size_t i = 0; i < residuals->n; i++) residuals->distances[i] -= smooth[on->place[residuals->cells[i]]];
+}
+
+/* Standard deviation of the distortion, 0 where unproven; its scatter of the gradient, and residuals without it. */
+real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t apart, real time, const fl_room *room,
+                   real scatter[81])
+{
+    sphere on;
+    real cross[CELLS], pairs[CELLS], variance[CELLS], found = 0, weight = 0, square = 0, expected = 0;
+    real counted[CELLS][9], spread[CELLS][9];
+    on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
+    count_cells(residuals, surface, &on);
+    between_visits(residuals, &on, apart, cross, pairs);
+    for (int k = 0; k < on.n; k++) {
+        found += cross[k] / on.counts[k];
+        weight += pairs[k] / (on.counts[k] * on.counts[k]);
+    }
+    for (size_t i = 0; i < residuals->n; i++) square += residuals->distances[i] * residuals->distances[i];
+    const real noise = square / (real)residuals->n * time;
+    if (!(found > PROVEN * noise * fl_sqrt(2 * weight))) return 0;
+    fill_kernel(surface, &on);
+    left_over(&on, variance);
+    for (int k = 0; k < on.n; k++) expected += pairs[k] * variance[k] / on.counts[k];
+    if (!(expected > 0)) return 0;
+    const real direction = fl_sqrt(found / expected);
+    for (int k = 0; k < on.n; k++)
+        for (int i = 0; i < 9; i++) counted[k][i] = on.counts[k] * on.jacobian[k][i];
+    fl_multiply(on.kernel, counted[0], on.n, on.n, 9, spread[0]);
+    for (int k = 0; k < on.n; k++)
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) scatter[9 * i + j] += direction * direction * counted[k][i] * spread[k][j];
+    take_off(residuals, &on, direction, noise);
+    return direction;
+}

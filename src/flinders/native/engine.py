@@ -1,0 +1,275 @@
+"""Calls the engine: recordings in, one table of records out.
+
+`flinders.h` documents the record; its fields are read from there, so that there is one list of them. A record is one
+row of a NumPy structured array, the same for one recording and for many.
+
+>>> RECORD["covariance"].shape, RECORD["noise"], "level_worst_deg" in RECORD.names
+((81,), dtype('float64'), True)
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import NoEngine
+from flinders.native.build import HERE, NoCompiler, library
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+
+    Records = NDArray[np.void]
+
+UNDETERMINED: Final = 7
+"""Status of a record whose readings leave parameters open, and there is no prior."""
+
+
+def layout(name: str, real: type[np.floating]) -> np.dtype[np.void]:
+    """Layout of a struct of flinders.h, for a library of this precision."""
+    text = (HERE / "flinders.h").read_text(encoding="utf-8")
+    body = re.sub(r"/\*.*?\*/", "", text.split(f"typedef struct {name} {{")[1].split("}")[0], flags=re.DOTALL)
+    kinds = {"int32_t": np.int32, "uint32_t": np.uint32, "int64_t": np.int64, "flinders_real": real}
+    found = re.findall(r"(\w+)\s+(\w+)(?:\[(\d+)\])?;", body)
+    return np.dtype([(field, kinds[kind], (int(size),) if size else ()) for kind, field, size in found], align=True)
+
+
+RECORD: Final = layout("flinders_record", np.float64)
+"""Layout of a record."""
+
+SUMS: Final = layout("flinders_sums", np.float64)
+"""Layout of sums that add."""
+
+OPTIONS: Final = layout("flinders_options", np.float64)
+
+
+class Engine:
+    """A compiled engine.
+
+    Parameters
+    ----------
+    path : Path, optional
+        The shared library; by default `flinders.native.build.library`.
+
+    Raises
+    ------
+    NoEngine
+        Where it has to be compiled and cannot be.
+    RuntimeError
+        Where a library is of another version.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> directions = rng.normal(size=(500, 3))
+    >>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    >>> field = directions * [45, 50, 55] + [20, 120, 90] + rng.normal(scale=0.5, size=directions.shape)
+    >>> record = Engine().fit(field)
+    >>> record["centre"].round(0).tolist(), round(float(record["noise"]), 1)
+    ([20.0, 120.0, 90.0], 0.5)
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._library = ctypes.CDLL(str(path or _library()))
+        for name in ("workspace_size", "record_size", "real_size"):
+            getattr(self._library, f"flinders_{name}").restype = ctypes.c_size_t
+        self._library.flinders_workspace_size.argtypes = [ctypes.c_size_t]
+        self._library.flinders_message.restype = ctypes.c_char_p
+        found = int(self._library.flinders_record_size()), int(self._library.flinders_real_size())
+        if found != (RECORD.itemsize, 8):
+            raise RuntimeError(
+                f"the engine's record has {found[0]} bytes with numbers of {found[1]}, this module expects "
+                f"{RECORD.itemsize} and 8: run python -m flinders.native.build"
+            )
+
+    def fit(
+        self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit one recording: the record, a row of `RECORD`; its ``status`` says whether there is a fit.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        time : (N,) array-like, s, optional
+        ends : (P,) array-like of int, optional
+            Where each of several recordings ends that the readings are: nothing that follows their order goes across.
+        **options
+            Fields of ``flinders_options``: prior, dip_deg, robust, kernels, statistics, bias_correction.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
+        parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
+        record, (workspace, size) = np.zeros((), dtype=RECORD), self._workspace(len(readings))
+        self._library.flinders_fit_parts(
+            _pointer(readings), _pointer(times), ctypes.c_size_t(len(readings)),
+            _pointer(parts), ctypes.c_size_t(0 if parts is None else len(parts)),
+            _pointer(self.options(**options)), _pointer(workspace), size, _pointer(record),
+        )  # fmt: skip
+        return record
+
+    def fit_many(
+        self, field: ArrayLike, offsets: ArrayLike, *, time: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit recordings that stand one behind the other: (R,) records for (R + 1,) offsets of their rows."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        bounds = np.ascontiguousarray(offsets, dtype=np.int64)
+        lengths = np.diff(bounds)
+        if len(bounds) < 1 or bounds[0] < 0 or bounds[-1] > len(readings) or (lengths < 0).any():
+            raise ValueError(f"offsets have to ascend from 0 to {len(readings)}, the number of readings")
+        times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
+        if times is not None and times.shape != (len(readings),):
+            raise ValueError(f"{len(readings)} readings have times of shape {times.shape}: give one each")
+        records = np.zeros(len(lengths), dtype=RECORD)
+        workspace, size = self._workspace(int(lengths.max(initial=0)))
+        self._library.flinders_fit_many(
+            _pointer(readings), _pointer(times), _pointer(bounds), ctypes.c_size_t(len(lengths)),
+            _pointer(self.options(**options)), _pointer(workspace), size, _pointer(records),
+        )  # fmt: skip
+        return records
+
+    def polish(
+        self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, ends: ArrayLike | None = None, **options: float
+    ) -> Records:
+        """Fit from a known start, without a look for outliers; its ``status`` says whether there is a fit.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        centre, shape : (3,), (3, 3) array-like
+            The start.
+        ends : (P,) array-like of int, optional
+            Where each of several recordings ends that the readings are: nothing that follows their order goes across.
+        **options
+            As of `fit`.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64)
+        parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
+        record = np.zeros((), dtype=RECORD)
+        workspace, size = self._workspace(len(readings))
+        self._library.flinders_polish(
+            _pointer(readings), ctypes.c_size_t(len(readings)),
+            _pointer(parts), ctypes.c_size_t(0 if parts is None else len(parts)),
+            _pointer(np.ascontiguousarray(centre, dtype=np.float64)), _pointer(_entries(shape)),
+            _pointer(self.options(**options)), _pointer(workspace), size, _pointer(record),
+        )  # fmt: skip
+        return record
+
+    def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:
+        """A record with the fields ``drift_…``: a steady change of readings about a known ellipsoid.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+            In the order of recording.
+        centre, shape : (3,), (3, 3) array-like
+        dip_deg : float
+            Inclination of the field, -89 to 89.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        record, (workspace, size) = np.zeros((), dtype=RECORD), self._workspace(len(readings))
+        self._library.flinders_drift(
+            _pointer(readings), ctypes.c_size_t(len(readings)),
+            _pointer(np.ascontiguousarray(centre, dtype=np.float64)), _pointer(_entries(shape)),
+            ctypes.c_double(dip_deg), _pointer(workspace), size, _pointer(record),
+        )  # fmt: skip
+        return record
+
+    def _workspace(self, rows: int) -> tuple[NDArray[np.uint8], ctypes.c_size_t]:
+        """Memory that a recording of so many readings needs, and its size."""
+        size = int(self._library.flinders_workspace_size(rows))
+        return np.empty(size, dtype=np.uint8), ctypes.c_size_t(size)
+
+    def options(self, **changes: float) -> Records:
+        """The default options, some of them changed; raises KeyError for one that there is not."""
+        options = np.zeros((), dtype=OPTIONS)
+        self._library.flinders_default_options(_pointer(options))
+        for name, value in changes.items():
+            if name not in (OPTIONS.names or ()):
+                raise KeyError(f"there is no option {name!r}: need one of {', '.join(OPTIONS.names or ())}")
+            options[name] = value
+        return options
+
+    def message(self, status: int) -> str:
+        """A status in words."""
+        return str(self._library.flinders_message(int(status)).decode())
+
+    def kernels(self, wanted: int = 0) -> int:
+        """Kernels that run on this processor: 1 the baseline, 2 AVX2."""
+        return int(self._library.flinders_kernels(wanted))
+
+    def sums(self, field: ArrayLike = (), *, origin: ArrayLike = (0.0, 0.0, 0.0), scale: float = 1.0) -> Records:
+        """Sums of powers of readings about an origin, to which `add` adds."""
+        sums = np.zeros((), dtype=SUMS)
+        self._library.flinders_sums_begin(
+            _pointer(sums), _pointer(np.array(origin, dtype=np.float64)), ctypes.c_double(scale)
+        )
+        return self.add(sums, field)
+
+    def add(self, sums: Records, field: ArrayLike) -> Records:
+        """Add readings to sums, in place; raises ValueError for values that are not finite."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        status = self._library.flinders_sums_add(_pointer(sums), _pointer(readings), ctypes.c_size_t(len(readings)))
+        if status:
+            raise ValueError(self.message(status))
+        return sums
+
+    def merge(self, sums: Records, other: Records) -> Records:
+        """Add other sums to sums, in place."""
+        self._library.flinders_sums_merge(_pointer(sums), _pointer(other))
+        return sums
+
+    def solve(self, sums: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0), unit: float = 1.0) -> Records:
+        """The consistent fit of (35,) sums about an origin, of readings over a unit: the record."""
+        record, row = np.zeros((), dtype=RECORD), np.zeros((), dtype=SUMS)
+        row["sums"], row["origin"], row["scale"] = sums, origin, unit
+        self._library.flinders_sums_solve(_pointer(row), _pointer(record))
+        return record
+
+    def heading_errors(self, record: Records, dip_deg: float) -> Records:
+        """The record with the errors of headings and directions at an inclination."""
+        row = np.array(record, dtype=RECORD)
+        if self._library.flinders_heading_errors(_pointer(row), ctypes.c_double(dip_deg)):
+            raise ValueError(f"dip is {dip_deg:g}°, or the record has no ellipsoid: need one, and a dip of -89° to 89°")
+        return row
+
+    def distances(self, field: ArrayLike, record: Records) -> Floats:
+        """(N,) Sampson distances of readings from the surface of a record."""
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        out, row = np.full(len(readings), math.nan), np.array(record, dtype=RECORD)
+        self._library.flinders_distances(
+            _pointer(readings), ctypes.c_size_t(len(readings)), _pointer(row), _pointer(out)
+        )
+        return out
+
+
+@cache
+def engine() -> Engine:
+    """The engine of this process, compiled where it has to be."""
+    return Engine()
+
+
+def _library() -> Path:
+    """The library of these sources, compiled where it is not there."""
+    try:
+        return library()
+    except NoCompiler as error:
+        raise NoEngine(str(error)) from error
+
+
+def _entries(shape: ArrayLike) -> Floats:
+    """(6,) entries 11, 22, 33, 12, 13, 23 of a symmetric matrix."""
+    entries: Floats = np.asarray(shape, dtype=np.float64)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return entries
+
+
+def _pointer(array: NDArray[np.generic] | None) -> ctypes.c_void_p:
+    """Address of an array, which has to be contiguous and lives as long as the address; null for None."""
+    return ctypes.c_void_p(None) if array is None else array.ctypes.data_as(ctypes.c_void_p)

@@ -1,0 +1,220 @@
+/* flinders.h - calibrates three-axis magnetometers: one small library in C99, without allocation and without state.
+ *
+ * A reading x of a magnetometer that meets a field of constant strength lies on the ellipsoid b + S u, with a unit
+ * vector u. The library finds the offset b and the symmetric shape S by maximum likelihood, says how sure it is, and
+ * fills one flat record per recording with everything that a verdict needs. S⁻¹(x − b) is the corrected direction.
+ *
+ * Units. Readings may come in any unit (microtesla, counts); "unit" below means that unit. Angles are in degrees where
+ * the name ends in _deg, times in seconds. Symmetric 3 × 3 matrices are six numbers: 11, 22, 33, 12, 13, 23. The nine
+ * parameters of a fit are b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃.
+ *
+ * Errors. Every function returns a status, FLINDERS_OK or what was wrong; whatever the numbers are, it returns. The
+ * record then holds NaN where nothing is known.
+ *
+ * Memory. The caller lends a workspace of `flinders_workspace_size(rows)` bytes, aligned as malloc's; a recording of
+ * any number of rows up to those may use it. Several threads may call at once, each with a workspace of its own.
+ *
+ * Example (it is compiled and run by tests/agreement/test_native.py):
+ *
+ *     flinders_options options;
+ *     flinders_record record;
+ *     flinders_default_options(&options);
+ *     int status = flinders_fit(field, NULL, rows, &options, workspace, size, &record);
+ *     if (status == FLINDERS_OK)
+ *         printf("offset %.1f %.1f %.1f\n", record.centre[0], record.centre[1], record.centre[2]);
+ *     else
+ *         puts(flinders_message(status));
+ */
+#ifndef FLINDERS_H
+#define FLINDERS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(_WIN32)
+#define FLINDERS_API __declspec(dllexport)
+#elif defined(__GNUC__)
+#define FLINDERS_API __attribute__((visibility("default")))
+#else
+#define FLINDERS_API
+#endif
+
+#ifdef FLINDERS_FLOAT
+typedef float flinders_real; /* for processors without double precision: about five digits of a calibration */
+#else
+typedef double flinders_real;
+#endif
+
+#define FLINDERS_RECORD_VERSION 1
+
+/* What a function returns. */
+enum {
+    FLINDERS_OK = 0,
+    FLINDERS_TOO_FEW = 1,         /* fewer readings than the ten unknowns */
+    FLINDERS_NOT_FINITE = 2,      /* a reading is NaN or infinite */
+    FLINDERS_OUT_OF_SCALE = 3,    /* the largest reading is no number that a magnetometer reads (1e-12 to 1e15) */
+    FLINDERS_STUCK_AXIS = 4,      /* an axis never changes */
+    FLINDERS_UNMOVED = 5,         /* readings vary by less than a thousandth of their mean */
+    FLINDERS_NOT_AN_ELLIPSOID = 6, /* no closed surface fits */
+    FLINDERS_UNDETERMINED = 7,    /* readings leave parameters open, and there is no prior */
+    FLINDERS_NO_WORKSPACE = 8,    /* the workspace is too small */
+    FLINDERS_BAD_OPTION = 9       /* an option is no number that it can be */
+};
+
+/* What to do; `flinders_default_options` fills it. */
+typedef struct flinders_options {
+    flinders_real prior;   /* departure of the shape from a sphere that is likely, a fraction; 0: no prior (0.3) */
+    flinders_real dip_deg; /* inclination of the field, for the heading errors, -89 to 89 (60); its sign may be the
+                              other one for a sensor that the readings show upside down */
+    int32_t robust;        /* reject outliers: 0 never, 1 where residuals ask for it, 2 always (1) */
+    int32_t kernels;       /* 0 the best of this processor, 1 the baseline, 2 AVX2 (0) */
+    int32_t statistics;    /* 1: coverage, tails, jumps, swaps, distinct readings; 0: the fit alone (1) */
+    int32_t bias_correction; /* 1: subtract what noise causes on a curved surface; 0: the minimum of Σ s² itself (1) */
+} flinders_options;
+
+/* Sums of powers of readings, about an origin: all that an ellipsoid needs. They add. */
+typedef struct flinders_sums {
+    flinders_real sums[35];  /* of xⁱyʲzᵏ: 1, x, y, z, x², xy, y², xz, yz, z², ... of (reading - origin)/scale */
+    flinders_real origin[3]; /* unit */
+    flinders_real scale;     /* unit; a power of two where digits are to be kept */
+} flinders_sums;
+
+/* Everything that is known of one recording after a fit: a row of a table. NaN where nothing is known. */
+typedef struct flinders_record {
+    int32_t version;    /* FLINDERS_RECORD_VERSION */
+    int32_t status;     /* what the call returned */
+    int32_t is_robust;  /* 1 if outliers were looked for and rejected */
+    int32_t unobserved; /* combinations of parameters that readings say nothing of, 0 to 9 */
+    int32_t steps;      /* Gauss-Newton steps */
+    int32_t is_white;   /* 1 if residuals are independent */
+    int32_t lags;       /* autocovariances above their noise, that of lag 0 included */
+    int32_t dense;      /* far readings of eleven that make a run; 12: no run was looked for */
+    int64_t rows;       /* readings given */
+    int64_t used;       /* readings of the fit */
+    int64_t rejected;   /* readings left out as outliers */
+    int64_t repeats;    /* readings equal to the one before */
+    int64_t longest_repeat; /* most equal readings in a row */
+    int64_t distinct;   /* different readings; beyond 4096 of them an estimate, to 2 % */
+    int64_t end_counts[6]; /* readings at the lowest x, y, z and at the highest x, y, z */
+    int64_t swaps[6];   /* moments at which x, y or z changed sign, or x and y, y and z, z and x were exchanged */
+    int64_t first_swap[6]; /* the first row behind the first of each; -1: none */
+    flinders_real centre[3];      /* offset b, unit */
+    flinders_real shape[6];       /* S, unit */
+    flinders_real radius;         /* geometric mean of the semi-axes, unit */
+    flinders_real noise;          /* standard deviation of the distances from the surface, unit */
+    flinders_real covariance[81]; /* of the nine parameters, residuals as they are correlated, unit² */
+    flinders_real textbook[81];   /* the same for independent residuals, unit² */
+    flinders_real prior_influence;    /* largest share of the prior in what is known of any combination of parameters */
+    flinders_real rejected_beyond; /* distance from the surface, unit; 0 if none was rejected */
+    flinders_real majority_centre[3]; /* of the surface that the distances of outliers were taken from, unit */
+    flinders_real majority_shape[6];  /* of the same, unit */
+    flinders_real dip_deg;        /* inclination of the heading errors, with the sign that the readings show */
+    flinders_real level_rms_deg;  /* heading error of a level vehicle, 1 sigma, over all headings */
+    flinders_real level_worst_deg; /* at the worst heading */
+    flinders_real direction_rms_deg; /* error of the direction of the field, 1 sigma, over the sphere */
+    flinders_real direction_worst_deg; /* in the worst direction */
+    flinders_real mean[3];        /* of the readings, unit */
+    flinders_real spread;         /* root mean square distance from their mean, unit */
+    flinders_real principal_variances[3]; /* along the principal axes, ascending, unit² */
+    flinders_real lowest[3];      /* smallest reading of each axis, unit */
+    flinders_real highest[3];     /* largest reading of each axis, unit */
+    flinders_real end_extent[18]; /* row i: range of x, y, z among the readings at end i of `end_counts`, unit */
+    flinders_real coverage;       /* share of a hundred equal cells of the sphere that hold a reading */
+    flinders_real upright;        /* mean height of the directions, -1 to 1 */
+    flinders_real hole_deg;       /* angle from the middle of the largest gap to the nearest direction */
+    flinders_real hole[3];        /* middle of that gap, a unit vector in corrected axes */
+    flinders_real median_distance; /* of the readings from the surface, or of 20,000 spread over them, unit */
+    flinders_real farthest;       /* largest distance from the surface, unit */
+    flinders_real kurtosis;       /* of the distances; 3 for normal noise */
+    flinders_real lag_one;        /* correlation of one distance with the next */
+    flinders_real correlation_time; /* readings that say as much as one independent one */
+    flinders_real distortion;     /* standard deviation of what belongs to the direction, not to the moment, unit */
+    flinders_real excess_variance; /* factor by which blocks scatter more than that allows, in variance */
+    flinders_real drift_offset[3]; /* change of the offset from the first reading to the last, unit; NaN: nothing is known */
+    flinders_real drift_strength; /* change of the field, a fraction of it */
+    flinders_real drift_deg;      /* what that change of the offset does to a level heading, at the worst one */
+    flinders_real drift_by_chance; /* how often chance alone makes as much */
+    flinders_real largest_jump;   /* largest step from one reading to the next, over the median of 20,000 that are one */
+    flinders_real sums[35];       /* sums of powers about `sums_origin`, see flinders_sums */
+    flinders_real sums_origin[3]; /* unit */
+    flinders_real sums_scale;     /* unit */
+    flinders_real start;          /* first time, s; NaN without times */
+    flinders_real end;            /* last time, s */
+    flinders_real longest_step;   /* between two times, s */
+    int64_t backward_steps;       /* steps of the clock that go back */
+} flinders_record;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Fill options with their defaults, in parentheses above. */
+FLINDERS_API void flinders_default_options(flinders_options *options);
+
+/* A status in words. */
+FLINDERS_API const char *flinders_message(int status);
+
+/* Bytes of a record of this library, and of a number of it (8 or 4): for callers that were compiled apart. */
+FLINDERS_API size_t flinders_record_size(void);
+FLINDERS_API size_t flinders_real_size(void);
+
+/* Kernels that an option selects on this processor: 1 the baseline, 2 AVX2. */
+FLINDERS_API int flinders_kernels(int32_t wanted);
+
+/* Bytes of workspace that a recording of so many rows needs. */
+FLINDERS_API size_t flinders_workspace_size(size_t rows);
+
+/* Fit one recording: field (rows, 3), time (rows,) in s or NULL. */
+FLINDERS_API int flinders_fit(const flinders_real *field, const flinders_real *time, size_t rows,
+                              const flinders_options *options, void *workspace, size_t size, flinders_record *record);
+
+/* Fit several recordings of one sensor as one. They stand one behind the other; `ends` (parts,) are their ends. Nothing
+ * that follows the order of readings goes from one to the next. */
+FLINDERS_API int flinders_fit_parts(const flinders_real *field, const flinders_real *time, size_t rows,
+                                    const int64_t *ends, size_t parts, const flinders_options *options,
+                                    void *workspace, size_t size, flinders_record *record);
+
+/* A steady change while one recording was made, about a known ellipsoid: fills `drift_...` of a record, NaN where
+ * readings are too few to tell. Of more than 5,000 every second, third ... is looked at. */
+FLINDERS_API int flinders_drift(const flinders_real *field, size_t rows, const flinders_real centre[3],
+                                const flinders_real shape[6], flinders_real dip_deg, void *workspace, size_t size,
+                                flinders_record *record);
+
+/* Fit many: readings of recording i are rows offsets[i] to offsets[i + 1]; the worst status is returned. */
+FLINDERS_API int flinders_fit_many(const flinders_real *field, const flinders_real *time, const int64_t *offsets,
+                                   size_t recordings, const flinders_options *options, void *workspace, size_t size,
+                                   flinders_record *records);
+
+/* Fit from a known start: `centre` and `shape`. `ends` and `parts` as of flinders_fit_parts, or
+ * NULL and 0. A robust fit begins there, too. Statistics of the recording are not looked for. */
+FLINDERS_API int flinders_polish(const flinders_real *field, size_t rows, const int64_t *ends, size_t parts,
+                                 const flinders_real centre[3], const flinders_real shape[6],
+                                 const flinders_options *options, void *workspace, size_t size,
+                                 flinders_record *record);
+
+/* Begin sums about an origin (NULL: zero), in units of `scale`. */
+FLINDERS_API void flinders_sums_begin(flinders_sums *sums, const flinders_real origin[3], flinders_real scale);
+
+/* Add readings (rows, 3). */
+FLINDERS_API int flinders_sums_add(flinders_sums *sums, const flinders_real *field, size_t rows);
+
+/* Move sums to another origin and scale; digits go as the fourth power of the shift. */
+FLINDERS_API void flinders_sums_move(flinders_sums *sums, const flinders_real origin[3], flinders_real scale);
+
+/* Add other sums, whatever their origin and scale. */
+FLINDERS_API void flinders_sums_merge(flinders_sums *sums, const flinders_sums *other);
+
+/* Solve now, from sums alone: consistent ellipsoid and noise; fills centre, shape, radius, noise, mean and spread. */
+FLINDERS_API int flinders_sums_solve(const flinders_sums *sums, flinders_record *record);
+
+/* Sampson distances (rows,) of readings from the surface of a record, outside positive, unit. */
+FLINDERS_API int flinders_distances(const flinders_real *field, size_t rows, const flinders_record *record,
+                                    flinders_real *out);
+
+/* Heading error of a level vehicle, and error of the direction, which a fit leaves open, from shape and covariance. */
+FLINDERS_API int flinders_heading_errors(flinders_record *record, flinders_real dip_deg);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

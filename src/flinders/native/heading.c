@@ -1,0 +1,152 @@
+/* From an uncertain calibration to degrees: heading of a level vehicle, and direction of the field. */
+#include "internal.h"
+
+enum { HEADINGS = 72, DIRECTIONS = 400 };
+
+#define TO_DEG ((real)180 / FL_PI)
+#define UPRIGHT ((real)0.55)       /* of a level vehicle's mean height of directions: from there on it is told from it */
+#define LEANING_LEAST ((real)0.1)  /* mean height of a recording that leans; and three standard errors of random ones */
+
+/* Coefficients of vᵀδb + vᵀ δS u. */
+static void gathered(const real v[3], const real u[3], real row[9])
+{
+    for (int i = 0; i < 3; i++) row[i] = v[i], row[3 + i] = v[i] * u[i];
+    row[6] = v[0] * u[1] + v[1] * u[0];
+    row[7] = v[0] * u[2] + v[2] * u[0];
+    row[8] = v[1] * u[2] + v[2] * u[1];
+}
+
+/* rᵀ C r, not below zero. */
+static real variance_along(const real row[9], const real covariance[81])
+{
+    real sum = 0;
+    for (int i = 0; i < 9; i++) {
+        real part = covariance[10 * i] * row[i] / 2;
+        for (int j = 0; j < i; j++) part += covariance[9 * i + j] * row[j];
+        sum += 2 * row[i] * part;
+    }
+    return sum > 0 ? sum : 0;
+}
+
+/* Heading error of a level vehicle, 1 sigma: over all headings and at the worst; its mean is a matter of mounting. */
+void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst)
+{
+    real rows[HEADINGS][9], mean[9] = {0}, sum = 0, largest = 0;
+    const real dip = dip_deg / TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
+    const real turn = fl_cos(2 * FL_PI / HEADINGS), slant = fl_sin(2 * FL_PI / HEADINGS);
+    real cosine = 1, sine = 0;
+    for (int k = 0; k < HEADINGS; k++) {
+        const real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
+        real v[3];
+        fl_sym3_apply(surface->inverse, across, v);
+        gathered(v, field, rows[k]);
+        for (int i = 0; i < 9; i++) mean[i] += rows[k][i] / HEADINGS;
+        const real next = cosine * turn - sine * slant;
+        sine = sine * turn + cosine * slant;
+        cosine = next;
+    }
+    for (int k = 0; k < HEADINGS; k++) {
+        for (int i = 0; i < 9; i++) rows[k][i] -= mean[i];
+        const real variance = variance_along(rows[k], covariance);
+        sum += variance;
+        largest = variance > largest ? variance : largest;
+    }
+    *rms = TO_DEG * fl_sqrt(sum / HEADINGS);
+    *worst = TO_DEG * fl_sqrt(largest);
+}
+
+/* Covariance (12, 12) of S⁻¹δb and of the columns of S⁻¹δS: δu is their sum with 1 and u for weights. */
+static void corrected(const fl_surface *surface, const real covariance[81], real out[144])
+{
+    static const unsigned char ENTRY[3][3] = {{3, 6, 7}, {6, 4, 8}, {7, 8, 5}};
+    real map[108] = {0}, half[108];
+    const real full[9] = {surface->inverse[0], surface->inverse[3], surface->inverse[4],
+                          surface->inverse[3], surface->inverse[1], surface->inverse[5],
+                          surface->inverse[4], surface->inverse[5], surface->inverse[2]};
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++) {
+            map[9 * i + k] = full[3 * i + k];
+            for (int j = 0; j < 3; j++) map[9 * (3 + 3 * j + i) + ENTRY[k][j]] += full[3 * i + k];
+        }
+    fl_multiply(map, covariance, 12, 9, 9, half);
+    for (int i = 0; i < 12; i++)
+        for (int j = 0; j < 12; j++) {
+            out[12 * i + j] = 0;
+            for (int k = 0; k < 9; k++) out[12 * i + j] += half[9 * i + k] * map[9 * j + k];
+        }
+}
+
+/* Error of the direction of the corrected field, 1 sigma: over the whole sphere and in the worst of 400 directions. */
+static void direction(const fl_surface *surface, const real covariance[81], real *rms, real *worst)
+{
+    real c[144], squares[3][3], sum = 0, largest = 0;
+    corrected(surface, covariance, c);
+    const real step = FL_PI * (1 + fl_sqrt((real)5));
+    real cosine = fl_cos(step / 2), sine = fl_sin(step / 2);
+    const real turn = fl_cos(step), slant = fl_sin(step);
+    for (int k = 0; k < DIRECTIONS; k++) {
+        const real z = 1 - 2 * (k + (real)0.5) / DIRECTIONS, flat = fl_sqrt(1 - z * z);
+        const real w[4] = {1, flat * cosine, flat * sine, z}, *u = w + 1;
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j <= i; j++) {
+                real entry = 0;
+                for (int a = 0; a < 4; a++) {
+                    const real *row = c + 12 * (3 * a + i) + j;
+                    entry += w[a] * (w[0] * row[0] + w[1] * row[3] + w[2] * row[6] + w[3] * row[9]);
+                }
+                squares[i][j] = squares[j][i] = entry;
+            }
+        real variance = 0;
+        for (int i = 0; i < 3; i++) {
+            variance += squares[i][i];
+            for (int j = 0; j < 3; j++) variance -= u[i] * squares[i][j] * u[j];
+        }
+        variance = variance > 0 ? variance : 0;
+        sum += variance;
+        largest = variance > largest ? variance : largest;
+        const real next = cosine * turn - sine * slant;
+        sine = sine * turn + cosine * slant;
+        cosine = next;
+    }
+    *rms = TO_DEG * fl_sqrt(sum / DIRECTIONS);
+    *worst = TO_DEG * fl_sqrt(largest);
+}
+
+/* The dip with the sign that the readings show: a sensor mounted upside down sees the field come from below. */
+static real facing(const flinders_record *record, real dip_deg)
+{
+    const real cells = fl_floor(100 * record->coverage + (real)0.5), by_chance = fl_sqrt(3 / (cells > 1 ? cells : 1));
+    const real least = by_chance > LEANING_LEAST ? by_chance : LEANING_LEAST;
+    const int is_against = (record->upright * dip_deg < 0) || (dip_deg == 0 && record->upright < 0);
+    return is_against && fl_abs(record->upright) > least ? -dip_deg : dip_deg;
+}
+
+/* Level errors at the sign of the dip that the readings show; at the worse where they lean and show none. */
+void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg)
+{
+    real rms = 0, worst = 0;
+    int is_open = 0;
+    record->dip_deg = dip_deg;
+    if (!isnan(record->upright)) {
+        const real shown = facing(record, dip_deg);
+        const int leans = shown != dip_deg || facing(record, -dip_deg) == dip_deg;
+        const int is_clear = fl_abs(record->upright) >= UPRIGHT * fl_abs(fl_sin(dip_deg / TO_DEG));
+        if (is_clear || !leans) record->dip_deg = shown;
+        is_open = leans && !is_clear;
+    }
+    fl_level_errors(surface, record->covariance, record->dip_deg, &record->level_rms_deg, &record->level_worst_deg);
+    if (is_open) fl_level_errors(surface, record->covariance, -dip_deg, &rms, &worst);
+    if (is_open && worst > record->level_worst_deg)
+        record->dip_deg = -dip_deg, record->level_rms_deg = rms, record->level_worst_deg = worst;
+}
+
+/* Heading and direction errors of a record. */
+int flinders_heading_errors(flinders_record *record, real dip_deg)
+{
+    fl_surface surface;
+    if (!(fl_abs(dip_deg) <= 89)) return FLINDERS_BAD_OPTION;
+    if (fl_surface_of(record->centre, record->shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+    fl_heading_errors(&surface, record, dip_deg);
+    direction(&surface, record->covariance, &record->direction_rms_deg, &record->direction_worst_deg);
+    return FLINDERS_OK;
+}

@@ -1,0 +1,172 @@
+/* What the files of the engine share: numbers, small matrices, selections of readings, and the kernels. */
+#ifndef FLINDERS_INTERNAL_H
+#define FLINDERS_INTERNAL_H
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "flinders.h"
+
+typedef flinders_real real;
+
+#ifdef FLINDERS_FLOAT
+#define fl_sqrt sqrtf
+#define fl_abs fabsf
+#define fl_sin sinf
+#define fl_cos cosf
+#define fl_acos acosf
+#define fl_atan2 atan2f
+#define fl_exp expf
+#define fl_log2 log2f
+#define fl_pow powf
+#define fl_cbrt cbrtf
+#define fl_floor floorf
+#define fl_frexp frexpf
+#define fl_ldexp ldexpf
+#define FL_TINY FLT_MIN
+#define FL_HUGE FLT_MAX
+#define FL_SHORT 1e-18F /* its square is a number */
+#define FL_ROUNDING 1e-7F
+#define FL_NOT_A_NUMBER nanf("")
+#else
+#define fl_sqrt sqrt
+#define fl_abs fabs
+#define fl_sin sin
+#define fl_cos cos
+#define fl_acos acos
+#define fl_atan2 atan2
+#define fl_exp exp
+#define fl_log2 log2
+#define fl_pow pow
+#define fl_cbrt cbrt
+#define fl_floor floor
+#define fl_frexp frexp
+#define fl_ldexp ldexp
+#define FL_TINY DBL_MIN
+#define FL_HUGE DBL_MAX
+#define FL_SHORT 1e-150
+#define FL_ROUNDING 1e-15
+#define FL_NOT_A_NUMBER nan("")
+#endif
+
+#define FL_PI ((real)3.14159265358979323846)
+#define FL_UNOBSERVED ((real)1 / 3)  /* share of the information that noise alone may add to a direction */
+#define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
+#define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
+
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 13, FL_STEPS = 50 };
+
+/* Readings of a recording: every `stride`-th of those that are not rejected. */
+typedef struct {
+    const real *field;             /* (rows, 3) */
+    size_t rows;
+    const unsigned char *rejected; /* (rows,), or NULL for none */
+    size_t stride;
+} fl_view;
+
+/* An ellipsoid with the inverse of its shape; symmetric matrices are 11, 22, 33, 12, 13, 23. */
+typedef struct {
+    real centre[3];
+    real shape[6];
+    real inverse[6];
+    real radius;
+} fl_surface;
+
+/* Averages of successive residuals, in the order of recording. */
+typedef struct {
+    size_t n;
+    real *rows;   /* (n, 10) Jacobian and distance */
+    real *counts; /* (n,) readings of each */
+    real *steps;  /* (n,) time from the one before; FL_HUGE where it has nothing in common with it */
+} fl_series;
+
+/* Sums over all readings of a view; each exists once for the baseline and once for AVX2, with equal digits. */
+typedef struct {
+    size_t (*powers)(const fl_view *view, const real origin[3], real unit, real sums[35]);
+    size_t (*products)(const fl_view *view, const fl_surface *surface, int exact, real sums[55]);
+    void (*curvature)(const fl_view *view, const fl_surface *surface, real gradient[9]);
+    void (*distances)(const fl_view *view, const fl_surface *surface, real *out);
+    real (*cost)(const fl_view *view, const fl_surface *surface);
+    void (*rows)(const fl_view *view, const fl_surface *surface, real *out, real *directions);
+    void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
+    void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
+    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[FL_LANES],
+                   real log_determinant[FL_LANES], real sums[55][FL_LANES]);
+} fl_kernels;
+
+const fl_kernels *fl_kernels_chosen(int which);
+size_t fl_view_count(const fl_view *view);
+
+/* cloud.c: a hundred cells of the sphere, equal in area, in bands of so many sectors */
+extern const int fl_bands[6], fl_band_starts[6];
+extern const real fl_band_edges[5], fl_sectors_15[7], fl_sectors_34[17];
+
+/* linear.c */
+void fl_eigen(real *matrix, int n, real *values);
+int fl_cholesky(real *matrix, int n);
+int fl_cholesky_regular(const real *matrix, int n, real *factor);
+void fl_forward(const real *factor, int n, real *x);
+void fl_cholesky_solve(const real *factor, int n, real *x);
+int fl_solve(real *matrix, int n, real *x);
+void fl_multiply(const real *a, const real *b, int n, int m, int k, real *out);
+void fl_sym3_inverse(const real shape[6], real inverse[6]);
+real fl_sym3_det(const real shape[6]);
+void fl_sym3_values(const real shape[6], real values[3]);
+void fl_sym3_apply(const real shape[6], const real x[3], real out[3]);
+real fl_select(real *values, size_t n, size_t k);
+
+/* start.c */
+int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface);
+int fl_surface_of_quadric(const real quadric[10], const real origin[3], real scale, fl_surface *surface);
+int fl_consistent(const flinders_sums *sums, real tolerance, fl_surface *surface, real *noise);
+int fl_start(const flinders_sums *sums, fl_surface *surface, real *noise);
+
+/* covariance.c */
+typedef struct {
+    int n, is_whole; /* every direction is observed beyond doubt: what follows is not filled in */
+    real scale[FL_WIDEST];
+    real values[FL_WIDEST];
+    real vectors[FL_WIDEST * FL_WIDEST]; /* in columns */
+    real share[FL_WIDEST];
+} fl_support;
+
+typedef void (*fl_spurious)(void *context, real *matrix);
+void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *context, fl_support *support);
+int fl_support_unseen(const fl_support *support);
+void fl_support_keep(const fl_support *support, real *matrix, real *gradient);
+void fl_support_information(const fl_support *support, const real *matrix, real *information);
+void fl_inverse(const real *matrix, int n, real *inverse);
+void fl_jacobian(const fl_surface *surface, const real direction[3], real row[9]);
+void fl_turning(const fl_surface *surface, const real direction[3], real rows[2][9]);
+void fl_direction(const fl_surface *surface, const real reading[3], real direction[3]);
+
+/* heading.c */
+void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg);
+void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst);
+
+/* likelihood.c */
+typedef struct {
+    fl_surface surface;
+    real matrix[81], gradient[9], cost; /* of the readings, in their unit */
+    size_t count;
+    real prior_matrix[81], prior_gradient[9], prior_cost;
+    real noise, variance;
+    fl_support support;
+    int has_support, sound;
+} fl_posterior;
+
+typedef struct {
+    fl_surface surface;
+    real covariance[81]; /* for independent residuals, without directions that are not observed */
+    real noise;
+    real held;
+    size_t used;
+    int unseen, steps;
+    fl_posterior posterior;
+} fl_fit;
+
+int fl_polish(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, const fl_surface *start,
+              int most_steps, real *copy, fl_fit *fit);
+
+#endif

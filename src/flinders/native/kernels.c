@@ -1,0 +1,399 @@
+/* Sums over readings, in blocks of 64 with eight independent lanes: they vectorise without -ffast-math.
+ *
+ * The order of every addition is written down here, and the compiler may not fuse a product with a sum
+ * (-ffp-contract=off), so the digits are the same on every platform. This file is compiled once for the
+ * baseline of the processor and, on x86-64, once more for AVX2 (FL_VARIANT names the functions).
+ */
+#include "internal.h"
+
+#ifndef FL_VARIANT
+#define FL_VARIANT baseline
+#endif
+#define FL_JOIN_(a, b) a##_##b
+#define FL_JOIN(a, b) FL_JOIN_(a, b)
+
+typedef struct {
+    size_t row, seen;
+} cursor;
+
+/* Copy the next readings of a view axis by axis, and repeat the first of them up to a full block; count them. */
+static size_t gather(const fl_view *view, cursor *at, real block[3][FL_BLOCK])
+{
+    size_t m = 0;
+    if (!view->rejected) {
+        const size_t left = at->row < view->rows ? (view->rows - at->row + view->stride - 1) / view->stride : 0;
+        const real *field = view->field + 3 * at->row;
+        m = left < FL_BLOCK ? left : FL_BLOCK;
+        if (view->stride == 1)
+            for (size_t i = 0; i < m; i++)
+                block[0][i] = field[3 * i], block[1][i] = field[3 * i + 1], block[2][i] = field[3 * i + 2];
+        else
+            for (size_t i = 0; i < m; i++, field += 3 * view->stride)
+                block[0][i] = field[0], block[1][i] = field[1], block[2][i] = field[2];
+        at->row += m * view->stride;
+    } else {
+        for (; at->row < view->rows && m < FL_BLOCK; at->row++) {
+            if (view->rejected && view->rejected[at->row]) continue;
+            if (at->seen++ % view->stride) continue;
+            for (int axis = 0; axis < 3; axis++) block[axis][m] = view->field[3 * at->row + axis];
+            m++;
+        }
+    }
+    for (size_t i = m; m && i < FL_BLOCK; i++)
+        for (int axis = 0; axis < 3; axis++) block[axis][i] = block[axis][0];
+    return m;
+}
+
+/* Add the products of two rows of a block, lane by lane. */
+static inline void add_product(const real *restrict a, const real *restrict b, real *restrict lanes)
+{
+    real sum[FL_LANES];
+    for (int lane = 0; lane < FL_LANES; lane++) sum[lane] = a[lane] * b[lane];
+    for (int i = FL_LANES; i < FL_BLOCK; i += FL_LANES)
+        for (int lane = 0; lane < FL_LANES; lane++) sum[lane] += a[i + lane] * b[i + lane];
+    for (int lane = 0; lane < FL_LANES; lane++) lanes[lane] += sum[lane];
+}
+
+/* Add up eight lanes in a fixed order. */
+static real total(const real lanes[FL_LANES])
+{
+    return ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]));
+}
+
+/* Take the rows behind the m-th reading of a block out of all sums. */
+static void clear_rest(real *rows, int n, size_t m)
+{
+    for (int row = 0; row < n; row++)
+        for (size_t i = m; i < FL_BLOCK; i++) rows[row * FL_BLOCK + i] = 0;
+}
+
+/* Which two rows of 1, x, y, z, xx, yy, zz, xy, xz, yz make each of the 35 sums. */
+static const unsigned char POWER[35][2] = {
+    {0, 0}, {0, 1}, {0, 2}, {0, 3}, {0, 4}, {0, 7}, {0, 5}, {0, 8}, {0, 9}, {0, 6}, {1, 4}, {1, 7},
+    {1, 5}, {2, 5}, {1, 8}, {1, 9}, {2, 9}, {1, 6}, {2, 6}, {3, 6}, {4, 4}, {4, 7}, {4, 5}, {5, 7},
+    {5, 5}, {4, 8}, {4, 9}, {5, 8}, {5, 9}, {4, 6}, {6, 7}, {5, 6}, {6, 8}, {6, 9}, {6, 6}};
+
+/* Sums of xⁱyʲzᵏ of (x − origin)/unit up to degree four, in the order of `flinders_sums`; returns the readings. */
+static size_t powers(const fl_view *view, const real origin[3], real unit, real sums[35])
+{
+    real lanes[35][FL_LANES] = {{0}}, rows[10][FL_BLOCK], block[3][FL_BLOCK];
+    const real finer = 1 / unit;
+    size_t count = 0, m;
+    cursor at = {0, 0};
+    while ((m = gather(view, &at, block)) > 0) {
+        for (int i = 0; i < FL_BLOCK; i++) {
+            const real x = (block[0][i] - origin[0]) * finer, y = (block[1][i] - origin[1]) * finer,
+                       z = (block[2][i] - origin[2]) * finer;
+            rows[0][i] = 1, rows[1][i] = x, rows[2][i] = y, rows[3][i] = z;
+            rows[4][i] = x * x, rows[5][i] = y * y, rows[6][i] = z * z;
+            rows[7][i] = x * y, rows[8][i] = x * z, rows[9][i] = y * z;
+        }
+        if (m < FL_BLOCK) clear_rest(rows[0], 10, m);
+        for (int sum = 0; sum < 35; sum++) add_product(rows[POWER[sum][0]], rows[POWER[sum][1]], lanes[sum]);
+        count += m;
+    }
+    for (int sum = 0; sum < 35; sum++) sums[sum] = total(lanes[sum]);
+    return count;
+}
+
+/* Sampson distance, and the Jacobian at the foot point on the surface, of one block. */
+static void linearised(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[10][FL_BLOCK])
+{
+    const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
+    const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
+    const real bx = surface->centre[0], by = surface->centre[1], bz = surface->centre[2];
+    for (int i = 0; i < FL_BLOCK; i++) {
+        const real dx = block[0][i] - bx, dy = block[1][i] - by, dz = block[2][i] - bz;
+        const real px = xx * dx + xy * dy + xz * dz, py = xy * dx + yy * dy + yz * dz, pz = xz * dx + yz * dy + zz * dz;
+        const real qx = xx * px + xy * py + xz * pz, qy = xy * px + yy * py + yz * pz, qz = xz * px + yz * py + zz * pz;
+        const real length = fl_sqrt(px * px + py * py + pz * pz), square = qx * qx + qy * qy + qz * qz;
+        const real move = (length - 1) * length / (square > FL_TINY ? square : FL_TINY); /* to the foot point, along q */
+        const real fx = px - (xx * qx + xy * qy + xz * qz) * move, fy = py - (xy * qx + yy * qy + yz * qz) * move,
+                   fz = pz - (xz * qx + yz * qy + zz * qz) * move;
+        const real gx = xx * fx + xy * fy + xz * fz, gy = xy * fx + yy * fy + yz * fz, gz = xz * fx + yz * fy + zz * fz;
+        const real at_foot = fl_sqrt(fx * fx + fy * fy + fz * fz), steep = fl_sqrt(gx * gx + gy * gy + gz * gz);
+        const real product = at_foot * steep, both = 1 / (product > FL_TINY ? product : FL_TINY);
+        const real nx = gx * (both * at_foot), ny = gy * (both * at_foot), nz = gz * (both * at_foot);
+        const real vx = fx * (both * steep), vy = fy * (both * steep), vz = fz * (both * steep);
+        rows[0][i] = nx, rows[1][i] = ny, rows[2][i] = nz;
+        rows[3][i] = nx * vx, rows[4][i] = ny * vy, rows[5][i] = nz * vz;
+        rows[6][i] = nx * vy + ny * vx, rows[7][i] = nx * vz + nz * vx, rows[8][i] = ny * vz + nz * vy;
+        rows[9][i] = move * fl_sqrt(square);
+    }
+}
+
+/* Sampson distance and minus its own gradient at the reading itself, of one block. */
+static void differentiated(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[10][FL_BLOCK])
+{
+    const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
+    const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
+    const real bx = surface->centre[0], by = surface->centre[1], bz = surface->centre[2];
+    for (int i = 0; i < FL_BLOCK; i++) {
+        const real dx = block[0][i] - bx, dy = block[1][i] - by, dz = block[2][i] - bz;
+        const real px = xx * dx + xy * dy + xz * dz, py = xy * dx + yy * dy + yz * dz, pz = xz * dx + yz * dy + zz * dz;
+        real length = fl_sqrt(px * px + py * py + pz * pz);
+        length = length > FL_SHORT ? length : FL_SHORT;
+        const real ux = px / length, uy = py / length, uz = pz / length;
+        real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz, nz = xz * ux + yz * uy + zz * uz;
+        real steepness = fl_sqrt(nx * nx + ny * ny + nz * nz);
+        steepness = steepness > FL_SHORT ? steepness : FL_SHORT;
+        nx /= steepness, ny /= steepness, nz /= steepness;
+        const real s = (length - 1) / steepness;
+        const real kx = xx * nx + xy * ny + xz * nz, ky = xy * nx + yy * ny + yz * nz, kz = xz * nx + yz * ny + zz * nz;
+        const real along = ux * kx + uy * ky + uz * kz;
+        const real ax = kx - ux * along, ay = ky - uy * along, az = kz - uz * along;
+        const real tx = (xx * ax + xy * ay + xz * az) / steepness, ty = (xy * ax + yy * ay + yz * az) / steepness,
+                   tz = (xz * ax + yz * ay + zz * az) / steepness;
+        const real wx = nx * length - s * tx, wy = ny * length - s * ty, wz = nz * length - s * tz;
+        rows[0][i] = nx - tx * (s / length), rows[1][i] = ny - ty * (s / length), rows[2][i] = nz - tz * (s / length);
+        rows[3][i] = wx * ux - s * kx * nx, rows[4][i] = wy * uy - s * ky * ny, rows[5][i] = wz * uz - s * kz * nz;
+        rows[6][i] = wx * uy + wy * ux - s * (kx * ny + ky * nx);
+        rows[7][i] = wx * uz + wz * ux - s * (kx * nz + kz * nx);
+        rows[8][i] = wy * uz + wz * uy - s * (ky * nz + kz * ny);
+        rows[9][i] = s;
+    }
+}
+
+/* Add the products of all pairs of ten rows of a block. */
+static void add_products(const real rows[10][FL_BLOCK], real lanes[55][FL_LANES])
+{
+    for (int a = 0, sum = 0; a < 10; a++)
+        for (int b = a; b < 10; b++) add_product(rows[a], rows[b], lanes[sum++]);
+}
+
+/* Upper triangle of Σ (J, s)(J, s)ᵀ, row by row, J at the foot points or exact; returns the readings. */
+static size_t products(const fl_view *view, const fl_surface *surface, int exact, real sums[55])
+{
+    real lanes[55][FL_LANES] = {{0}}, rows[10][FL_BLOCK], block[3][FL_BLOCK];
+    size_t count = 0, m;
+    cursor at = {0, 0};
+    while ((m = gather(view, &at, block)) > 0) {
+        (exact ? differentiated : linearised)((const real(*)[FL_BLOCK])block, surface, rows);
+        if (m < FL_BLOCK) clear_rest(rows[0], 10, m);
+        add_products((const real(*)[FL_BLOCK])rows, lanes);
+        count += m;
+    }
+    for (int sum = 0; sum < 55; sum++) sums[sum] = total(lanes[sum]);
+    return count;
+}
+
+/* Σ J ½∇²s on the surface below each reading: times σ², what noise adds to the gradient on average. */
+static void curvature(const fl_view *view, const fl_surface *surface, real gradient[9])
+{
+    const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
+    const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
+    const real trace = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz);
+    real lanes[9][FL_LANES] = {{0}}, rows[10][FL_BLOCK], block[3][FL_BLOCK];
+    size_t m;
+    cursor at = {0, 0};
+    while ((m = gather(view, &at, block)) > 0) {
+        for (int i = 0; i < FL_BLOCK; i++) {
+            const real dx = block[0][i] - surface->centre[0], dy = block[1][i] - surface->centre[1],
+                       dz = block[2][i] - surface->centre[2];
+            real ux = xx * dx + xy * dy + xz * dz, uy = xy * dx + yy * dy + yz * dz, uz = xz * dx + yz * dy + zz * dz;
+            real length = fl_sqrt(ux * ux + uy * uy + uz * uz);
+            length = length > FL_SHORT ? length : FL_SHORT;
+            ux /= length, uy /= length, uz /= length;
+            const real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz,
+                       nz = xz * ux + yz * uy + zz * uz;
+            const real kx = xx * nx + xy * ny + xz * nz, ky = xy * nx + yy * ny + yz * nz,
+                       kz = xz * nx + yz * ny + zz * nz;
+            real k1 = nx * nx + ny * ny + nz * nz;
+            k1 = k1 > FL_SHORT ? k1 : FL_SHORT;
+            const real k2 = kx * kx + ky * ky + kz * kz;
+            const real factor = ((trace - k1) - 2 * (k2 - k1 * k1) / k1) / (2 * k1);
+            rows[0][i] = nx, rows[1][i] = ny, rows[2][i] = nz;
+            rows[3][i] = nx * ux, rows[4][i] = ny * uy, rows[5][i] = nz * uz;
+            rows[6][i] = nx * uy + ny * ux, rows[7][i] = nx * uz + nz * ux, rows[8][i] = ny * uz + nz * uy;
+            rows[9][i] = factor;
+        }
+        if (m < FL_BLOCK) clear_rest(rows[0], 10, m);
+        for (int row = 0; row < 9; row++) add_product(rows[row], rows[9], lanes[row]);
+    }
+    for (int row = 0; row < 9; row++) gradient[row] = total(lanes[row]);
+}
+
+/* Sampson distances of one block, outside positive, in the unit of the readings. */
+static inline void sampson(const real block[3][FL_BLOCK], const fl_surface *surface, real s[FL_BLOCK])
+{
+    const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
+    const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
+    const real bx = surface->centre[0], by = surface->centre[1], bz = surface->centre[2];
+    for (int i = 0; i < FL_BLOCK; i++) {
+        const real dx = block[0][i] - bx, dy = block[1][i] - by, dz = block[2][i] - bz;
+        const real px = xx * dx + xy * dy + xz * dz, py = xy * dx + yy * dy + yz * dz, pz = xz * dx + yz * dy + zz * dz;
+        real length = fl_sqrt(px * px + py * py + pz * pz);
+        length = length > FL_SHORT ? length : FL_SHORT;
+        const real nx = xx * px + xy * py + xz * pz, ny = xy * px + yy * py + yz * pz, nz = xz * px + yz * py + zz * pz;
+        const real steepness = fl_sqrt(nx * nx + ny * ny + nz * nz), least = FL_SHORT * length;
+        s[i] = (length - 1) * length / (steepness > least ? steepness : least);
+    }
+}
+
+/* (N,) Sampson distances. */
+static void distances(const fl_view *view, const fl_surface *surface, real *out)
+{
+    real block[3][FL_BLOCK], s[FL_BLOCK];
+    size_t m;
+    cursor at = {0, 0};
+    while ((m = gather(view, &at, block)) > 0) {
+        sampson((const real(*)[FL_BLOCK])block, surface, s);
+        memcpy(out, s, m * sizeof(real));
+        out += m;
+    }
+}
+
+/* Sum of their squares. */
+static real cost(const fl_view *view, const fl_surface *surface)
+{
+    real block[3][FL_BLOCK], s[FL_BLOCK], lanes[FL_LANES] = {0};
+    size_t m;
+    cursor at = {0, 0};
+    while ((m = gather(view, &at, block)) > 0) {
+        sampson((const real(*)[FL_BLOCK])block, surface, s);
+        for (size_t i = m; i < FL_BLOCK; i++) s[i] = 0;
+        add_product(s, s, lanes);
+    }
+    return total(lanes);
+}
+
+/* (N, 10) rows of the Jacobian at the direction of each reading, and its distance; and these (3, FL_LOOKED) directions. */
+static void information(const fl_view *view, const fl_surface *surface, real *out, real *directions)
+{
+    const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
+    const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
+    real block[3][FL_BLOCK], rows[13][FL_BLOCK];
+    size_t m;
+    cursor at = {0, 0};
+    while ((m = gather(view, &at, block)) > 0) {
+        for (int i = 0; i < FL_BLOCK; i++) {
+            const real dx = block[0][i] - surface->centre[0], dy = block[1][i] - surface->centre[1],
+                       dz = block[2][i] - surface->centre[2];
+            real ux = xx * dx + xy * dy + xz * dz, uy = xy * dx + yy * dy + yz * dz, uz = xz * dx + yz * dy + zz * dz;
+            real length = fl_sqrt(ux * ux + uy * uy + uz * uz);
+            length = length > FL_SHORT ? length : FL_SHORT;
+            ux /= length, uy /= length, uz /= length;
+            rows[10][i] = ux, rows[11][i] = uy, rows[12][i] = uz;
+            real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz, nz = xz * ux + yz * uy + zz * uz;
+            real steepness = fl_sqrt(nx * nx + ny * ny + nz * nz);
+            steepness = steepness > FL_SHORT ? steepness : FL_SHORT;
+            nx /= steepness, ny /= steepness, nz /= steepness;
+            rows[0][i] = nx, rows[1][i] = ny, rows[2][i] = nz;
+            rows[3][i] = nx * ux, rows[4][i] = ny * uy, rows[5][i] = nz * uz;
+            rows[6][i] = nx * uy + ny * ux, rows[7][i] = nx * uz + nz * ux, rows[8][i] = ny * uz + nz * uy;
+            rows[9][i] = (length - 1) / steepness;
+        }
+        for (size_t i = 0; i < m; i++)
+            for (int row = 0; row < 10; row++) *out++ = rows[row][i];
+        for (int axis = 0; axis < 3; axis++) memcpy(directions + axis * FL_LOOKED, rows[10 + axis], m * sizeof(real));
+        directions += m;
+    }
+}
+
+/* How many sectors of half a band begin before directions at so large x of a radius; those at y >= 0 begin there. */
+static inline void pass_sectors(const real *begins, int n, const real x[FL_BLOCK], const real y[FL_BLOCK],
+                                const real radius[FL_BLOCK], real passed[FL_BLOCK])
+{
+    memset(passed, 0, FL_BLOCK * sizeof(real));
+    for (int k = 0; k < n; k++)
+        for (int i = 0; i < FL_BLOCK; i++) {
+            const real begin = radius[i] * begins[k];
+            passed[i] += (x[i] < begin) | ((x[i] == begin) & (y[i] >= 0)) ? 1 : 0;
+        }
+}
+
+/* Which of a hundred equal cells of the sphere directions fall into. */
+static void cells(const real *x, const real *y, const real *z, size_t n, uint32_t *out)
+{
+    real block[3][FL_BLOCK] = {{0}}, radius[FL_BLOCK], of_15[FL_BLOCK], of_34[FL_BLOCK], bands[FL_BLOCK];
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        memcpy(block[0], x + begin, m * sizeof(real));
+        memcpy(block[1], y + begin, m * sizeof(real));
+        memcpy(block[2], z + begin, m * sizeof(real));
+        for (int i = 0; i < FL_BLOCK; i++) {
+            radius[i] = fl_sqrt(block[0][i] * block[0][i] + block[1][i] * block[1][i]);
+            bands[i] = 0;
+            for (int edge = 0; edge < 5; edge++) bands[i] += fl_band_edges[edge] > block[2][i] ? 1 : 0;
+        }
+        pass_sectors(fl_sectors_15, 7, block[0], block[1], radius, of_15);
+        pass_sectors(fl_sectors_34, 17, block[0], block[1], radius, of_34);
+        for (size_t i = 0; i < m; i++) {
+            const int band = (int)bands[i], sectors = fl_bands[band];
+            const int passed = (int)(sectors == 34 ? of_34[i] : of_15[i]);
+            const int sector = block[1][i] >= 0 ? passed : sectors - 1 - passed;
+            out[begin + i] = (uint32_t)(fl_band_starts[band] + (sectors > 1 && radius[i] > 0 ? sector : 0));
+        }
+    }
+}
+
+/* Upper triangle of Σ (J, s)(J, s)ᵀ, row by row, of (N, 10) rows, with distances of their own. */
+static void squares(const real *rows, const real *distances, size_t n, real sums[55])
+{
+    real lanes[55][FL_LANES] = {{0}}, block[10][FL_BLOCK];
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        for (size_t i = 0; i < m; i++) {
+            for (int row = 0; row < 9; row++) block[row][i] = rows[10 * (begin + i) + row];
+            block[9][i] = distances[begin + i];
+        }
+        if (m < FL_BLOCK) clear_rest(block[0], 10, m);
+        add_products((const real(*)[FL_BLOCK])block, lanes);
+    }
+    for (int sum = 0; sum < 55; sum++) sums[sum] = total(lanes[sum]);
+}
+
+/* Kalman filter of eight models of noise side by side: white noise of variance 1 a reading, and a disturbance of a
+ * variance and memory with three components along the normals of the surface, or with one. Gives Σ r rᵀ of the
+ * innovations of Jacobian and distance over their variances, and the logarithm of these to the base 2, over those of
+ * white noise alone. */
+static void filter(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[FL_LANES],
+                   real log_determinant[FL_LANES], real sums[55][FL_LANES])
+{
+    real state[3][10][FL_LANES] = {{{0}}}, p[6][FL_LANES] = {{0}}, product[FL_LANES];
+    memset(sums, 0, 55 * FL_LANES * sizeof(real));
+    for (int lane = 0; lane < FL_LANES; lane++) {
+        p[0][lane] = p[1][lane] = p[2][lane] = variance[lane];
+        log_determinant[lane] = 0, product[lane] = 1;
+    }
+    for (size_t k = 0; k < series->n; k++) {
+        const real *const row = series->rows + 10 * k, white = 1 / series->counts[k], step = series->steps[k];
+        const real nx = is_vector ? row[0] : 1, ny = is_vector ? row[1] : 0, nz = is_vector ? row[2] : 0;
+        real decay[FL_LANES], innovation[10][FL_LANES], gain[3][FL_LANES], weight[FL_LANES];
+        for (int lane = 0; lane < FL_LANES; lane++) {
+            const real x = step / memory[lane], d = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
+            const real d2 = d * d, fresh = variance[lane] * (1 - d2);
+            decay[lane] = d;
+            const real xx = p[0][lane] * d2 + fresh, yy = p[1][lane] * d2 + fresh, zz = p[2][lane] * d2 + fresh;
+            const real xy = p[3][lane] * d2, xz = p[4][lane] * d2, yz = p[5][lane] * d2;
+            const real hx = xx * nx + xy * ny + xz * nz, hy = xy * nx + yy * ny + yz * nz, hz = xz * nx + yz * ny + zz * nz;
+            const real total = nx * hx + ny * hy + nz * hz + white, w = 1 / total;
+            gain[0][lane] = hx * w, gain[1][lane] = hy * w, gain[2][lane] = hz * w;
+            weight[lane] = w, product[lane] *= total * series->counts[k];
+            p[0][lane] = xx - hx * gain[0][lane], p[1][lane] = yy - hy * gain[1][lane], p[2][lane] = zz - hz * gain[2][lane];
+            p[3][lane] = xy - hx * gain[1][lane], p[4][lane] = xz - hx * gain[2][lane], p[5][lane] = yz - hy * gain[2][lane];
+        }
+        for (int column = 0; column < 10; column++)
+            for (int lane = 0; lane < FL_LANES; lane++) {
+                const real x = state[0][column][lane] * decay[lane], y = state[1][column][lane] * decay[lane],
+                           z = state[2][column][lane] * decay[lane], v = row[column] - (nx * x + ny * y + nz * z);
+                innovation[column][lane] = v;
+                state[0][column][lane] = x + gain[0][lane] * v;
+                state[1][column][lane] = y + gain[1][lane] * v;
+                state[2][column][lane] = z + gain[2][lane] * v;
+            }
+        for (int a = 0, sum = 0; a < 10; a++) {
+            real weighed[FL_LANES];
+            for (int lane = 0; lane < FL_LANES; lane++) weighed[lane] = innovation[a][lane] * weight[lane];
+            for (int b = a; b < 10; b++, sum++)
+                for (int lane = 0; lane < FL_LANES; lane++) sums[sum][lane] += weighed[lane] * innovation[b][lane];
+        }
+        if (k % 8 == 7 || k + 1 == series->n)
+            for (int lane = 0; lane < FL_LANES; lane++)
+                log_determinant[lane] += fl_log2(product[lane]), product[lane] = 1;
+    }
+}
+
+extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
+const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
+    powers, products, curvature, distances, cost, information, squares, cells, filter};

@@ -1,0 +1,365 @@
+/* Maximum likelihood: Gauss-Newton on the Sampson distance, corrected for the curvature of the surface.
+ *
+ * P. D. Sampson, CGIP 18 (1982); the same minimum as flinders.estimators.likelihood, which says why each step is taken.
+ */
+#include "internal.h"
+
+enum { HALVINGS = 30, PASSES = 3, GLANCE = 2000 };
+
+#define LONGEST_STEP ((real)0.3)  /* of the radius */
+#define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
+#define SETTLED_BUT_FOR_ONE ((real)1e-5) /* the corrected equation is solved by one more step anyway */
+#define NO_WORSE ((real)0.01)     /* in χ² */
+#define SHORTEST_AXIS ((real)1e-4) /* of the longest */
+#define SENSE ((real)10)          /* spreads within which the centre and the size lie */
+#define NOTHING ((real)1e-3)      /* share of the prior below which its upper bound does */
+
+/* What every step looks at. */
+typedef struct {
+    const fl_kernels *kernels;
+    const flinders_options *options;
+    fl_view some;    /* readings that the fit is iterated on */
+    size_t count;    /* how many these are */
+    real middle[3];  /* their mean */
+    real spread;     /* root mean square distance from it */
+} problem;
+
+/* Whether a surface is closed, and not flatter than any sensor makes it. */
+static int is_closed(const fl_surface *surface)
+{
+    real axes[3];
+    fl_sym3_values(surface->shape, axes);
+    return axes[0] > SHORTEST_AXIS * axes[2];
+}
+
+/* Move a surface by a step; nonzero if it is no longer closed. */
+static int moved(const fl_surface *surface, const real step[9], fl_surface *out)
+{
+    real centre[3], shape[6];
+    for (int i = 0; i < 3; i++) centre[i] = surface->centre[i] + step[i];
+    for (int i = 0; i < 6; i++) shape[i] = surface->shape[i] + step[3 + i];
+    return fl_surface_of(centre, shape, out) || !is_closed(out);
+}
+
+/* Add residuals r with Jacobian rows to normal equations. */
+static void add_row(const real row[9], real residual, real matrix[81], real gradient[9], real *cost)
+{
+    for (int i = 0; i < 9; i++) {
+        gradient[i] += row[i] * residual;
+        for (int j = 0; j < 9; j++) matrix[9 * i + j] += row[i] * row[j];
+    }
+    *cost += residual * residual;
+}
+
+/* The shape is close to a sphere: |dev(S)/R|² / (2 spread²). */
+static void add_prior(const fl_surface *surface, real spread, real matrix[81], real gradient[9], real *cost)
+{
+    const real trace = surface->shape[0] + surface->shape[1] + surface->shape[2];
+    const real scale = fl_sqrt((real)2) * spread * trace / 3;
+    for (int entry = 0; entry < 6; entry++) {
+        real row[9] = {0};
+        const real factor = entry < 3 ? 1 : fl_sqrt((real)2);
+        const real residual = factor * (surface->shape[entry] - (entry < 3 ? trace / 3 : 0)) / scale;
+        for (int i = 0; i < 3; i++)
+            row[3 + i] = residual / trace - (entry < 3 ? ((i == entry) - (real)1 / 3) / scale : 0);
+        if (entry >= 3) row[3 + entry] = -factor / scale;
+        add_row(row, residual, matrix, gradient, cost);
+    }
+}
+
+/* Centre and size stay within ten spreads of the readings: it matters only where no reading speaks. */
+static void add_sense(const problem *task, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
+{
+    const real width = SENSE * task->spread;
+    for (int i = 0; i < 3; i++) {
+        real row[9] = {0};
+        row[i] = -1 / width;
+        add_row(row, (surface->centre[i] - task->middle[i]) / width, matrix, gradient, cost);
+    }
+    real row[9] = {0};
+    const real size = (surface->shape[0] + surface->shape[1] + surface->shape[2]) / 3;
+    for (int i = 3; i < 6; i++) row[i] = -1 / (3 * width);
+    add_row(row, (size - task->spread) / width, matrix, gradient, cost);
+}
+
+/* Add what the prior says, where there is one. */
+static void add_belief(const problem *task, const fl_surface *surface, real matrix[81], real gradient[9], real *cost)
+{
+    if (!(task->options->prior > 0)) return;
+    add_prior(surface, task->options->prior, matrix, gradient, cost);
+    add_sense(task, surface, matrix, gradient, cost);
+}
+
+/* χ² of readings and prior at a surface, in a variance. */
+static real cost_at(const problem *task, const fl_surface *surface, real variance)
+{
+    real matrix[81] = {0}, gradient[9] = {0}, believed = 0;
+    add_belief(task, surface, matrix, gradient, &believed);
+    return task->kernels->cost(&task->some, surface) / variance + believed;
+}
+
+/* Linearise the likelihood and the prior at a surface. */
+static void linearise(const problem *task, const fl_view *view, const fl_surface *surface, int sound, fl_posterior *at)
+{
+    real sums[55];
+    at->surface = *surface;
+    at->count = task->kernels->products(view, surface, !task->options->bias_correction, sums);
+    for (int a = 0, sum = 0; a < 10; a++)
+        for (int b = a; b < 10; b++, sum++) {
+            if (b < 9) at->matrix[9 * a + b] = at->matrix[9 * b + a] = sums[sum];
+            else if (a < 9) at->gradient[a] = sums[sum];
+            else at->cost = sums[sum];
+        }
+    memset(at->prior_matrix, 0, sizeof at->prior_matrix);
+    memset(at->prior_gradient, 0, sizeof at->prior_gradient);
+    at->prior_cost = 0;
+    add_belief(task, surface, at->prior_matrix, at->prior_gradient, &at->prior_cost);
+    const real freedom = at->count > 10 ? (real)at->count - 9 : 1;
+    at->noise = fl_sqrt((at->cost > 0 ? at->cost : 0) / freedom);
+    const real least = FL_FINEST * surface->radius;
+    at->variance = at->noise > least ? at->noise * at->noise : least * least;
+    at->has_support = 0;
+    at->sound = sound;
+}
+
+typedef struct {
+    const problem *task;
+    const fl_posterior *at;
+} scattered;
+
+/* What noise alone adds to the information, per unit of noise variance, from a part of the readings. */
+static void spurious(void *context, real *matrix)
+{
+    const scattered *from = context;
+    const fl_view *some = &from->task->some;
+    const size_t every = from->task->count / GLANCE > 1 ? from->task->count / GLANCE : 1;
+    size_t free = 0, used = 0, points = 0;
+    real direction[3], rows[2][9];
+    memset(matrix, 0, 81 * sizeof(real));
+    for (size_t row = 0; row < some->rows; row++) {
+        if (some->rejected && some->rejected[row]) continue;
+        if (free++ % some->stride || used++ % every) continue;
+        points++;
+        fl_direction(&from->at->surface, some->field + 3 * row, direction);
+        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0) continue;
+        fl_turning(&from->at->surface, direction, rows);
+        for (int t = 0; t < 2; t++)
+            for (int i = 0; i < 9; i++)
+                for (int j = 0; j <= i; j++) matrix[9 * i + j] += rows[t][i] * rows[t][j];
+    }
+    const real share = (real)from->at->count / (real)(points ? points : 1);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j <= i; j++) matrix[9 * j + i] = matrix[9 * i + j] *= share;
+}
+
+/* Which directions the readings observe, looked at once. */
+static const fl_support *support_at(const problem *task, fl_posterior *at)
+{
+    if (!at->has_support) {
+        real weighed[81];
+        scattered context = {task, at};
+        for (int i = 0; i < 81; i++) weighed[i] = at->matrix[i] / at->variance;
+        fl_support_of(weighed, 9, spurious, &context, &at->support);
+        at->has_support = 1;
+    }
+    return &at->support;
+}
+
+/* Solve the equations of readings and prior, with `less` taken off the gradient of the readings. */
+static void solve(const problem *task, fl_posterior *at, const real *less, real step[9])
+{
+    real matrix[81], gradient[9], scale[9], scaled[81], largest = 0;
+    for (int i = 0; i < 81; i++) matrix[i] = at->matrix[i] / at->variance;
+    for (int i = 0; i < 9; i++) gradient[i] = at->gradient[i] / at->variance - (less ? less[i] : 0);
+    if (!at->sound) fl_support_keep(support_at(task, at), matrix, gradient);
+    for (int i = 0; i < 81; i++) matrix[i] += at->prior_matrix[i];
+    for (int i = 0; i < 9; i++) gradient[i] += at->prior_gradient[i];
+    for (int i = 0; i < 9; i++) largest = matrix[10 * i] > largest ? matrix[10 * i] : largest;
+    const real least = FL_ROUNDING * largest > FL_TINY ? FL_ROUNDING * largest : FL_TINY;
+    for (int i = 0; i < 9; i++) scale[i] = fl_sqrt(matrix[10 * i] > least ? matrix[10 * i] : least);
+    for (int i = 0; i < 9; i++) {
+        step[i] = gradient[i] / scale[i];
+        for (int j = 0; j < 9; j++) scaled[9 * i + j] = matrix[9 * i + j] / (scale[i] * scale[j]);
+    }
+    if (!fl_solve(scaled, 9, step)) {
+        for (int i = 0; i < 9; i++) step[i] /= scale[i];
+        return;
+    }
+    fl_inverse(matrix, 9, scaled);
+    fl_multiply(scaled, gradient, 9, 9, 1, step);
+}
+
+/* Take the longest of a step, its half, its quarter ... that leaves the fit no worse; zero where none does. Where the
+ * step before had to be halved, the cost is looked at first. */
+static int improve(const problem *task, fl_posterior *now, int *was_halved, real step[9], fl_posterior *tried)
+{
+    const int sound = now->sound || support_at(task, now)->is_whole;
+    const int unseen = fl_support_unseen(support_at(task, now));
+    const real most = now->cost / now->variance + now->prior_cost + NO_WORSE;
+    fl_surface surface;
+    for (int halving = 0; halving < HALVINGS; halving++) {
+        const int is_closed_there = !moved(&now->surface, step, &surface);
+        const int is_any = !sound && unseen; /* their cost is noise */
+        if (is_closed_there && (is_any || (halving == 0 && !*was_halved) || cost_at(task, &surface, now->variance) <= most)) {
+            linearise(task, &task->some, &surface, sound, tried);
+            *was_halved = halving > 0;
+            if (is_any || tried->cost / now->variance + tried->prior_cost <= most) return 1;
+        }
+        for (int i = 0; i < 9; i++) step[i] /= 2;
+    }
+    return 0;
+}
+
+/* Iterate until steps vanish or none makes the fit better; counts the steps. */
+static int settle(const problem *task, int most_steps, fl_posterior *now)
+{
+    const real settled = task->options->bias_correction ? SETTLED_BUT_FOR_ONE : SETTLED;
+    fl_posterior tried;
+    real step[9];
+    int steps = 0, was_halved = 0;
+    for (; steps < most_steps; steps++) {
+        real largest = 0;
+        solve(task, now, NULL, step);
+        for (int i = 0; i < 9; i++) largest = fl_abs(step[i]) > largest ? fl_abs(step[i]) : largest;
+        largest /= now->surface.radius;
+        if (!(largest > settled) || !isfinite(largest)) break;
+        for (int i = 0; i < 9 && largest > LONGEST_STEP; i++) step[i] *= LONGEST_STEP / largest;
+        if (!improve(task, now, &was_halved, step, &tried)) break;
+        *now = tried;
+    }
+    return steps;
+}
+
+/* Covariance for independent residuals, without directions that are not observed. */
+static void covariance_at(const problem *task, fl_posterior *at, real covariance[81])
+{
+    real information[81], weighed[81], gradient[9] = {0};
+    for (int i = 0; i < 81; i++) information[i] = weighed[i] = at->matrix[i] / at->variance;
+    if (task->options->bias_correction) fl_support_information(support_at(task, at), weighed, information);
+    else fl_support_keep(support_at(task, at), information, gradient);
+    for (int i = 0; i < 81; i++) information[i] += at->prior_matrix[i];
+    fl_inverse(information, 9, covariance);
+}
+
+/* Whether what a step leaves out, of second order in it, is small next to the uncertainty. */
+static int is_small(const real step[9], const real covariance[81], real radius)
+{
+    for (int i = 0; i < 9; i++)
+        if (!(step[i] * step[i] / radius <= (real)0.05 * fl_sqrt(covariance[10 * i]))) return 0;
+    return 1;
+}
+
+/* Largest share of the information about any combination of parameters that comes from the prior. */
+static real prior_share(const problem *task, const fl_surface *surface, const real covariance[81])
+{
+    real prior[81] = {0}, gradient[9] = {0}, cost = 0, vectors[81], values[9], half[81], product[81], shares[9];
+    real at_most = 0;
+    if (!(task->options->prior > 0)) return 0;
+    add_prior(surface, task->options->prior, prior, gradient, &cost);
+    for (int i = 0; i < 81; i++) at_most += covariance[i] * prior[i];
+    if (!(at_most >= NOTHING)) return at_most;
+    memcpy(vectors, covariance, sizeof vectors);
+    fl_eigen(vectors, 9, values);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) half[9 * i + j] = vectors[9 * i + j] * fl_sqrt(values[j] > 0 ? values[j] : 0);
+    fl_multiply(prior, half, 9, 9, 9, product);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            vectors[9 * i + j] = 0;
+            for (int k = 0; k < 9; k++) vectors[9 * i + j] += half[9 * k + i] * product[9 * k + j];
+        }
+    fl_eigen(vectors, 9, shares);
+    return shares[8] < 0 ? 0 : shares[8] > 1 ? 1 : shares[8];
+}
+
+/* Copy readings of a view one behind the other, where they are not so already. */
+static fl_view compact(const fl_view *view, real *copy)
+{
+    fl_view some = {copy, 0, NULL, 1};
+    size_t free = 0;
+    if (!view->rejected && view->stride == 1) return *view;
+    for (size_t row = 0; row < view->rows; row++) {
+        if (view->rejected && view->rejected[row]) continue;
+        if (free++ % view->stride) continue;
+        memcpy(copy + 3 * some.rows++, view->field + 3 * row, 3 * sizeof(real));
+    }
+    return some;
+}
+
+/* Prepare the part of the readings that the fit is iterated on; tells whether it is not all of them. */
+static int prepare(const fl_kernels *kernels, const fl_view *view, const flinders_options *options,
+                   const fl_surface *start, real *copy, problem *task, int *is_part)
+{
+    fl_view some = {view->field, view->rows, view->rejected, 1};
+    const size_t free = fl_view_count(&some);
+    const size_t stride = (free + FL_ENOUGH - 1) / FL_ENOUGH;
+    real square[3] = {0};
+    memset(task, 0, sizeof *task);
+    some.stride = stride > 1 ? stride : 1;
+    *is_part = stride > 1;
+    task->kernels = kernels, task->options = options, task->some = compact(&some, copy);
+    task->count = task->some.rows;
+    if (!task->count) return 1;
+    for (size_t row = 0; row < task->count; row++)
+        for (int axis = 0; axis < 3; axis++) {
+            const real off = task->some.field[3 * row + axis] - start->centre[axis];
+            task->middle[axis] += off, square[axis] += off * off;
+        }
+    for (int axis = 0; axis < 3; axis++) {
+        const real mean = task->middle[axis] / (real)task->count;
+        const real variance = square[axis] / (real)task->count - mean * mean;
+        task->spread += variance > 0 ? variance : 0;
+        task->middle[axis] = start->centre[axis] + mean;
+    }
+    task->spread = fl_sqrt(task->spread);
+    return !(task->spread > 0);
+}
+
+/* The last step, corrected for curvature where that is asked for, as much of it as leaves the surface closed; nonzero
+ * if hardly any does. */
+static int last_step(const problem *task, fl_posterior *now, real step[9], fl_surface *surface)
+{
+    real bent[9];
+    const int is_corrected = task->options->bias_correction;
+    if (is_corrected) task->kernels->curvature(&task->some, &now->surface, bent);
+    for (int i = 0; i < 9 && is_corrected; i++)
+        bent[i] *= (real)now->count / (real)task->count; /* times the noise variance, over the variance of the weights */
+    solve(task, now, is_corrected ? bent : NULL, step);
+    for (int halving = 0; halving < HALVINGS; halving++) {
+        if (!moved(&now->surface, step, surface)) return 0;
+        for (int i = 0; i < 9; i++) step[i] /= 2;
+    }
+    return 1;
+}
+
+/* Fit the readings of a view from a start; `fit` is filled where FLINDERS_OK is returned. */
+int fl_polish(const fl_kernels *kernels, const fl_view *view, const flinders_options *options, const fl_surface *start,
+              int most_steps, real *copy, fl_fit *fit)
+{
+    problem task;
+    fl_surface surface;
+    fl_posterior *now = &fit->posterior;
+    real step[9];
+    int is_long;
+    if (prepare(kernels, view, options, start, copy, &task, &is_long)) return FLINDERS_NOT_AN_ELLIPSOID;
+    linearise(&task, &task.some, start, 0, now);
+    fit->steps = settle(&task, most_steps, now);
+    surface = now->surface;
+    for (int pass = 0; pass < (is_long ? PASSES : 1); pass++) {
+        if (is_long) {
+            const fl_view all = {view->field, view->rows, view->rejected, 1};
+            linearise(&task, &all, &surface, 0, now);
+        }
+        if (last_step(&task, now, step, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
+        covariance_at(&task, now, fit->covariance);
+        if (is_small(step, fit->covariance, surface.radius)) break;
+    }
+    fit->surface = surface;
+    fit->noise = now->noise;
+    fit->used = now->count;
+    fit->unseen = fl_support_unseen(support_at(&task, now));
+    fit->held = prior_share(&task, &now->surface, fit->covariance);
+    for (int i = 0; i < 3; i++)
+        if (!isfinite(surface.centre[i])) return FLINDERS_NOT_AN_ELLIPSOID;
+    return fit->unseen && !(options->prior > 0) ? FLINDERS_UNDETERMINED : FLINDERS_OK;
+}

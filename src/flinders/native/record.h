@@ -1,0 +1,64 @@
+/* What the steps of a fit hand to each other, and the memory that they borrow. */
+#ifndef FLINDERS_RECORD_H
+#define FLINDERS_RECORD_H
+
+#include "internal.h"
+
+enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096, FL_REGISTERS = 4096,
+       FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
+
+#ifdef FLINDERS_FLOAT
+#define FL_SMALLEST 1e-6 /* fourth powers and their inverses are numbers */
+#define FL_LARGEST 1e6
+#else
+#define FL_SMALLEST 1e-12
+#define FL_LARGEST 1e15
+#endif
+
+/* The caller's memory, cut up. */
+typedef struct {
+    real *distances;         /* (rows,) */
+    real *scratch;           /* (rows,) */
+    real *rows;              /* (14 * min(rows, FL_LOOKED),) Jacobian and distance of each */
+    uint32_t *order;         /* (2 * min(rows, 20000),) places in random order, and rows of a sample; cells of the sphere */
+    size_t *begins;          /* (min(rows, 12 * 1024) + 2,) */
+    unsigned char *rejected; /* (rows,) */
+    unsigned char *far;      /* (rows,) */
+    unsigned char *passed;   /* (rows,) readings that a sample leaves out */
+    uint64_t *keys;          /* (FL_SLOTS,) */
+    real *cells;             /* (4 * FL_SLOTS,) counts and sums */
+    unsigned char *counters; /* (FL_TABLE,) */
+    real *directions;        /* (3, FL_LOOKED) of the readings whose rows there are */
+    real *some;              /* (3 * min(rows, 20000),) readings that a fit is iterated on */
+    real *matrices;          /* (2 * 100 * 100,) covariance of a distortion, cell by cell */
+    unsigned char *registers; /* (FL_REGISTERS,) */
+    real *series;            /* (12 * min(rows, FL_LOOKED),) averages of successive residuals */
+    const real *time;        /* (rows,) or NULL; not of the workspace */
+    const int64_t *ends;     /* (parts,) of the recordings that the readings are; not of the workspace */
+    size_t parts;
+    size_t slots;            /* of the table of cells that `fl_cloud` has made of all readings */
+    real side;               /* of a cell */
+} fl_room;
+
+int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room);
+int fl_quality(const real *field, const real *time, size_t rows, int all, const fl_room *room, flinders_record *record);
+void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
+                   flinders_record *record);
+void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
+                            flinders_record *record);
+int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room);
+int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+              const fl_room *room, fl_fit *fit, flinders_record *record);
+void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,
+              const fl_room *room, flinders_record *record);
+void fl_forget_outliers(fl_view *view, flinders_record *record);
+real fl_cell_side(const real *field, size_t rows);
+void fl_cloud(const real *field, size_t rows, fl_room *room);
+uint64_t fl_cell_key(const real reading[3], real side);
+size_t fl_slot(uint64_t *keys, size_t slots, uint64_t key);
+size_t fl_slots_for(size_t rows);
+real fl_median(real *values, size_t n);
+void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,
+                 flinders_record *record);
+
+#endif

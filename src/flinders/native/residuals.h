@@ -1,0 +1,41 @@
+/* Residuals in the order of recording, and what they say of each other. */
+#ifndef FLINDERS_RESIDUALS_H
+#define FLINDERS_RESIDUALS_H
+
+#include "record.h"
+
+enum { FL_LAGS = 1000, FL_BLOCKS = 8, FL_SERIES = 2048 };
+
+typedef struct {
+    size_t n;
+    int stretches, width; /* of the Jacobian: parameters */
+    size_t *begins;  /* (stretches + 1,) of stretches of consecutive readings, and the end */
+    real *rows;      /* (n, width + 1) Jacobian and distance */
+    real *distances; /* (n,) less what is explained */
+    real *directions; /* (3, FL_LOOKED) */
+    uint32_t *cells; /* (n,) of the sphere */
+} fl_residuals;
+
+/* Normal matrices and gradients of blocks of a recording, one after the other. */
+typedef struct {
+    real squares[FL_BLOCKS][81], gradients[FL_BLOCKS][9];
+} fl_blocks;
+
+void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_blocks *blocks);
+
+real fl_lag_one(const fl_residuals *residuals);
+int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS]);
+real fl_time_of(const real *autocovariance, int lags);
+void fl_scatter_in_time(const fl_residuals *residuals, const real *white, const real *autocovariance, int lags,
+                        real *scatter);
+real fl_creep(fl_blocks *blocks, const real scatter[81]);
+real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t apart, real time, const fl_room *room,
+                   real scatter[81]);
+void fl_raise(real *scatter, const real *white, int n, real share);
+int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
+                  const fl_room *room, real step[9], real covariance[81], real without[81]);
+int fl_principal(const real *matrix, int n, real *values, real *vectors);
+real fl_chance_of(real chi_square, real freedom, real others);
+void fl_sphere_centres(real centres[100][3]);
+
+#endif

@@ -1,0 +1,303 @@
+/* Readings that do not belong: a start that they cannot bend, and their rejection.
+ *
+ * P. J. Rousseeuw, "Least median of squares regression", J. Am. Stat. Assoc. 79 (1984); flinders.estimators.robust and
+ * .outliers say why each number is what it is.
+ */
+#include "random.h"
+#include "record.h"
+
+enum { POINTS = 12, DRAWS = 256, SCORED = 600, FEW_DRAWS = 24, FEW_SCORED = 150, ROUNDS = 12, PER_CELL = 4,
+       WINDOW = 11, MARGIN = 25, LEAST = 3, LOOKS = 3, UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40 };
+
+#define TO_SIGMA ((real)1.4826)
+#define REJECT ((real)4)
+#define SETTLED ((real)1e-4)
+
+/* Leave all but a few readings of each cell out of a sample of at most 20,000; returns how many are in it. */
+static size_t spread_out(const real *field, size_t rows, fl_random *random, const fl_room *room)
+{
+    const size_t stride = (rows + FL_ENOUGH - 1) / FL_ENOUGH > 1 ? (rows + FL_ENOUGH - 1) / FL_ENOUGH : 1;
+    const size_t n = (rows + stride - 1) / stride;
+    size_t taken = 0;
+    memset(room->passed, 1, rows);
+    memset(room->counters, 0, room->slots);
+    fl_random_permutation(random, (uint32_t)n, room->order);
+    for (size_t i = 0; i < n; i++) {
+        const size_t row = room->order[i] * stride;
+        unsigned char *count = room->counters + fl_slot(room->keys, room->slots, fl_cell_key(field + 3 * row, room->side));
+        if (*count >= PER_CELL) continue;
+        *count += 1;
+        room->passed[row] = 0;
+        taken++;
+    }
+    return taken;
+}
+
+/* Standard deviation of n absolute distances, from their median; nine parameters were fitted to them. */
+static real typical(real *distances, size_t n)
+{
+    const real freedom = (real)(n > 10 ? n - 9 : 1) / (real)n;
+    return TO_SIGMA * fl_median(distances, n) / fl_sqrt(freedom);
+}
+
+/* Absolute distances of a view into the room; returns how many. */
+static size_t absolute(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real *out)
+{
+    const size_t n = fl_view_count(view);
+    kernels->distances(view, surface, out);
+    for (size_t i = 0; i < n; i++) out[i] = fl_abs(out[i]);
+    return n;
+}
+
+/* Quadric through twelve points in the least-squares sense, tr Q = 3, pulled a little towards the sphere. */
+static int quadric_of(const real *points, const uint32_t *chosen, real quadric[10])
+{
+    real normal[81] = {0}, right[9] = {0}, trace = 0;
+    for (int k = 0; k < POINTS; k++) {
+        const real x = points[3 * chosen[k]], y = points[3 * chosen[k] + 1], z = points[3 * chosen[k] + 2];
+        const real row[9] = {x * x - z * z, y * y - z * z, 2 * x * y, 2 * x * z, 2 * y * z, x, y, z, 1};
+        for (int i = 0; i < 9; i++) {
+            right[i] -= row[i] * (x * x + y * y + z * z);
+            for (int j = 0; j <= i; j++) normal[9 * i + j] += row[i] * row[j];
+        }
+    }
+    for (int i = 0; i < 9; i++) trace += normal[10 * i] += i < 5 ? (real)1e-3 : (real)1e-9;
+    for (int i = 0; i < 9; i++) normal[10 * i] += FL_ROUNDING * trace;
+    if (fl_solve(normal, 9, right)) return 1;
+    quadric[0] = 1 + right[0], quadric[1] = 1 + right[1], quadric[2] = 1 - right[0] - right[1];
+    memcpy(quadric + 3, right + 2, 7 * sizeof(real));
+    return 0;
+}
+
+/* The readings of a view, or `most` of them at random, in units of their median distance from their median; counts
+ * them, 0 where all are alike. */
+static size_t standardised(const fl_view *view, size_t n, size_t most, fl_random *random, const fl_room *room,
+                           real *local, real middle[3], real *scale)
+{
+    const size_t chosen = n < most ? n : most;
+    uint32_t *const places = room->order, *const rows = places + n;
+    real column[SCORED];
+    for (size_t row = 0, place = 0; row < view->rows; row++)
+        if (!view->rejected[row]) places[place] = (uint32_t)place, rows[place++] = (uint32_t)row;
+    if (n > most) fl_random_choice(random, (uint32_t)n, (uint32_t)most, places);
+    for (size_t i = 0; i < chosen; i++) memcpy(local + 3 * i, view->field + 3 * (size_t)rows[places[i]], 3 * sizeof(real));
+    for (int axis = 0; axis < 3; axis++) {
+        for (size_t i = 0; i < chosen; i++) column[i] = local[3 * i + axis];
+        middle[axis] = fl_median(column, chosen);
+    }
+    for (size_t i = 0; i < chosen; i++) {
+        column[i] = 0;
+        for (int axis = 0; axis < 3; axis++) {
+            local[3 * i + axis] -= middle[axis];
+            column[i] += local[3 * i + axis] * local[3 * i + axis];
+        }
+        column[i] = fl_sqrt(column[i]);
+    }
+    *scale = fl_median(column, chosen);
+    if (!(*scale > 0)) return 0;
+    for (size_t i = 0; i < 3 * chosen; i++) local[i] /= *scale;
+    return chosen;
+}
+
+/* Choose twelve of n at random: those of the smallest of n random numbers. */
+static void draw_points(fl_random *random, size_t n, uint32_t chosen[POINTS])
+{
+    uint64_t smallest[POINTS + 1];
+    uint32_t places[POINTS + 1];
+    for (uint32_t i = 0; i < n; i++) {
+        const uint64_t number = fl_random_bits(random) >> 11;
+        uint32_t at = i < POINTS ? i : POINTS;
+        if (i >= POINTS && number >= smallest[POINTS - 1]) continue;
+        for (; at > 0 && smallest[at - 1] > number; at--) smallest[at] = smallest[at - 1], places[at] = places[at - 1];
+        smallest[at] = number, places[at] = i;
+    }
+    memcpy(chosen, places, POINTS * sizeof *chosen);
+}
+
+/* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
+static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, fl_random *random, int draws,
+                        size_t scored, const fl_room *room, fl_surface *surface)
+{
+    static const real ORIGIN[3] = {0, 0, 0};
+    real local[3 * SCORED], middle[3], scale, distances[SCORED], best = FL_HUGE, quadric[10], axes[3];
+    uint32_t order[POINTS];
+    fl_surface tried, winner;
+    if (n < POINTS) return 1;
+    const size_t chosen = standardised(view, n, scored, random, room, local, middle, &scale);
+    const fl_view points = {local, chosen, NULL, 1};
+    if (!chosen) return 1;
+    for (int draw = 0; draw < draws; draw++) {
+        draw_points(random, chosen, order);
+        if (quadric_of(local, order, quadric) || fl_surface_of_quadric(quadric, ORIGIN, 1, &tried)) continue;
+        fl_sym3_values(tried.shape, axes);
+        if (!(axes[2] < 5 * axes[0])) continue;
+        absolute(kernels, &points, &tried, distances);
+        const real score = fl_select(distances, chosen, chosen / 2);
+        if (!(score < best)) continue;
+        best = score;
+        winner = tried;
+    }
+    if (!(best < FL_HUGE)) return 1;
+    for (int i = 0; i < 3; i++) winner.centre[i] = middle[i] + scale * winner.centre[i];
+    for (int i = 0; i < 6; i++) winner.shape[i] *= scale;
+    return fl_surface_of(winner.centre, winner.shape, surface);
+}
+
+/* Whether the residuals of a fit to all readings call for a robust one. */
+int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room)
+{
+    fl_random random = fl_random_begin();
+    const size_t n = spread_out(view->field, view->rows, &random, room);
+    const fl_view spread = {view->field, view->rows, room->passed, 1};
+    real farthest = 0, square = 0, fourth = 0;
+    absolute(kernels, &spread, surface, room->distances);
+    for (size_t i = 0; i < n; i++) {
+        const real s = room->distances[i] * room->distances[i];
+        farthest = room->distances[i] > farthest ? room->distances[i] : farthest;
+        square += s / (real)n;
+        fourth += s * s / (real)n;
+    }
+    const real sigma = typical(room->distances, n), error = fl_sqrt(24 / (real)n);
+    if (n < ENOUGH_TO_JUDGE) return farthest > 20 * sigma;
+    const real heavy = ((real)1.2 + 3 / fl_sqrt((real)n)) * sigma;
+    if (square > heavy * heavy || farthest > (real)6.5 * sigma) return 1;
+    const real kurtosis = fourth / (square * square > FL_TINY ? square * square : FL_TINY);
+    const real peaked = 3 + 8 * error;
+    if (kurtosis > (peaked > (real)4.5 ? peaked : (real)4.5)) return 1;
+    const real quiet = (real)0.05 * surface->radius;
+    if (fl_abs(kurtosis - 3) < 2 * error && square < quiet * quiet) return 0;
+    fl_surface other;
+    if (subset_start(kernels, &spread, n, &random, FEW_DRAWS, FEW_SCORED, room, &other)) return 0;
+    absolute(kernels, &spread, &other, room->distances);
+    return typical(room->distances, n) < (real)0.75 * sigma;
+}
+
+/* Mark readings in a run of far ones and within a margin of it; far readings on their own are not marked. */
+static void mark_runs(const unsigned char *far, size_t rows, int dense, unsigned char *out)
+{
+    int inside = 0;
+    size_t done = 0;
+    memset(out, 0, rows);
+    for (size_t i = 0; i < WINDOW / 2 && i < rows; i++) inside += far[i];
+    for (size_t i = 0; i < rows && dense <= WINDOW; i++) {
+        if (i + WINDOW / 2 < rows) inside += far[i + WINDOW / 2];
+        if (i > WINDOW / 2) inside -= far[i - WINDOW / 2 - 1];
+        if (!far[i] || inside < dense) continue;
+        const size_t begin = i > MARGIN ? i - MARGIN : 0, end = i + MARGIN + 1 < rows ? i + MARGIN + 1 : rows;
+        for (size_t row = begin > done ? begin : done; row < end; row++) out[row] = 1;
+        done = end;
+    }
+}
+
+/* Fewest far readings of a window that chance hardly ever puts there. */
+static int dense_enough(real share, size_t rows)
+{
+    real chances[WINDOW + 1], choose = 1, tail = 0;
+    int least = FL_NO_RUN;
+    for (int far = 0; far <= WINDOW; far++) {
+        chances[far] = choose;
+        for (int i = 0; i < far; i++) chances[far] *= share;
+        for (int i = far; i < WINDOW; i++) chances[far] *= 1 - share;
+        choose = choose * (WINDOW - far) / (far + 1);
+    }
+    for (int far = WINDOW; far >= LEAST; far--) {
+        tail += chances[far];
+        if ((real)rows * tail < (real)1e-3) least = far;
+    }
+    return least;
+}
+
+/* The same, of readings some of which are far: runs beyond doubt are set aside before the rest is counted. */
+static int dense_in(const unsigned char *far, size_t n, size_t rows, unsigned char *around)
+{
+    int dense = FL_NO_RUN;
+    for (int look = 0; look < LOOKS; look++) {
+        size_t rest = 0, far_of_rest = 0;
+        mark_runs(far, n, dense, around);
+        for (size_t i = 0; i < n; i++) {
+            rest += !around[i];
+            far_of_rest += !around[i] && far[i];
+        }
+        dense = rest ? dense_enough((real)far_of_rest / (real)rest, rows) : FL_NO_RUN;
+    }
+    return dense;
+}
+
+/* Which readings of a view are farther than a limit. */
+static size_t mark_far(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real limit,
+                       const fl_room *room, unsigned char *far)
+{
+    const size_t n = absolute(kernels, view, surface, room->distances);
+    for (size_t i = 0; i < n; i++) far[i] = room->distances[i] > limit;
+    return n;
+}
+
+/* Fit those of all readings (stride 1) or of a part of them that are near; sets the rejected readings of the view. */
+static int fit_near(const fl_kernels *kernels, const fl_view *all, const flinders_options *options, int dense,
+                    real limit, const fl_room *room, fl_fit *fit)
+{
+    const fl_surface start = fit->surface;
+    const fl_view every = {all->field, all->rows, NULL, 1};
+    mark_far(kernels, &every, &start, limit, room, room->far);
+    for (size_t begin = 0, part = 0; begin < all->rows; part++) {
+        const size_t end = part < room->parts ? (size_t)room->ends[part] : all->rows;
+        mark_runs(room->far + begin, end - begin, dense, room->rejected + begin);
+        begin = end;
+    }
+    for (size_t i = 0; i < all->rows; i++) room->rejected[i] |= room->far[i] | (i % all->stride != 0);
+    const fl_view near = {all->field, all->rows, room->rejected, 1};
+    if (fl_view_count(&near) < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
+    return fl_polish(kernels, &near, options, &start, FL_STEPS, room->some, fit);
+}
+
+/* The robust fit from a start, or NULL for that through a few readings; the view then leaves out what was rejected. */
+int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+              const fl_room *room, fl_fit *fit, flinders_record *record)
+{
+    fl_random random = fl_random_begin();
+    const size_t rows = view->rows, n = spread_out(view->field, rows, &random, room);
+    const fl_view spread = {view->field, rows, room->passed, 1};
+    fl_view part = {view->field, rows, NULL, (rows + FL_ENOUGH - 1) / FL_ENOUGH};
+    real limit = 0;
+    int status = FLINDERS_OK, dense = FL_NO_RUN;
+    memset(fit, 0, sizeof *fit);
+    if (n < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
+    if (start) fit->surface = *start;
+    else if (subset_start(kernels, &spread, n, &random, DRAWS, SCORED, room, &fit->surface))
+        return FLINDERS_NOT_AN_ELLIPSOID;
+    for (int round = 0; round < ROUNDS; round++) {
+        const real before = limit, least = FL_FINEST * fit->surface.radius;
+        absolute(kernels, &spread, &fit->surface, room->distances);
+        const real sigma = typical(room->distances, n);
+        limit = REJECT * (sigma > least ? sigma : least);
+        dense = FL_NO_RUN;
+        if (part.stride == 1) {
+            mark_far(kernels, &part, &fit->surface, limit, room, room->far);
+            dense = dense_in(room->far, rows, rows, room->rejected);
+        }
+        status = fit_near(kernels, &part, options, dense, limit, room, fit);
+        if (status != FLINDERS_OK) return status;
+        if (fl_abs(limit - before) <= SETTLED * limit) break;
+    }
+    const size_t looked = mark_far(kernels, &part, &fit->surface, limit, room, room->far);
+    dense = dense_in(room->far, looked, rows, room->rejected);
+    part.stride = 1;
+    memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
+    memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
+    status = fit_near(kernels, &part, options, dense, limit, room, fit);
+    if (status != FLINDERS_OK) return status;
+    view->rejected = room->rejected;
+    record->is_robust = 1;
+    record->dense = dense;
+    record->rejected_beyond = limit;
+    for (size_t i = 0; i < rows; i++) record->rejected += room->rejected[i];
+    return FLINDERS_OK;
+}
+
+/* The fit to all readings stands: none is rejected. */
+void fl_forget_outliers(fl_view *view, flinders_record *record)
+{
+    view->rejected = NULL;
+    record->is_robust = 0;
+    record->rejected = 0;
+}

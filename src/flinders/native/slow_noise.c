@@ -1,0 +1,363 @@
+/* Slow noise of the vector: white noise beside a disturbance with a memory, and what the two leave of a fit.
+ *
+ * The disturbance is an Ornstein-Uhlenbeck process, either of the vector in the sensor's axes or of the field's strength
+ * (as of a hand that moves through a gradient). As the sensor turns, what residuals of the first kind have in common
+ * dies out while the disturbance persists, so that their autocovariance claims too little. A Kalman filter runs the
+ * residuals and their Jacobian through a grid of models (ratio of the two noises, memory), and a finer one about the best;
+ * its innovations are independent and give generalised least squares, and the restricted likelihood of the model
+ * (D. A. Harville, JASA 72 (1977) 320). Estimate and covariance are averages over what is not known of the model.
+ */
+#include "residuals.h"
+
+enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * COARSE + 1, FEWEST = 20 };
+
+#define LEAST_RATIO ((real)1e-3)  /* of the variances, disturbance over white noise */
+#define LARGEST_RATIO ((real)3e3)
+#define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
+#define NEGLIGIBLE ((real)1e-4)   /* of all probability */
+#define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
+
+/* The moments of readings, or their rows where times are not known or go back. */
+typedef struct {
+    const real *time;
+    const unsigned char *left_out;
+    size_t row;
+} moments;
+
+/* One model of the noise, and how likely it is. */
+typedef struct {
+    int is_vector;
+    real ratio, memory;   /* variance of the disturbance over that of white noise; time */
+    real sums[55];        /* of the innovations */
+    real likelihood;      /* its logarithm to the base 2, but for a constant */
+    real variance;        /* of white noise */
+} model;
+
+/* Models in equal steps of the logarithms of ratio and memory: eight ratios for each memory. */
+typedef struct {
+    real ratio, ratio_step, memory, memory_step; /* the lowest, and the factors from one to the next */
+    int memories;
+} grid;
+
+/* Whether times of the readings that are looked at ascend. */
+static int ascends(const fl_view *view, const fl_room *room)
+{
+    real last = -FL_HUGE;
+    if (!room->time) return 0;
+    for (size_t row = 0; row < view->rows; row++) {
+        if (room->passed[row]) continue;
+        if (!(room->time[row] >= last)) return 0;
+        last = room->time[row];
+    }
+    return 1;
+}
+
+/* The moment of the next reading that is looked at. */
+static real next_moment(moments *at)
+{
+    while (at->left_out[at->row]) at->row++;
+    const size_t row = at->row++;
+    return at->time ? at->time[row] : (real)row;
+}
+
+/* Whether a reading is the one before again, as of a sensor that is asked faster than it measures. */
+static int is_repeated(const fl_residuals *residuals, size_t i)
+{
+    const real *const row = residuals->rows + 10 * i;
+    return !memcmp(row, row - 10, 10 * sizeof(real));
+}
+
+/* Average successive readings, at most FL_SERIES of them and what stretches add, repeated ones once; returns the time
+ * that they take. */
+static real averages(const fl_view *view, const fl_residuals *residuals, const fl_room *room, fl_series *series)
+{
+    const size_t most = (residuals->n + FL_SERIES - 1) / FL_SERIES;
+    moments at = {ascends(view, room) ? room->time : NULL, room->passed, 0};
+    real last = 0, span = 0;
+    series->n = 0;
+    series->rows = room->series, series->counts = room->series + 10 * residuals->n;
+    series->steps = series->counts + residuals->n;
+    for (int stretch = 0; stretch < residuals->stretches; stretch++) {
+        const size_t begin = residuals->begins[stretch], end = residuals->begins[stretch + 1];
+        for (size_t i = begin; i < end;) {
+            real *const row = series->rows + 10 * series->n, count = 0, moment = 0;
+            const int is_gap = room->parts && i == begin;
+            memset(row, 0, 10 * sizeof(real));
+            for (const size_t stop = i + most; i < stop && i < end; i++) {
+                const real here = next_moment(&at);
+                if (i > begin && is_repeated(residuals, i)) continue;
+                for (int column = 0; column < 9; column++) row[column] += residuals->rows[10 * i + column];
+                row[9] += residuals->distances[i];
+                moment += here, count++;
+            }
+            if (count == 0) continue;
+            for (int column = 0; column < 10; column++) row[column] /= count;
+            moment /= count;
+            series->counts[series->n] = count;
+            series->steps[series->n] = is_gap ? FL_HUGE : series->n ? moment - last : 0;
+            span += is_gap ? 0 : series->steps[series->n];
+            series->n++;
+            last = moment;
+        }
+    }
+    return span;
+}
+
+/* Σ w r rᵀ of rows, as the filter gives it where all noise is white. */
+static void white_sums(const fl_series *series, real sums[55])
+{
+    memset(sums, 0, 55 * sizeof(real));
+    for (size_t i = 0; i < series->n; i++) {
+        const real *row = series->rows + 10 * i;
+        for (int a = 0, at = 0; a < 10; a++)
+            for (int b = a; b < 10; b++) sums[at++] += series->counts[i] * row[a] * row[b];
+    }
+}
+
+/* Normal equations in sums. */
+static real equations(const real sums[55], real matrix[81], real gradient[9])
+{
+    int at = 0;
+    for (int i = 0; i < 9; i++) {
+        for (int j = i; j < 9; j++) matrix[9 * i + j] = matrix[9 * j + i] = sums[at++];
+        gradient[i] = sums[at++];
+    }
+    return sums[54];
+}
+
+/* Take what a step would explain off the residuals in sums. */
+static void take_off(const real step[9], real sums[55])
+{
+    real matrix[81], gradient[9], square = equations(sums, matrix, gradient);
+    for (int i = 0; i < 9; i++) {
+        real along = 0;
+        for (int j = 0; j < 9; j++) along += matrix[9 * i + j] * step[j];
+        square -= step[i] * (2 * gradient[i] - along);
+        gradient[i] -= along;
+    }
+    for (int i = 0, at = 9; i < 9; at += 9 - i, i++) sums[at] = gradient[i];
+    sums[54] = square;
+}
+
+/* Restricted likelihood and white noise of a model; nonzero if there is none. */
+static int judge(model *one, real log_determinant, real freedom)
+{
+    real matrix[81], gradient[9], scale = 0, rest = equations(one->sums, matrix, gradient);
+    for (int i = 0; i < 9; i++) scale = matrix[10 * i] > scale ? matrix[10 * i] : scale;
+    for (int i = 0; i < 9; i++) matrix[10 * i] += FL_ROUNDING * 100 * scale; /* a direction that no reading speaks of */
+    if (fl_cholesky(matrix, 9)) return 1;
+    fl_forward(matrix, 9, gradient);
+    for (int i = 0; i < 9; i++) {
+        rest -= gradient[i] * gradient[i];
+        log_determinant += 2 * fl_log2(matrix[10 * i]);
+    }
+    if (!(rest > 0)) return 1;
+    one->variance = rest / freedom;
+    one->likelihood = -(log_determinant + freedom * fl_log2(rest)) / 2;
+    return 0;
+}
+
+/* The share of a matrix of information in directions that are observed. */
+static void observed(const fl_support *support, real matrix[81], real gradient[9])
+{
+    real onto[81], half[81], kept[9];
+    if (support->is_whole) return;
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            onto[9 * i + j] = 0;
+            for (int k = 0; k < 9; k++)
+                if (support->share[k] < FL_UNOBSERVED)
+                    onto[9 * i + j] += (1 - support->share[k]) * support->vectors[9 * i + k] * support->vectors[9 * j + k];
+            onto[9 * i + j] *= support->scale[i] / support->scale[j];
+        }
+    fl_multiply(onto, gradient, 9, 9, 1, kept);
+    memcpy(gradient, kept, sizeof kept);
+    fl_multiply(onto, matrix, 9, 9, 9, half);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            matrix[9 * i + j] = 0;
+            for (int k = 0; k < 9; k++) matrix[9 * i + j] += half[9 * i + k] * onto[9 * j + k];
+        }
+}
+
+/* Step and covariance of one model. */
+static void solved(const fl_posterior *at, const real prior_gradient[9], const model *one, real step[9],
+                   real covariance[81])
+{
+    real matrix[81], gradient[9];
+    equations(one->sums, matrix, gradient);
+    for (int i = 0; i < 81; i++) matrix[i] /= one->variance;
+    for (int i = 0; i < 9; i++) gradient[i] /= one->variance;
+    observed(&at->support, matrix, gradient);
+    for (int i = 0; i < 81; i++) matrix[i] += at->prior_matrix[i];
+    for (int i = 0; i < 9; i++) gradient[i] += prior_gradient[i];
+    fl_inverse(matrix, 9, covariance);
+    fl_multiply(covariance, gradient, 9, 9, 1, step);
+}
+
+/* Gradient of the prior where a fit ended, and the step that its correction for curvature was. */
+static void end_of_fit(const fl_fit *fit, const real sums[55], real prior_gradient[9], real bent[9])
+{
+    const fl_posterior *at = &fit->posterior;
+    real matrix[81], gradient[9], inverse[81], moved[9];
+    for (int i = 0; i < 3; i++) moved[i] = fit->surface.centre[i] - at->surface.centre[i];
+    for (int i = 0; i < 6; i++) moved[3 + i] = fit->surface.shape[i] - at->surface.shape[i];
+    fl_multiply(at->prior_matrix, moved, 9, 9, 1, prior_gradient);
+    equations(sums, matrix, gradient);
+    for (int i = 0; i < 9; i++) {
+        prior_gradient[i] = at->prior_gradient[i] - prior_gradient[i];
+        gradient[i] += at->variance * prior_gradient[i];
+    }
+    fl_inverse(matrix, 9, inverse);
+    fl_multiply(inverse, gradient, 9, 9, 1, bent);
+}
+
+/* Run a grid of models; returns how many there are, and which is the best. */
+static int run(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, const real bent[9],
+               model *models, int *best)
+{
+    real ratio[FL_LANES], memory[FL_LANES], log_determinant[FL_LANES], sums[55][FL_LANES];
+    int n = 0;
+    *best = 0;
+    for (int lane = 0; lane < FL_LANES; lane++) ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)lane);
+    for (int k = 0; k < over->memories; k++) {
+        for (int lane = 0; lane < FL_LANES; lane++) memory[lane] = over->memory * fl_pow(over->memory_step, (real)k);
+        kernels->filter(series, is_vector, ratio, memory, log_determinant, sums);
+        for (int lane = 0; lane < FL_LANES; lane++) {
+            model *const one = models + n;
+            for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
+            one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane];
+            take_off(bent, one->sums);
+            if (judge(one, log_determinant[lane], (real)series->n - 9)) continue;
+            if (one->likelihood > models[*best].likelihood) *best = n;
+            n++;
+        }
+    }
+    return n;
+}
+
+/* The grid of all models that there may be. */
+static grid all_of(real span, size_t n)
+{
+    const real shortest = 2 * span / (real)n;
+    const grid all = {LEAST_RATIO, fl_pow(LARGEST_RATIO / LEAST_RATIO, 1 / (real)(FL_LANES - 1)), shortest,
+                      fl_pow(LONGEST * span / shortest, 1 / (real)(COARSE - 1)), COARSE};
+    return all;
+}
+
+/* A finer grid about one of its models, a step of it to either side. */
+static grid about(const grid *all, const model *best)
+{
+    const grid fine = {best->ratio / all->ratio_step, fl_pow(all->ratio_step, 2 / (real)(FL_LANES - 1)),
+                       best->memory / all->memory_step, fl_pow(all->memory_step, 2 / (real)(FINE - 1)), FINE};
+    return fine;
+}
+
+/* Models of both kinds that are not hopeless beside white noise, the last one; returns how many there are. Each kind is
+ * as likely as white noise beforehand, and its models are so for their share of the logarithms. */
+static int models_of(const fl_kernels *kernels, const fl_series *series, real span, const real bent[9],
+                     const model *white, model *models)
+{
+    const grid all = all_of(span, series->n);
+    real most = white->likelihood;
+    model top[2];
+    int n = 0, best;
+    for (int kind = 0; kind < 2; kind++) {
+        top[kind].likelihood = -FL_HUGE;
+        if (run(kernels, series, kind == 0, &all, bent, models, &best)) top[kind] = models[best];
+        most = top[kind].likelihood > most ? top[kind].likelihood : most;
+    }
+    for (int kind = 0; kind < 2; kind++) {
+        if (!(top[kind].likelihood > most - HOPELESS)) continue;
+        const grid fine = about(&all, top + kind);
+        const int more = run(kernels, series, kind == 0, &fine, bent, models + n, &best);
+        const real share = fl_log2(fine.ratio_step) * fl_log2(fine.memory_step) /
+                           (fl_log2(all.ratio_step) * FL_LANES * fl_log2(all.memory_step) * COARSE);
+        for (int k = n; k < n + more; k++) models[k].likelihood += fl_log2(share);
+        n += more;
+    }
+    models[n] = *white;
+    return n + 1;
+}
+
+/* Turn likelihoods of models into probabilities. */
+static void weigh(const model *models, int n, real weights[MODELS])
+{
+    real best = models[0].likelihood, total = 0;
+    for (int k = 1; k < n; k++) best = models[k].likelihood > best ? models[k].likelihood : best;
+    for (int k = 0; k < n; k++) total += weights[k] = fl_pow(2, models[k].likelihood - best);
+    for (int k = 0; k < n; k++) weights[k] = weights[k] > NEGLIGIBLE * total ? weights[k] / total : 0;
+}
+
+/* Scatter of Σ J s over the readings of a series that noise of a model gives. */
+static void scatter_of(const fl_series *series, const model *one, real scatter[81])
+{
+    real before[9][3] = {{0}};
+    memset(scatter, 0, 81 * sizeof(real));
+    for (size_t k = 0; k < series->n; k++) {
+        const real *const row = series->rows + 10 * k, count = series->counts[k];
+        const real normal[3] = {one->is_vector ? row[0] : 1, one->is_vector ? row[1] : 0, one->is_vector ? row[2] : 0};
+        const real square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+        const real x = series->steps[k] / one->memory, decay = 1 / (1 + x * (1 + x / 2));
+        const real own = one->variance * (count + count * count * one->ratio * square);
+        real along[9];
+        for (int i = 0; i < 9; i++) {
+            for (int axis = 0; axis < 3; axis++) before[i][axis] *= decay;
+            along[i] = before[i][0] * normal[0] + before[i][1] * normal[1] + before[i][2] * normal[2];
+            along[i] *= one->variance * one->ratio * count;
+        }
+        for (int i = 0; i < 9; i++) {
+            for (int j = 0; j < 9; j++)
+                scatter[9 * i + j] += own * row[i] * row[j] + along[i] * row[j] + row[i] * along[j];
+            for (int axis = 0; axis < 3; axis++) before[i][axis] += count * row[i] * normal[axis];
+        }
+    }
+}
+
+/* The covariance that least squares without regard to slow noise have under a model of it. */
+static void unweighted(const fl_series *series, const fl_fit *fit, const model *white, const model *one,
+                       const real textbook[81], real covariance[81])
+{
+    real scatter[81], gradient[9] = {0}, half[81];
+    scatter_of(series, one, scatter);
+    observed(&fit->posterior.support, scatter, gradient);
+    for (int i = 0; i < 81; i++)
+        scatter[i] = scatter[i] / (white->variance * white->variance) + fit->posterior.prior_matrix[i];
+    fl_multiply(textbook, scatter, 9, 9, 9, half);
+    fl_multiply(half, textbook, 9, 9, 9, covariance);
+}
+
+/* Find the noise, average estimate and covariance over what is not known of it, and give the covariance that the fit
+ * has under the likeliest model without this step; nonzero where there is nothing to find. */
+int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
+                  const fl_room *room, real step[9], real covariance[81], real without[81])
+{
+    fl_series series;
+    model white = {0, 0, 1, {0}, 0, 0}, *const models = (model *)(void *)room->matrices;
+    real prior_gradient[9], bent[9], steps[MODELS][9], each[81], weights[MODELS];
+    const real span = averages(view, residuals, room, &series);
+    if (series.n < FEWEST || !(span > 0)) return 1;
+    white_sums(&series, white.sums);
+    end_of_fit(fit, white.sums, prior_gradient, bent);
+    take_off(bent, white.sums);
+    if (judge(&white, 0, (real)series.n - 9)) return 1;
+    const int n = models_of(kernels, &series, span, bent, &white, models);
+    int best = 0;
+    weigh(models, n, weights);
+    memset(step, 0, 9 * sizeof(real));
+    memset(covariance, 0, 81 * sizeof(real));
+    for (int k = 0; k < n; k++) {
+        if (!(weights[k] > 0)) continue;
+        solved(&fit->posterior, prior_gradient, models + k, steps[k], each);
+        for (int i = 0; i < 9; i++) step[i] += weights[k] * steps[k][i];
+        for (int i = 0; i < 81; i++) covariance[i] += weights[k] * each[i];
+    }
+    for (int k = 0; k < n; k++)
+        for (int i = 0; i < 9 && weights[k] > 0; i++)
+            for (int j = 0; j < 9; j++)
+                covariance[9 * i + j] += weights[k] * (steps[k][i] - step[i]) * (steps[k][j] - step[j]);
+    for (int k = 1; k < n; k++) best = weights[k] > weights[best] ? k : best;
+    solved(&fit->posterior, prior_gradient, &white, steps[best], each);
+    unweighted(&series, fit, &white, models + best, each, without);
+    return 0;
+}

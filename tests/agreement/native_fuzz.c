@@ -1,0 +1,193 @@
+/* Calls the engine with wild numbers, each array in memory that ends where the array ends: fuzz CALLS [SEED]. */
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "flinders.h"
+
+#define REQUIRE(condition) \
+    if (!(condition)) \
+    fprintf(stderr, "line %d: not so: %s\n", __LINE__, #condition), exit(1)
+
+static uint64_t state;
+
+/* A number from 0 to below 1. */
+static double uniform(void)
+{
+    state = state * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+    return (double)(state >> 11) / 9007199254740992.0;
+}
+
+/* A whole number from 0 to below a limit. */
+static size_t below(size_t limit) { return (size_t)(uniform() * (double)limit); }
+
+/* Any number at all: one at an edge, or 32 or 64 bits by chance. */
+static flinders_real anything(void)
+{
+    static const double EDGES[] = {0, -0.0, 1, -1, 1e-30, 1e-12, 1e15, -1e30, FLT_MIN, FLT_MAX, -FLT_MAX, FLT_EPSILON,
+                                   1e-45, 9.3e18, -9.3e18, DBL_EPSILON};
+    flinders_real number;
+    if (uniform() < 0.1) return (flinders_real)(uniform() < 0.5 ? NAN : uniform() < 0.5 ? INFINITY : -INFINITY);
+    if (uniform() < 0.5) return (flinders_real)EDGES[below(sizeof EDGES / sizeof *EDGES)];
+    for (size_t i = 0; i < sizeof number; i++) ((unsigned char *)&number)[i] = (unsigned char)below(256);
+    return number;
+}
+
+/* Numbers, each of them anything. */
+static void fill_with_anything(flinders_real *numbers, size_t count)
+{
+    for (size_t i = 0; i < count; i++) numbers[i] = anything();
+}
+
+/* Readings around an ellipsoid, some of them spoilt. */
+static void fill(flinders_real *field, size_t rows)
+{
+    const double scale = uniform() < 0.6 ? 50 : pow(10, 40 * uniform() - 20), noise = pow(10, 3 * uniform() - 3);
+    const double height = uniform() < 0.5 ? 2 : 2 * uniform(), offset = 4 * uniform() - 2;
+    for (size_t row = 0; row < rows; row++) {
+        const double z = 1 - height * uniform(), turn = 6.283185307179586 * uniform(), flat = sqrt(1 - z * z);
+        field[3 * row] = (flinders_real)(scale * (flat * cos(turn) + noise * (uniform() - 0.5) + offset));
+        field[3 * row + 1] = (flinders_real)(scale * (1.1 * flat * sin(turn) + noise * (uniform() - 0.5)));
+        field[3 * row + 2] = (flinders_real)(scale * (0.9 * z + noise * (uniform() - 0.5)));
+    }
+    const double kind = uniform();
+    if (kind < 0.15) field[below(3 * rows)] = anything();
+    else if (kind < 0.2)
+        for (size_t row = 1; row < rows; row++) memcpy(field + 3 * row, field, 3 * sizeof *field);
+    else if (kind < 0.25)
+        for (size_t row = 0; row < rows; row++) field[3 * row + 1] = 3;
+    else if (kind < 0.4)
+        for (size_t row = 0; row < rows / 5; row++) field[3 * row] += (flinders_real)(scale * uniform());
+    else if (kind < 0.45)
+        for (size_t i = 0; i < 3 * rows; i++) field[i] = (flinders_real)(scale * floor(field[i] / scale * 4));
+    else if (kind < 0.5) fill_with_anything(field, 3 * rows);
+    else if (kind < 0.55 && rows > 2) memcpy(field + 3 * (rows / 2), field, 3 * (rows / 2) * sizeof *field);
+}
+
+/* Memory that has to be had. */
+static void *need(size_t size)
+{
+    void *memory = malloc(size ? size : 1);
+    if (!memory) exit(2);
+    return memory;
+}
+
+/* Options as they come, or at their edges. */
+static flinders_options some_options(void)
+{
+    flinders_options options;
+    flinders_default_options(&options);
+    options.robust = uniform() < 0.1 ? 2 : (int32_t)below(2);
+    options.kernels = (int32_t)below(3);
+    if (uniform() < 0.2) options.prior = 0;
+    if (uniform() < 0.05) options.prior = anything();
+    if (uniform() < 0.05) options.dip_deg = anything();
+    if (uniform() < 0.2) options.statistics = 0;
+    if (uniform() < 0.02) options.robust = options.kernels = options.statistics = INT32_MIN + (int32_t)below(9);
+    return options;
+}
+
+/* Fit recordings one behind the other, each as by itself; returns how many gave a calibration. */
+static int fit(size_t recordings)
+{
+    static const size_t ROWS[] = {1, 2, 9, 10, 11, 12, 13, 49, 50, 63, 64, 65, 99, 100, 101};
+    size_t rows[4], longest = 0;
+    int64_t offsets[5] = {0};
+    int fitted = 0, worst = 0;
+    for (size_t i = 0; i < recordings; i++) {
+        rows[i] = ROWS[below(sizeof ROWS / sizeof *ROWS)];
+        if (uniform() < 0.02) rows[i] = uniform() < 0.02 ? 20001 : 100 + below(1500);
+        if (recordings > 1 && uniform() < 0.2) rows[i] = 0;
+        offsets[i + 1] = offsets[i] + (int64_t)rows[i];
+        longest = rows[i] > longest ? rows[i] : longest;
+    }
+    const size_t total = (size_t)offsets[recordings], size = flinders_workspace_size(longest);
+    flinders_real *field = need(3 * total * sizeof *field), *time = need(total * sizeof *time);
+    void *workspace = need(size);
+    flinders_record *records = need(recordings * sizeof *records), single;
+    const flinders_options options = some_options();
+    const int is_timed = uniform() < 0.5;
+    for (size_t i = 0; i < recordings; i++)
+        if (rows[i]) fill(field + 3 * offsets[i], rows[i]);
+    for (size_t row = 0; row < total; row++) time[row] = (flinders_real)row;
+    if (uniform() < 0.05) fill_with_anything(time, total);
+    const int status = flinders_fit_many(field, is_timed ? time : NULL, offsets, recordings, &options, workspace, size,
+                                         records);
+    for (size_t i = 0; i < recordings; i++) {
+        const flinders_record *record = records + i;
+        REQUIRE(record->status >= 0 && record->status <= 9);
+        REQUIRE(record->status || (isfinite(record->centre[0]) && isfinite(record->radius) && record->radius > 0));
+        worst = record->status > worst ? record->status : worst;
+        fitted += record->status == FLINDERS_OK;
+    }
+    REQUIRE(status == worst);
+    flinders_fit(field, is_timed ? time : NULL, rows[0], &options, workspace, size, &single);
+    REQUIRE(memcmp(&single, records, sizeof single) == 0);
+    const int told = flinders_drift(field, rows[0], records->centre, records->shape, options.dip_deg, workspace, size,
+                                    &single);
+    REQUIRE(told >= 0 && told <= 9);
+    if (rows[0] == longest && longest)
+        REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);
+    free(field), free(time), free(workspace), free(records);
+    return fitted;
+}
+
+/* Add, move, merge and solve sums of readings, or of anything; returns 1 if they gave a calibration. */
+static int sum(void)
+{
+    flinders_sums sums, other;
+    flinders_record record;
+    const size_t rows = below(100) + 1;
+    flinders_real *field = need(3 * rows * sizeof *field), origin[3] = {10, 20, 30}, scale = 64;
+    if (uniform() < 0.2) fill_with_anything(origin, 3), scale = anything();
+    fill(field, rows);
+    flinders_sums_begin(&sums, uniform() < 0.5 ? origin : NULL, scale);
+    flinders_sums_begin(&other, NULL, 1);
+    flinders_sums_add(&sums, field, rows);
+    flinders_sums_add(&other, field, rows / 2);
+    if (uniform() < 0.1) fill_with_anything(sums.sums, 35);
+    if (uniform() < 0.5) flinders_sums_move(&sums, origin, uniform() < 0.9 ? 32 : anything());
+    flinders_sums_merge(&sums, &other);
+    const int status = flinders_sums_solve(&sums, &record);
+    REQUIRE(status >= 0 && status <= 9 && status == record.status);
+    REQUIRE(status || (isfinite(record.centre[0]) && record.radius > 0));
+    free(field);
+    return status == FLINDERS_OK;
+}
+
+/* Ask a record of anything for distances and heading errors. */
+static void ask(void)
+{
+    const size_t rows = below(70);
+    flinders_real *field = need(3 * rows * sizeof *field), *out = need(rows * sizeof *out);
+    flinders_record record;
+    memset(&record, 0, sizeof record);
+    fill_with_anything(record.centre, 3);
+    fill_with_anything(record.covariance, 81);
+    fill_with_anything(record.shape, 6);
+    if (uniform() < 0.5)
+        for (int i = 0; i < 6; i++) record.shape[i] = i < 3 ? 50 : (flinders_real)uniform();
+    if (uniform() < 0.5) fill_with_anything(field, 3 * rows);
+    else if (rows) fill(field, rows);
+    flinders_distances(field, rows, &record, out);
+    flinders_heading_errors(&record, uniform() < 0.5 ? 60 : anything());
+    free(field), free(out);
+}
+
+int main(int count, char **arguments)
+{
+    const long calls = count > 1 ? atol(arguments[1]) : 1000;
+    long fitted = 0;
+    state = count > 2 ? (uint64_t)atol(arguments[2]) : 1;
+    for (long i = 0; i < calls; i++) {
+        const double kind = uniform();
+        if (kind < 0.6) fitted += fit(1);
+        else if (kind < 0.7) fitted += fit(1 + below(4));
+        else if (kind < 0.9) fitted += sum();
+        else ask();
+    }
+    printf("%ld calls, %ld fitted\n", calls, fitted);
+    return 0;
+}

@@ -1,0 +1,192 @@
+"""Slow noise in NumPy: the formulas that slow_noise.c of the engine is held to, all models of a grid at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple, Self
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+
+SERIES: Final = 2048
+"""Averages that a recording is cut down to."""
+
+RATIOS: Final = np.geomspace(1e-3, 3e3, 8)
+"""Variance of the disturbance over that of white noise."""
+
+COARSE, FINE = 6, 5
+"""Memories of the grid of all models, and of the finer one about the best."""
+
+LONGEST: Final = 1.5
+"""Of the recording: longer memories look the same."""
+
+HOPELESS: Final = 14.0
+"""Logarithm, to the base 2, of how much less likely a model is than the best."""
+
+NEGLIGIBLE: Final = 1e-4
+"""Of all probability."""
+
+
+class Series(NamedTuple):
+    """Averages of successive residuals: (n, 10) Jacobian and distance, readings of each, time from the one before."""
+
+    rows: Floats
+    counts: Floats
+    steps: Floats
+
+    @classmethod
+    def of(cls, rows: Floats, moments: Floats, segments: Sequence[NDArray[np.int64]], *, has_parts: bool) -> Self:
+        """Average rows of segments of consecutive readings, repeated ones once."""
+        most = -(-len(rows) // SERIES)
+        averages, counts, steps = [], [], []
+        last = None
+        for segment in segments:
+            for begin in range(0, len(segment), most):
+                places = [
+                    place
+                    for at, place in enumerate(segment[begin : begin + most], begin)
+                    if at == 0 or not np.array_equal(rows[place], rows[place - 1])
+                ]
+                if not places:
+                    continue
+                moment = float(np.mean(moments[places]))
+                averages.append(rows[places].mean(axis=0))
+                counts.append(float(len(places)))
+                steps.append(np.inf if has_parts and begin == 0 else 0.0 if last is None else moment - last)
+                last = moment
+        return cls(np.array(averages), np.array(counts), np.array(steps))
+
+    @property
+    def span(self) -> float:
+        """Time that they take."""
+        return float(self.steps[np.isfinite(self.steps)].sum())
+
+
+@dataclass(frozen=True)
+class Models:
+    """(G,) models: sums (G, 10, 10) of innovations, likelihood to the base 2, variance of white noise."""
+
+    sums: Floats
+    likelihood: Floats
+    variance: Floats
+    ratio: Floats
+    memory: Floats
+    is_vector: bool
+
+
+def filtered(series: Series, ratio: Floats, memory: Floats, *, is_vector: bool) -> tuple[Floats, Floats]:
+    """(G, 10, 10) sums of innovations, (G,) logarithms to the base 2 of their variances over those of white noise."""
+    components = 3 if is_vector else 1
+    normals = series.rows[:, :3] if is_vector else np.ones((len(series.rows), 1))
+    state = np.zeros((len(ratio), components, 10))
+    covariance = ratio[:, None, None] * np.eye(components)
+    sums, logarithm = np.zeros((len(ratio), 10, 10)), np.zeros(len(ratio))
+    for row, count, step, normal in zip(series.rows, series.counts, series.steps, normals, strict=True):
+        with np.errstate(over="ignore"):
+            x = step / memory
+            decay = 1.0 / (1.0 + x * (1.0 + x / 2.0))
+        state *= decay[:, None, None]
+        covariance = covariance * decay[:, None, None] ** 2
+        covariance += (ratio * (1.0 - decay**2))[:, None, None] * np.eye(components)
+        across = covariance @ normal
+        scatter = across @ normal + 1.0 / count
+        innovation = row - np.einsum("d,gdc->gc", normal, state)
+        gain = across / scatter[:, None]
+        state += gain[:, :, None] * innovation[:, None, :]
+        covariance = covariance - gain[:, :, None] * across[:, None, :]
+        sums += innovation[:, :, None] * innovation[:, None, :] / scatter[:, None, None]
+        logarithm += np.log2(scatter * count)
+    return sums, logarithm
+
+
+def taken_off(sums: Floats, step: Floats) -> Floats:
+    """(G, 10, 10) sums of residuals that a step explains less of."""
+    onto = np.eye(10)
+    onto[:9, 9] = -step
+    taken: Floats = onto.T @ sums @ onto
+    return taken
+
+
+def judged(
+    sums: Floats, logarithm: Floats, freedom: float, ratio: Floats, memory: Floats, *, is_vector: bool
+) -> Models:
+    """Restricted likelihoods."""
+    matrix = sums[:, :9, :9] + 1e-13 * sums[:, range(9), range(9)].max(axis=1)[:, None, None] * np.eye(9)
+    rest = sums[:, 9, 9] - np.einsum("gi,gi->g", sums[:, :9, 9], np.linalg.solve(matrix, sums[:, :9, 9:])[:, :, 0])
+    likelihood = -(logarithm + np.linalg.slogdet(matrix)[1] / np.log(2.0) + freedom * np.log2(rest)) / 2.0
+    return Models(sums, likelihood, rest / freedom, ratio, memory, is_vector)
+
+
+def run(series: Series, bent: Floats, ratios: Floats, memories: Floats, *, is_vector: bool) -> Models:
+    """All pairs of ratio and memory."""
+    memory, ratio = (grid.ravel() for grid in np.meshgrid(memories, ratios, indexing="ij"))
+    sums, logarithm = filtered(series, ratio, memory, is_vector=is_vector)
+    return judged(taken_off(sums, bent), logarithm, len(series.rows) - 9.0, ratio, memory, is_vector=is_vector)
+
+
+def models_of(series: Series, bent: Floats) -> list[Models]:
+    """White noise, and finer grids about the best vector and the best strength where these are not hopeless."""
+    white = np.einsum("ni,n,nj->ij", series.rows, series.counts, series.rows)
+    freedom, none = len(series.rows) - 9.0, np.zeros(1)
+    models = [judged(taken_off(white[None], bent), none, freedom, none, np.ones(1), is_vector=False)]
+    span = series.span
+    memories = np.geomspace(2.0 * span / len(series.rows), LONGEST * span, COARSE)
+    coarse = [run(series, bent, RATIOS, memories, is_vector=is_vector) for is_vector in (True, False)]
+    most = max(float(one.likelihood.max()) for one in (*models, *coarse))
+    for kind, is_vector in zip(coarse, (True, False), strict=True):
+        best = int(kind.likelihood.argmax())
+        if not kind.likelihood[best] > most - HOPELESS:
+            continue
+        ratio_step, memory_step = RATIOS[1] / RATIOS[0], memories[1] / memories[0]
+        ratios = np.geomspace(kind.ratio[best] / ratio_step, kind.ratio[best] * ratio_step, 8)
+        finer = np.geomspace(kind.memory[best] / memory_step, kind.memory[best] * memory_step, FINE)
+        fine = run(series, bent, ratios, finer, is_vector=is_vector)
+        share = np.log(ratios[1] / ratios[0]) * np.log(finer[1] / finer[0])
+        share /= np.log(ratio_step) * len(RATIOS) * np.log(memory_step) * COARSE
+        models.append(replace(fine, likelihood=fine.likelihood + np.log2(share)))
+    return models
+
+
+def scatter_of(series: Series, ratio: float, memory: float, *, is_vector: bool) -> Floats:
+    """(9, 9) scatter of Σ J s that noise of a model gives, in variances of white noise, by its dense covariance."""
+    normals = series.rows[:, :3] if is_vector else np.ones((len(series.rows), 1))
+    x = np.minimum(series.steps[1:] / memory, 1e100)
+    passed = np.concatenate([[0.0], np.cumsum(np.log1p(x * (1.0 + x / 2.0)))])
+    noise = ratio * (normals @ normals.T) * np.exp(-np.abs(passed[:, None] - passed))
+    weighted = series.counts[:, None] * series.rows[:, :9]
+    scatter: Floats = weighted.T @ noise @ weighted + weighted.T @ series.rows[:, :9]
+    return scatter
+
+
+def averaged(
+    series: Series, bent: Floats, onto: Floats, prior_matrix: Floats, prior_gradient: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Step (9,) and covariance (9, 9), averaged over models, and the covariance under the likeliest without the step.
+
+    `onto` takes information to what is observed.
+    """
+    models = models_of(series, bent)
+    likelihood = np.concatenate([one.likelihood for one in models])
+    weights = np.exp2(likelihood - likelihood.max())
+    weights = np.where(weights > NEGLIGIBLE * weights.sum(), weights / weights.sum(), 0.0)
+    variance = np.concatenate([one.variance for one in models])
+    sums = np.concatenate([one.sums for one in models]) / variance[:, None, None]
+    steps, covariances = [], []
+    for one in sums:
+        covariances.append(np.linalg.inv(onto @ one[:9, :9] @ onto.T + prior_matrix))
+        steps.append(covariances[-1] @ (onto @ one[:9, 9] + prior_gradient))
+    step = weights @ np.array(steps)
+    off = np.array(steps) - step
+    covariance = np.einsum("g,gij->ij", weights, np.array(covariances)) + np.einsum("g,gi,gj->ij", weights, off, off)
+    best = int(weights.argmax())
+    of_vectors = np.concatenate([np.full(len(one.ratio), one.is_vector) for one in models])
+    ratio, memory = (np.concatenate([getattr(one, name) for one in models]) for name in ("ratio", "memory"))
+    scatter = variance[best] * scatter_of(series, ratio[best], memory[best], is_vector=bool(of_vectors[best]))
+    scatter = onto @ scatter @ onto.T / variance[0] ** 2 + prior_matrix
+    return step, covariance, covariances[0] @ scatter @ covariances[0]

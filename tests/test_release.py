@@ -1,0 +1,83 @@
+"""The inspection of the wheels of a release: what it says of libraries that are not as they have to be."""
+
+from __future__ import annotations
+
+import sys
+import zipfile
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from release import wheels
+
+from flinders.native import build
+from flinders.native.engine import engine
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FUNCTIONS = wheels.declared_functions()
+EXPORTS = tuple(sorted(FUNCTIONS))
+GOOD = {
+    "manylinux_2_17_x86_64": wheels.Library("ELF", "X86_64", EXPORTS, ("libm.so.6", "libc.so.6"), (2, 17)),
+    "manylinux_2_17_aarch64": wheels.Library("ELF", "AARCH64", EXPORTS, ("libm.so.6",), (2, 17)),
+    "macosx_11_0_x86_64": wheels.Library("MACHO", "X86_64", EXPORTS, ("/usr/lib/libSystem.B.dylib",), (11, 0)),
+    "macosx_11_0_arm64": wheels.Library("MACHO", "ARM64", EXPORTS, ("/usr/lib/libSystem.B.dylib",), (11, 0), True),
+    "win_amd64": wheels.Library("PE", "AMD64", EXPORTS, ("KERNEL32.dll", "api-ms-win-crt-math-l1-1-0.dll")),
+}
+
+
+def said(tag: str, **changes: Any) -> str:
+    return "; ".join(wheels.problems(replace(GOOD[tag], **changes), build.PLATFORMS[tag], FUNCTIONS))
+
+
+def test_the_functions_of_the_header_are_those_of_the_library() -> None:
+    assert len(FUNCTIONS) == 18
+    assert all(hasattr(engine()._library, name) for name in FUNCTIONS)
+
+
+def test_good_libraries_pass() -> None:
+    assert GOOD.keys() == build.PLATFORMS.keys() == wheels.platforms().keys()
+    assert {tag: said(tag) for tag in GOOD} == dict.fromkeys(GOOD, "")
+
+
+@pytest.mark.parametrize(
+    ("tag", "changes", "text"),
+    [
+        ("manylinux_2_17_aarch64", {"machine": "X86_64"}, "it is ELF for X86_64, and has to be ELF for AARCH64"),
+        ("win_amd64", {"format": "ELF"}, "it is ELF for AMD64, and has to be PE for AMD64"),
+        ("manylinux_2_17_x86_64", {"system": (2, 29)}, "it needs glibc 2.29, newer than 2.17"),
+        ("manylinux_2_17_x86_64", {"libraries": ("libgcc_s.so.1",)}, "it loads libgcc_s.so.1"),
+        ("win_amd64", {"libraries": ("VCRUNTIME140.dll",)}, "it loads VCRUNTIME140.dll"),
+        ("win_amd64", {"exports": (*EXPORTS, "fl_start")}, "it exports more than flinders.h declares: fl_start"),
+        ("win_amd64", {"exports": EXPORTS[1:]}, "it does not export flinders_default_options"),
+        ("macosx_11_0_x86_64", {"system": (14, 0)}, "it is for macOS 14.0, and has to be for 11.0"),
+        ("macosx_11_0_arm64", {"is_signed": False}, "it is not signed, and macOS on ARM does not load it"),
+    ],
+)
+def test_a_library_that_is_not_as_it_has_to_be_is_named(tag: str, changes: dict[str, Any], text: str) -> None:
+    assert said(tag, **changes) == text
+
+
+def test_a_wheel_has_one_library_and_the_licences(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wheels, "read_library", lambda _: GOOD["win_amd64"])
+    path = tmp_path / "flinders-1-py3-none-win_amd64.whl"
+    with zipfile.ZipFile(path, "w") as wheel:
+        for name in ("a.dll", "LICENSE-zig", "LICENSE-mingw-w64"):
+            wheel.writestr(f"flinders/native/compiled/{name}", "")
+    assert wheels.inspect_wheel(path, "win_amd64", build.PLATFORMS["win_amd64"]) == []
+    with zipfile.ZipFile(path, "w") as wheel:
+        for name in ("a.dll", "b.dll", "LICENSE-zig"):
+            wheel.writestr(f"flinders/native/compiled/{name}", "")
+    assert wheels.inspect_wheel(path, "win_arm64", build.PLATFORMS["win_amd64"]) == [
+        "it has 2 libraries, and has to have one",
+        "it lacks LICENSE-mingw-w64, the licence of what zig links",
+        "its name does not say win_arm64",
+    ]
+
+
+def test_the_headers_of_a_library_are_read(tmp_path: Path) -> None:
+    pytest.importorskip("lief", reason="`uv run --with lief pytest tests/test_release.py` reads a library's headers")
+    library = wheels.read_library(build.library())
+    assert library.exports == EXPORTS
+    assert "libm.so.6" in library.libraries or sys.platform != "linux"
