@@ -375,7 +375,7 @@ def _notes(deviation: Deviation) -> Iterator[str]:
     if len(deviation.compass_deg) < ADVISED:
         yield f"{ADVISED} headings, each 45° from the last, make a better swing"
     a, sigmas = float(deviation.coefficients_deg[0]), deviation.sigmas_deg
-    if abs(a) > max(LARGE_A_DEG, 0.0 if sigmas is None else 3.0 * float(sigmas[0])):
+    if round(abs(a), 6) > max(LARGE_A_DEG, 0.0 if sigmas is None else 3.0 * float(sigmas[0])):
         yield "A this large is seldom iron: look at how the compass sits, and at the reference of the headings"
     yield "the argument is the heading by compass; B and C change with the latitude"
 
