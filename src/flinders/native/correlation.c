@@ -131,15 +131,17 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
                    flinders_record *record)
 {
     fl_residuals residuals;
-    real scatter[81], step[9], slow[81], explained[81];
+    real scatter[81], step[9], weighed[81], explained[81];
     memcpy(record->covariance, fit->covariance, sizeof record->covariance);
+    memset(&fit->slow, 0, sizeof fit->slow);
     if (fit->used < FEW) return;
     gather_stretches(kernels, view, fit, room, &residuals);
     scatter_of(kernels, &residuals, fit, room, scatter, record);
     if (record->is_white) return;
     scattered(fit, scatter, record->covariance);
-    if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, step, slow, explained)) return;
+    if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, &fit->slow, step, weighed, explained))
+        return;
     fl_raise(record->covariance, explained, 9, 0);
-    for (int i = 0; i < 81; i++) record->covariance[i] += slow[i] - explained[i];
+    for (int i = 0; i < 81; i++) record->covariance[i] += weighed[i] - explained[i];
     move(fit, step);
 }

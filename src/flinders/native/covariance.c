@@ -75,7 +75,7 @@ void fl_turning(const fl_surface *surface, const real direction[3], real rows[2]
 /* Directions of parameter space in the scale in which the matrix has ones on its diagonal. */
 void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *context, fl_support *support)
 {
-    real largest = 0, noise[169];
+    real largest = 0, noise[FL_WIDEST * FL_WIDEST];
     for (int i = 0; i < n; i++) largest = matrix[i * n + i] > largest ? matrix[i * n + i] : largest;
     const real nothing = FL_ROUNDING * largest > FL_TINY ? FL_ROUNDING * largest : FL_TINY;
     support->n = n;
@@ -124,7 +124,7 @@ int fl_support_unseen(const fl_support *support)
 void fl_support_keep(const fl_support *support, real *matrix, real *gradient)
 {
     const int n = support->n;
-    real along[13];
+    real along[FL_WIDEST];
     if (!fl_support_unseen(support)) return;
     for (int k = 0; k < n; k++) {
         along[k] = 0;
@@ -167,7 +167,8 @@ void fl_support_information(const fl_support *support, const real *matrix, real 
 /* Inverse of a symmetric matrix without the directions that rounding leaves open. */
 void fl_inverse(const real *matrix, int n, real *inverse)
 {
-    real scale[13], vectors[169] = {0}, factor[169], values[13], largest = 0;
+    real scale[FL_WIDEST], vectors[FL_WIDEST * FL_WIDEST] = {0}, factor[FL_WIDEST * FL_WIDEST], values[FL_WIDEST];
+    real largest = 0;
     for (int i = 0; i < n; i++) largest = matrix[i * n + i] > largest ? matrix[i * n + i] : largest;
     const real least = FL_ROUNDING * largest > FL_TINY ? FL_ROUNDING * largest : FL_TINY;
     for (int i = 0; i < n; i++) scale[i] = fl_sqrt(matrix[i * n + i] > least ? matrix[i * n + i] : least);
@@ -175,7 +176,7 @@ void fl_inverse(const real *matrix, int n, real *inverse)
         for (int j = 0; j < n; j++) vectors[i * n + j] = matrix[i * n + j] / (scale[i] * scale[j]);
     if (!fl_cholesky_regular(vectors, n, factor)) {
         for (int j = 0; j < n; j++) {
-            real column[13] = {0};
+            real column[FL_WIDEST] = {0};
             column[j] = 1 / scale[j];
             fl_cholesky_solve(factor, n, column);
             for (int i = 0; i < n; i++) inverse[i * n + j] = column[i] / scale[i];

@@ -45,7 +45,7 @@ typedef float flinders_real; /* for processors without double precision: about f
 typedef double flinders_real;
 #endif
 
-#define FLINDERS_RECORD_VERSION 1
+#define FLINDERS_RECORD_VERSION 2
 
 /* What a function returns. */
 enum {
@@ -134,6 +134,10 @@ typedef struct flinders_record {
     flinders_real drift_strength; /* change of the field, a fraction of it */
     flinders_real drift_deg;      /* what that change of the offset does to a level heading, at the worst one */
     flinders_real drift_by_chance; /* how often chance alone makes as much */
+    flinders_real nonlinearity[6]; /* of x, y, z in the square and in the cube of the distance from the centre over the
+                                      radius, a fraction of the radius; NaN: nothing is known */
+    flinders_real nonlinear_deg;  /* what they do to a level heading, at the worst one */
+    flinders_real nonlinear_by_chance; /* how often chance alone makes as much */
     flinders_real largest_jump;   /* largest step from one reading to the next, over the median of 20,000 that are one */
     flinders_real sums[35];       /* sums of powers about `sums_origin`, see flinders_sums */
     flinders_real sums_origin[3]; /* unit */

@@ -55,7 +55,7 @@ typedef flinders_real real;
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
-enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 13, FL_STEPS = 50 };
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_STEPS = 50 };
 
 /* Readings of a recording: every `stride`-th of those that are not rejected. */
 typedef struct {
@@ -156,6 +156,13 @@ typedef struct {
     int has_support, sound;
 } fl_posterior;
 
+/* White noise beside a disturbance with a memory. */
+typedef struct {
+    int is_vector; /* 1 of the vector, 0 of the strength of the field */
+    real ratio;    /* variance of the disturbance over that of the noise of a reading; 0: none */
+    real memory;   /* of the recording */
+} fl_slow;
+
 typedef struct {
     fl_surface surface;
     real covariance[81]; /* for independent residuals, without directions that are not observed */
@@ -163,6 +170,7 @@ typedef struct {
     real held;
     size_t used;
     int unseen, steps;
+    fl_slow slow;
     fl_posterior posterior;
 } fl_fit;
 

@@ -1,7 +1,7 @@
 /* Small matrices: eigenvalues, Cholesky factors, symmetric 3 × 3 matrices, and the k-th smallest of a list. */
 #include "internal.h"
 
-enum { LARGEST = 13, SWEEPS = 60 };
+enum { LARGEST = FL_WIDEST, SWEEPS = 60 };
 
 #define REGULAR ((real)1e-3) /* smallest entry on the diagonal of a factor in which no direction is lost */
 
@@ -134,7 +134,7 @@ static void diagonalise(real *v, int n, real *d, real *e)
     }
 }
 
-/* Ascending eigenvalues of a symmetric matrix (n, n), n ≤ 13, which becomes its eigenvectors in columns. */
+/* Ascending eigenvalues of a symmetric matrix (n, n), n ≤ 15, which becomes its eigenvectors in columns. */
 void fl_eigen(real *matrix, int n, real *values)
 {
     real e[LARGEST];

@@ -33,9 +33,18 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t ap
                    real scatter[81]);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
-                  const fl_room *room, real step[9], real covariance[81], real without[81]);
+                  const fl_room *room, fl_slow *slow, real step[9], real covariance[81], real without[81]);
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
+/* regression.c */
+void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                      int width, fl_residuals *out);
+void fl_normal_equations(const fl_residuals *residuals, real *matrix, real *gradient);
+void fl_whiten(fl_residuals *residuals, const fl_slow *slow);
+void fl_take_off(fl_residuals *residuals, const real *solution);
+real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance);
+int fl_chi_square(const real *change, const real *covariance, int n, real *square);
+
 void fl_sphere_centres(real centres[100][3]);
 
 #endif

@@ -330,7 +330,7 @@ static void unweighted(const fl_series *series, const fl_fit *fit, const model *
 /* Find the noise, average estimate and covariance over what is not known of it, and give the covariance that the fit
  * has under the likeliest model without this step; nonzero where there is nothing to find. */
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
-                  const fl_room *room, real step[9], real covariance[81], real without[81])
+                  const fl_room *room, fl_slow *slow, real step[9], real covariance[81], real without[81])
 {
     fl_series series;
     model white = {0, 0, 1, {0}, 0, 0}, *const models = (model *)(void *)room->matrices;
@@ -359,5 +359,6 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
     for (int k = 1; k < n; k++) best = weights[k] > weights[best] ? k : best;
     solved(&fit->posterior, prior_gradient, &white, steps[best], each);
     unweighted(&series, fit, &white, models + best, each, without);
+    slow->is_vector = models[best].is_vector, slow->ratio = models[best].ratio, slow->memory = models[best].memory / span;
     return 0;
 }

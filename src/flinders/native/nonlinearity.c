@@ -1,0 +1,101 @@
+/* Whether axes answer the field along a curve: quadratic and cubic terms of each axis beside the nine parameters.
+ *
+ * An axis that reads r q (t/r)² + r c (t/r)³ too much at t, its linear reading from the centre, leaves
+ *
+ *     s = J δθ + Σ nₐ r (qₐ (tₐ/r)² + cₐ (tₐ/r)³)
+ *
+ * n the normal and r the radius. Fifteen terms by least squares, weighted by the slow noise that the fit has found; what
+ * chance makes of six of them follows from the scatter of the residuals, as they are still correlated.
+ */
+#include "residuals.h"
+
+enum { TERMS = 6, WIDTH = 9 + TERMS, HEADINGS = 72, FEWEST_INDEPENDENT = 40 };
+
+#define TO_DEG ((real)180 / FL_PI)
+#define DISTINCT ((real)1e-5) /* smallest eigenvalue of a correlation matrix in which terms are told apart */
+
+/* What terms of 1 make of an axis at a direction: six displacements, of x, y, z by the square and by the cube. */
+static void displacements(const fl_surface *surface, const real direction[3], real out[TERMS])
+{
+    real local[3];
+    fl_sym3_apply(surface->shape, direction, local);
+    for (int axis = 0; axis < 3; axis++) {
+        const real part = local[axis] / surface->radius;
+        out[axis] = surface->radius * part * part;
+        out[3 + axis] = out[axis] * part;
+    }
+}
+
+/* Error of the heading of a level vehicle at the worst heading, without its mean, that a solution tells of. */
+static real level_error(const fl_surface *surface, const real solution[WIDTH], real dip_deg)
+{
+    const real *step = solution, *shape = solution + 3, *terms = solution + 9;
+    const real dip = dip_deg / TO_DEG, flat = fl_cos(dip);
+    real errors[HEADINGS], mean = 0, worst = 0;
+    for (int k = 0; k < HEADINGS; k++) {
+        const real turn = 2 * FL_PI * (real)k / HEADINGS, cosine = fl_cos(turn), sine = fl_sin(turn);
+        const real field[3] = {flat * cosine, -flat * sine, fl_sin(dip)}, across[3] = {sine / flat, cosine / flat, 0};
+        real added[TERMS], moved[3], corrected[3];
+        displacements(surface, field, added);
+        fl_sym3_apply(shape, field, moved);
+        for (int axis = 0; axis < 3; axis++)
+            moved[axis] += step[axis] + terms[axis] * added[axis] + terms[3 + axis] * added[3 + axis];
+        fl_sym3_apply(surface->inverse, moved, corrected);
+        errors[k] = 0;
+        for (int axis = 0; axis < 3; axis++) errors[k] += across[axis] * corrected[axis];
+        mean += errors[k] / HEADINGS;
+    }
+    for (int k = 0; k < HEADINGS; k++) {
+        const real error = fl_abs(errors[k] - mean);
+        worst = error > worst ? error : worst;
+    }
+    return TO_DEG * worst;
+}
+
+/* Whether a matrix (n, n) tells its terms apart. */
+static int is_distinct(const real *matrix)
+{
+    real scaled[WIDTH * WIDTH];
+    for (int a = 0; a < WIDTH; a++)
+        for (int b = 0; b < WIDTH; b++) {
+            const real unit = matrix[(WIDTH + 1) * a] * matrix[(WIDTH + 1) * b];
+            if (!(unit > FL_TINY)) return 0;
+            scaled[WIDTH * a + b] = matrix[WIDTH * a + b] / fl_sqrt(unit) - (a == b ? DISTINCT : 0);
+        }
+    return !fl_cholesky(scaled, WIDTH);
+}
+
+/* Look for axes that are not linear; the record stays as it is where nothing can be told of them. */
+void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg,
+                     const fl_room *room, flinders_record *record)
+{
+    const fl_surface *const surface = &fit->surface;
+    fl_residuals left;
+    real matrix[WIDTH * WIDTH], inverse[WIDTH * WIDTH], covariance[WIDTH * WIDTH], spread[TERMS * TERMS];
+    real gradient[WIDTH], solution[WIDTH], square = 0;
+    fl_gather_evenly(kernels, view, surface, room, WIDTH, &left);
+    if (left.n == 0) return;
+    for (size_t i = 0; i < left.n; i++) {
+        real direction[3], added[TERMS], *row = left.rows + (WIDTH + 1) * i;
+        for (int axis = 0; axis < 3; axis++) direction[axis] = left.directions[axis * FL_LOOKED + i];
+        displacements(surface, direction, added);
+        for (int term = 0; term < TERMS; term++) row[9 + term] = row[term % 3] * added[term];
+        square += left.distances[i] * left.distances[i];
+    }
+    const real least = FL_FINEST * surface->radius;
+    if (!(square > least * least * (real)left.n)) return;
+    fl_whiten(&left, &fit->slow);
+    fl_normal_equations(&left, matrix, gradient);
+    if (!is_distinct(matrix)) return;
+    fl_inverse(matrix, WIDTH, inverse);
+    fl_multiply(inverse, gradient, WIDTH, WIDTH, 1, solution);
+    fl_take_off(&left, solution);
+    const real independent = fl_covariance_of_solution(&left, matrix, inverse, covariance);
+    if (!(independent >= FEWEST_INDEPENDENT)) return;
+    for (int a = 0; a < TERMS; a++)
+        for (int b = 0; b < TERMS; b++) spread[TERMS * a + b] = covariance[WIDTH * (9 + a) + 9 + b];
+    const int freedom = fl_chi_square(solution + 9, spread, TERMS, &square);
+    record->nonlinear_by_chance = fl_chance_of(square, (real)freedom, independent);
+    record->nonlinear_deg = level_error(surface, solution, dip_deg);
+    memcpy(record->nonlinearity, solution + 9, sizeof record->nonlinearity);
+}
