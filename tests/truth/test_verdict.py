@@ -296,6 +296,7 @@ ELSEWHERE: Final = {
     "test_minmax.py": ("typed-extremes",),
     "test_filters.py": ("filtered",),
     "test_two_axis.py": ("composed",),
+    "test_nonlinearity.py": ("nonlinear-axis",),
     "test_disturbances.py": (
         "disturbance", "disturbance-unmodelled", "disturbance-constant", "disturbance-collinear-attitude",
         "disturbances-collinear", "disturbance-uncertain",

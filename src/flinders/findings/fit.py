@@ -337,6 +337,38 @@ ROWS: Final = (
         remedy="Let the calibration follow it, or record without it.",
     ),
     CatalogueRow(
+        code="nonlinear-axis",
+        subject="fit",
+        grades="note; limits above the target; refuses above five times",
+        number=(
+            "heading error, at the worst heading, of the quadratic and cubic terms of the axes; told where chance "
+            "makes as much less often than once in ten thousand"
+        ),
+        limit="the target",
+        action=(
+            "nothing below the target, the heading error allows for it; else move the sensor away from magnets, so "
+            "that it works in the middle of its range, or take another"
+        ),
+        rule=Rule(
+            "nonlinear_deg",
+            (Grade("note", -1.0), Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg")),
+            limit=Limit(1.0, "target_deg"),
+        ),
+        said=(
+            "axis {nonlinear_axis} is not linear: it is off a straight line by {nonlinear_share:.1%} of the field, "
+            "{nonlinear_deg}° of heading, which the heading error allows for; check whether the sensor is near the "
+            "end of its range, or near a magnet"
+        ),
+        plain=(
+            "An axis of the sensor does not answer in proportion to the field, which no correction of this kind "
+            "takes off: {angle} of heading. The errors given here allow for it."
+        ),
+        remedy=(
+            "Move the sensor away from magnets, so that it works in the middle of its range, or take another sensor."
+        ),
+        alarm=True,
+    ),
+    CatalogueRow(
         code="structure",
         subject="fit",
         grades="note",

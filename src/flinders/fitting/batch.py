@@ -21,6 +21,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.core.units import EARTH_UT, MICROTESLA
+from flinders.diagnostics.nonlinearity import BY_CHANCE
 from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
@@ -362,7 +363,7 @@ def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
         "radius": radius,
         "axis_ratio": axes[:, 2] / axes[:, 0],
         "noise_share": noise / radius,
-        "structure_share": records["distortion"] / radius,
+        "structure_share": np.where(_is_bent(records), np.nan, records["distortion"] / radius),
         "inflation": 2.0 * axes[:, 2] / (records["highest"] - records["lowest"]).max(axis=1),
         "flatness": thickness / width,
         "flatness_limit": np.array([flat_below(w, n) / w for w, n in zip(width.tolist(), noise.tolist(), strict=True)]),
@@ -379,17 +380,25 @@ def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
 def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
     """What the covariance says about heading, with what belongs to directions."""
     level = records["radius"] * np.cos(np.deg2rad(records["dip_deg"]))
-    structure_deg = np.rad2deg(np.nan_to_num(records["distortion"]) / level)
+    across = np.rad2deg(np.nan_to_num(records["distortion"]) / level)
+    structure_deg = np.where(_is_bent(records), np.fmax(across, records["nonlinear_deg"]), across)
     lag_one = np.nan_to_num(records["lag_one"])
     off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
     return {
         "worst_deg": np.hypot(wider * records["level_worst_deg"], structure_deg),
         "rms_deg": np.hypot(wider * records["level_rms_deg"], structure_deg),
         "structure_deg": structure_deg,
+        "nonlinear_deg": np.where(_is_bent(records), records["nonlinear_deg"], np.nan),
         "next_correlation": lag_one,
         "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
         "alternating_deg": np.degrees(np.arctan2(off, level)),
     }
+
+
+def _is_bent(records: Records) -> NDArray[np.bool_]:
+    """(U,) of which units an axis is proven not to be linear."""
+    bent: NDArray[np.bool_] = records["nonlinear_by_chance"] < BY_CHANCE
+    return bent
 
 
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:

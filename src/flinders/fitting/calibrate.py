@@ -22,6 +22,7 @@ from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.axis_swap import axis_swap_of
 from flinders.diagnostics.drift import drift_in, drift_of
+from flinders.diagnostics.nonlinearity import nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
 from flinders.estimators import Readings, at_one_strength, method_of, within_range
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.drift import Drift
+    from flinders.diagnostics.nonlinearity import Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
@@ -497,6 +499,13 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
+def _nonlinearity(estimate: Estimate, evidence: _Evidence) -> Nonlinearity | None:
+    """Whether axes answer along a curve: told of an ellipsoid fitted to the readings as they were recorded."""
+    if evidence.record is None or estimate.plane or estimate.unobserved or estimate.bias.any():
+        return None
+    return nonlinearity_in(evidence.record)
+
+
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     """Whether axes were swapped while one recording in memory was made; if so, residuals are not white."""
     if readings.parts or not isinstance(readings.recording, Samples) or not estimate.may_be_swapped:
@@ -554,6 +563,8 @@ def _judged(
     estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
     error = evidence.heading_error(estimate, request.dip_deg, is_scaled=driving is None)
     dip, distortion = error.dip_deg, _distortion(estimate)
+    nonlinearity = None if driving else _nonlinearity(estimate, evidence)
+    structure_deg = structure_error_deg(distortion, nonlinearity, estimate.ellipsoid.radius, dip)
     result = Fit(
         calibration=calibration,
         method=estimate.method,
@@ -561,7 +572,7 @@ def _judged(
         noise=estimate.noise,
         samples=estimate.used or statistics.rows,
         coverage=evidence.coverage,
-        heading_error_deg=error.combined(structure_error_deg(distortion, estimate.ellipsoid.radius, dip)),
+        heading_error_deg=error.combined(structure_deg),
         distortion=distortion,
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
@@ -573,6 +584,7 @@ def _judged(
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, evidence, dip),
+        nonlinearity=nonlinearity,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
         repeats=claim.repeats,

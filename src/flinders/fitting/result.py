@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.drift import Drift
+    from flinders.diagnostics.nonlinearity import Nonlinearity
     from flinders.diagnostics.repeatability import Repeats
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.errors import FlindersError
@@ -113,9 +114,14 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
-def structure_error_deg(distortion: float, radius: float, dip_deg: float) -> float:
-    """Heading error (1 σ) of as much across a field as the distortion is along it, at a dip of the field."""
-    return float(np.rad2deg(distortion / (radius * np.cos(np.deg2rad(dip_deg)))))
+def structure_error_deg(distortion: float, nonlinearity: Nonlinearity | None, radius: float, dip_deg: float) -> float:
+    """Heading error from what belongs to the direction, at a dip of the field.
+
+    It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not to
+    be linear (at the worst heading), whichever is larger.
+    """
+    across = float(np.rad2deg(distortion / (radius * np.cos(np.deg2rad(dip_deg)))))
+    return max(across, nonlinearity.heading_deg) if nonlinearity is not None and nonlinearity.is_proven else across
 
 
 def error_record(error: HeadingError, target_deg: float) -> HeadingErrorRecord | None:
@@ -178,6 +184,9 @@ class Fit(Outcome):
         `structure_deg` of it is in the heading error.
     drift : Drift, optional
         Where the recording is one and long enough.
+    nonlinearity : Nonlinearity, optional
+        Of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
+        `structure_deg` has it.
     axis_swap : AxisSwap, optional
         Where the readings tell that axes slipped in mid-recording.
     unmodelled : Unmodelled, optional
@@ -227,6 +236,7 @@ class Fit(Outcome):
     outliers: tuple[Outlier, ...] = ()
     distortion: float = 0.0
     drift: Drift | None = None
+    nonlinearity: Nonlinearity | None = None
     axis_swap: AxisSwap | None = None
     unmodelled: Unmodelled | None = None
     repeats: Repeats | None = None
@@ -364,8 +374,8 @@ class Fit(Outcome):
 
     @property
     def structure_deg(self) -> float:
-        """Heading error (1 σ) from what belongs to the direction: as much across the field as it shows along it."""
-        return structure_error_deg(self.distortion, self.ellipsoid.radius, self.known_dip_deg)
+        """Heading error from what belongs to the direction: `structure_error_deg`."""
+        return structure_error_deg(self.distortion, self.nonlinearity, self.ellipsoid.radius, self.known_dip_deg)
 
     @property
     def attitude_limit_deg(self) -> float:
@@ -430,6 +440,7 @@ class Fit(Outcome):
             "strays": [outlier.as_dict() for outlier in self.outliers],
             "distortion": self.distortion,
             "drift": None if self.drift is None else dataclasses.asdict(self.drift),
+            "nonlinearity": None if self.nonlinearity is None else dataclasses.asdict(self.nonlinearity),
             "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),

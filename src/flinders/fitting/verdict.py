@@ -113,8 +113,7 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             **_outliers(fit, statistics.rows),
             "inflation": math.nan if fit.plane else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / radius,
-            "structure_share": fit.distortion / radius,
-            "structure_deg": fit.structure_deg,
+            **_structure(fit),
         },
         attitudes=lambda: attitudes(fit),
         movement=lambda: movement(fit),
@@ -231,6 +230,17 @@ def _changes(fit: Fit) -> dict[str, float]:
     }
 
 
+def _structure(fit: Fit) -> dict[str, float]:
+    """What belongs to the direction: an axis that is proven not to be linear, or else whatever it is."""
+    found = fit.nonlinearity if fit.nonlinearity is not None and fit.nonlinearity.is_proven else None
+    return {
+        "structure_deg": fit.structure_deg,
+        "structure_share": math.nan if found else fit.distortion / fit.ellipsoid.radius,
+        "nonlinear_deg": found.heading_deg if found else math.nan,
+        "nonlinear_share": found.share if found else math.nan,
+    }
+
+
 def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
     """How far recordings of one sensor are apart, by the one that chance explains least."""
     if repeats is None:
@@ -258,6 +268,7 @@ def _alternation(fit: Fit) -> dict[str, float]:
 
 def _change_words(fit: Fit) -> dict[str, Callable[[], str]]:
     return {
+        "nonlinear_axis": lambda: "" if fit.nonlinearity is None else fit.nonlinearity.axis,
         "contradiction": lambda: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
         "swap": lambda: _swap(fit),
         "unmodelled": lambda: "" if fit.unmodelled is None else fit.unmodelled.name,

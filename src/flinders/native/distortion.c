@@ -196,3 +196,14 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t ap
     take_off(residuals, &on, direction, noise);
     return direction;
 }
+
+/* Covariance of two residuals of one direction at different times. */
+real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface)
+{
+    sphere on;
+    real autocovariance[FL_LAGS], cross[CELLS], pairs[CELLS], found = 0, weight = 0;
+    count_cells(residuals, surface, &on);
+    between_visits(residuals, &on, 3 * (size_t)fl_autocovariance(residuals, autocovariance), cross, pairs);
+    for (int k = 0; k < on.n; k++) found += cross[k] / on.counts[k], weight += pairs[k] / on.counts[k];
+    return weight > 0 ? found / weight : 0;
+}

@@ -45,7 +45,7 @@ typedef float flinders_real; /* for processors without double precision: about f
 typedef double flinders_real;
 #endif
 
-#define FLINDERS_RECORD_VERSION 2
+#define FLINDERS_RECORD_VERSION 1
 
 /* What a function returns. */
 enum {

@@ -12,6 +12,7 @@
 enum { TERMS = 6, WIDTH = 9 + TERMS, HEADINGS = 72, FEWEST_INDEPENDENT = 40 };
 
 #define TO_DEG ((real)180 / FL_PI)
+#define EXPLAINED ((real)0.75)   /* of what residuals of one direction have in common: else it is of another kind */
 #define DISTINCT ((real)1e-5) /* smallest eigenvalue of a correlation matrix in which terms are told apart */
 
 /* What terms of 1 make of an axis at a direction: six displacements, of x, y, z by the square and by the cube. */
@@ -31,10 +32,10 @@ static real level_error(const fl_surface *surface, const real solution[WIDTH], r
 {
     const real *step = solution, *shape = solution + 3, *terms = solution + 9;
     const real dip = dip_deg / TO_DEG, flat = fl_cos(dip);
-    real errors[HEADINGS], mean = 0, worst = 0;
+    const real turn = fl_cos(2 * FL_PI / HEADINGS), slant = fl_sin(2 * FL_PI / HEADINGS), height = fl_sin(dip);
+    real errors[HEADINGS], cosine = 1, sine = 0, mean = 0, worst = 0;
     for (int k = 0; k < HEADINGS; k++) {
-        const real turn = 2 * FL_PI * (real)k / HEADINGS, cosine = fl_cos(turn), sine = fl_sin(turn);
-        const real field[3] = {flat * cosine, -flat * sine, fl_sin(dip)}, across[3] = {sine / flat, cosine / flat, 0};
+        const real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
         real added[TERMS], moved[3], corrected[3];
         displacements(surface, field, added);
         fl_sym3_apply(shape, field, moved);
@@ -44,6 +45,9 @@ static real level_error(const fl_surface *surface, const real solution[WIDTH], r
         errors[k] = 0;
         for (int axis = 0; axis < 3; axis++) errors[k] += across[axis] * corrected[axis];
         mean += errors[k] / HEADINGS;
+        const real next = cosine * turn - sine * slant;
+        sine = sine * turn + cosine * slant;
+        cosine = next;
     }
     for (int k = 0; k < HEADINGS; k++) {
         const real error = fl_abs(errors[k] - mean);
@@ -65,6 +69,31 @@ static int is_distinct(const real *matrix)
     return !fl_cholesky(scaled, WIDTH);
 }
 
+/* The readings that are looked at, with the derivatives by all fifteen. */
+static void gather(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                   fl_residuals *out)
+{
+    fl_gather_evenly(kernels, view, surface, room, WIDTH, out);
+    for (size_t i = 0; i < out->n; i++) {
+        real direction[3], added[TERMS], *row = out->rows + (WIDTH + 1) * i;
+        for (int axis = 0; axis < 3; axis++) direction[axis] = out->directions[axis * FL_LOOKED + i];
+        displacements(surface, direction, added);
+        for (int term = 0; term < TERMS; term++) row[9 + term] = row[term % 3] * added[term];
+    }
+}
+
+/* Whether a solution takes off what residuals of one direction have in common at different times. */
+static int explains(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                    const real solution[WIDTH])
+{
+    fl_residuals left;
+    gather(kernels, view, surface, room, &left);
+    kernels->cells(left.directions, left.directions + FL_LOOKED, left.directions + 2 * FL_LOOKED, left.n, left.cells);
+    const real before = fl_common_variance(&left, surface);
+    fl_take_off(&left, solution);
+    return fl_common_variance(&left, surface) < (1 - EXPLAINED) * before;
+}
+
 /* Look for axes that are not linear; the record stays as it is where nothing can be told of them. */
 void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg,
                      const fl_room *room, flinders_record *record)
@@ -73,17 +102,10 @@ void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fi
     fl_residuals left;
     real matrix[WIDTH * WIDTH], inverse[WIDTH * WIDTH], covariance[WIDTH * WIDTH], spread[TERMS * TERMS];
     real gradient[WIDTH], solution[WIDTH], square = 0;
-    fl_gather_evenly(kernels, view, surface, room, WIDTH, &left);
-    if (left.n == 0) return;
-    for (size_t i = 0; i < left.n; i++) {
-        real direction[3], added[TERMS], *row = left.rows + (WIDTH + 1) * i;
-        for (int axis = 0; axis < 3; axis++) direction[axis] = left.directions[axis * FL_LOOKED + i];
-        displacements(surface, direction, added);
-        for (int term = 0; term < TERMS; term++) row[9 + term] = row[term % 3] * added[term];
-        square += left.distances[i] * left.distances[i];
-    }
+    gather(kernels, view, surface, room, &left);
+    for (size_t i = 0; i < left.n; i++) square += left.distances[i] * left.distances[i];
     const real least = FL_FINEST * surface->radius;
-    if (!(square > least * least * (real)left.n)) return;
+    if (left.n == 0 || !(square > least * least * (real)left.n)) return;
     fl_whiten(&left, &fit->slow);
     fl_normal_equations(&left, matrix, gradient);
     if (!is_distinct(matrix)) return;
@@ -92,6 +114,7 @@ void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fi
     fl_take_off(&left, solution);
     const real independent = fl_covariance_of_solution(&left, matrix, inverse, covariance);
     if (!(independent >= FEWEST_INDEPENDENT)) return;
+    if (record->distortion > 0 && !explains(kernels, view, surface, room, solution)) return;
     for (int a = 0; a < TERMS; a++)
         for (int b = 0; b < TERMS; b++) spread[TERMS * a + b] = covariance[WIDTH * (9 + a) + 9 + b];
     const int freedom = fl_chi_square(solution + 9, spread, TERMS, &square);

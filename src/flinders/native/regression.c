@@ -64,19 +64,29 @@ void fl_whiten(fl_residuals *residuals, const fl_slow *slow)
     residuals->n = residuals->begins[1] = kept;
 }
 
-/* Σ JJᵀ and Σ J s. */
+/* Σ JJᵀ and Σ J s: four rows and four columns at a time, the distance behind the Jacobian. */
 void fl_normal_equations(const fl_residuals *residuals, real *matrix, real *gradient)
 {
+    enum { COLUMNS = (FL_WIDEST + 4) / 4 * 4 };
     const int n = residuals->width;
-    const size_t stride = (size_t)n + 1;
-    memset(matrix, 0, (size_t)(n * n) * sizeof(real));
-    memset(gradient, 0, (size_t)n * sizeof(real));
-    for (size_t i = 0; i < residuals->n; i++) {
-        const real *row = residuals->rows + stride * i;
-        for (int a = 0; a < n; a++) {
-            gradient[a] += row[a] * residuals->distances[i];
-            for (int b = 0; b < n; b++) matrix[n * a + b] += row[a] * row[b];
+    real sums[COLUMNS][COLUMNS] = {{0}}, rows[4][COLUMNS] = {{0}};
+    for (size_t i = 0; i < residuals->n; i += 4) {
+        for (size_t k = 0; k < 4; k++) {
+            const size_t row = i + k;
+            if (row < residuals->n) {
+                memcpy(rows[k], residuals->rows + (size_t)(n + 1) * row, (size_t)n * sizeof(real));
+                rows[k][n] = residuals->distances[row];
+            } else memset(rows[k], 0, sizeof rows[k]);
         }
+        for (int a = 0; a < n; a++)
+            for (int begin = a / 4 * 4; begin < COLUMNS; begin += 4)
+                for (int b = begin; b < begin + 4; b++)
+                    sums[a][b] += rows[0][a] * rows[0][b] + rows[1][a] * rows[1][b] + rows[2][a] * rows[2][b] +
+                                  rows[3][a] * rows[3][b];
+    }
+    for (int a = 0; a < n; a++) {
+        gradient[a] = sums[a][n];
+        for (int b = a; b < n; b++) matrix[n * a + b] = matrix[n * b + a] = sums[a][b];
     }
 }
 

@@ -31,6 +31,7 @@ void fl_scatter_in_time(const fl_residuals *residuals, const real *white, const 
 real fl_creep(fl_blocks *blocks, const real scatter[81]);
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t apart, real time, const fl_room *room,
                    real scatter[81]);
+real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
                   const fl_room *room, fl_slow *slow, real step[9], real covariance[81], real without[81]);

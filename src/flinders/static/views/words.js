@@ -178,6 +178,7 @@ export const REASONS = Object.freeze({
     noise: "There is too much noise.",
     outliers: "Many readings do not belong to the rest.",
     structure: "The readings do not fit an ellipsoid.",
+    "nonlinear-axis": "An axis of the sensor is not linear.",
     "axis-ratio": "One axis reads much more than another.",
 });
 
