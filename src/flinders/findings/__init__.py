@@ -19,6 +19,7 @@ from flinders.findings import aiding, calibration, disturbances, fit, recording,
 from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import VERDICTS as VERDICTS
 from flinders.findings.row import CatalogueRow as CatalogueRow  # noqa: TC001 - also a name to import
+from flinders.findings.row import Condition as Condition
 from flinders.findings.row import Finding as Finding
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record

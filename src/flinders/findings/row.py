@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
+
+Condition = Literal["uniform-field", "constant-iron"]
+"""What a good verdict may rest on."""
 Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors"]
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}

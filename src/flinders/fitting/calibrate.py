@@ -33,7 +33,7 @@ from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, repeated
 from flinders.fitting.result import Fit, Refused, structure_error_deg
-from flinders.fitting.verdict import judge
+from flinders.fitting.verdict import conditions, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA
@@ -595,7 +595,8 @@ def _judged(
     )
     if driving is not None:
         result = _with_disturbances(result, driving)
-    return replace(result, findings=judge(result, statistics))
+    result = replace(result, findings=judge(result, statistics))
+    return replace(result, conditions=conditions(result))
 
 
 def _with_disturbances(result: Fit, driving: Driving) -> Fit:

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError
     from flinders.estimators.outliers import Outlier
     from flinders.estimators.regressors import DisturbanceEstimate
-    from flinders.findings import Severity
+    from flinders.findings import Condition, Severity
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
@@ -187,6 +187,9 @@ class Fit(Outcome):
     nonlinearity : Nonlinearity, optional
         Of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
         `structure_deg` has it.
+    conditions : tuple of {'uniform-field', 'constant-iron'}
+        What a good verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
+        was, and that neither current nor iron near it changed with its attitude. Other evidence ends them.
     axis_swap : AxisSwap, optional
         Where the readings tell that axes slipped in mid-recording.
     unmodelled : Unmodelled, optional
@@ -237,6 +240,7 @@ class Fit(Outcome):
     distortion: float = 0.0
     drift: Drift | None = None
     nonlinearity: Nonlinearity | None = None
+    conditions: tuple[Condition, ...] = ()
     axis_swap: AxisSwap | None = None
     unmodelled: Unmodelled | None = None
     repeats: Repeats | None = None
@@ -441,6 +445,7 @@ class Fit(Outcome):
             "distortion": self.distortion,
             "drift": None if self.drift is None else dataclasses.asdict(self.drift),
             "nonlinearity": None if self.nonlinearity is None else dataclasses.asdict(self.nonlinearity),
+            "conditions": list(self.conditions),
             "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),
             "covariance": self.covariance.tolist(),

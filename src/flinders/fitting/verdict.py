@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flinders.core.disturbance import Disturbance
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
-    from flinders.findings import CatalogueRow
+    from flinders.findings import CatalogueRow, Condition
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import DataQuality, Rail
@@ -59,6 +59,10 @@ BEYOND_CLAIM: Final = 3.0
 CHANGED_SHARE: Final = 0.25
 ALTERNATING: Final = -0.25
 """Correlation of a residual with the next that neither noise has nor what changes slowly."""
+SAME_STRENGTH: Final = 0.03
+"""Of the strength of the field: within it, readings have the one that is known of the place."""
+SEES_THE_FIELD: Final = frozenset({"dip", "tilt", "attitude"})
+"""Aiding sensors to which the field of a place with iron looks bent."""
 UNSAID: Final = 0.5
 """Of the target: a curve of a disturbance that costs less heading is left unsaid."""
 STRAIGHT: Final = "current"
@@ -89,6 +93,27 @@ def judge(result: Fit, statistics: Statistics) -> tuple[Finding, ...]:
         else (flat,)
     )
     return by_severity([*supported, *of_recording(statistics)])
+
+
+def conditions(fit: Fit) -> tuple[Condition, ...]:
+    """What a good fit rests on and nothing here shows.
+
+    A field that depends on the attitude, of iron at the place or of a current, hides in the calibration itself. A
+    second recording that agrees, the accelerometer's dip, and a known strength of the field that the readings have
+    speak for a place without iron; currents that are compensated speak for themselves.
+    """
+    if fit.verdict != "good":
+        return ()
+    kept = () if fit.aiding is None else tuple(sensor.name for sensor in fit.aiding.each if sensor.kept)
+    agrees = fit.repeats is not None and not any(finding.code == "recordings-differ" for finding in fit.findings)
+    is_strong = fit.calibration.field_strength_known and fit.calibration.unit == MICROTESLA
+    matches = is_strong and abs(fit.ellipsoid.radius / fit.calibration.field_strength - 1.0) < SAME_STRENGTH
+    is_uniform = agrees or matches or bool(SEES_THE_FIELD & set(kept))
+    open_ones: tuple[tuple[Condition, bool], ...] = (
+        ("uniform-field", is_uniform),
+        ("constant-iron", bool(fit.disturbances)),
+    )
+    return tuple(code for code, is_ended in open_ones if not is_ended)
 
 
 def _applied(rows: Iterable[CatalogueRow], record: Mapping[str, object]) -> Iterator[Finding]:

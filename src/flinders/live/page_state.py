@@ -105,11 +105,16 @@ def _of_view(session: Session) -> tuple[Phase, str]:
     if view.verdict != "refused" and not _is_sure(session):
         return "collecting", f"Almost: {done}; hold on a little."
     by_verdict: dict[str, tuple[Phase, str]] = {
-        "good": ("good", f"Good: {done}."),
+        "good": ("good", f"Good: {done}.{_resting_on(view)}"),
         "limited": ("limited", f"Good enough, with limits: {done}{_as_far_as(view)}."),
         "refused": ("wrong", view.sentence),
     }
     return by_verdict[view.verdict]
+
+
+def _resting_on(view: View) -> str:
+    """What that rests on."""
+    return f" {_sentence(view.condition)}" if view.condition else ""
 
 
 def _as_far_as(view: View) -> str:

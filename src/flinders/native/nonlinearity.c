@@ -118,7 +118,8 @@ void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fi
     for (int a = 0; a < TERMS; a++)
         for (int b = 0; b < TERMS; b++) spread[TERMS * a + b] = covariance[WIDTH * (9 + a) + 9 + b];
     const int freedom = fl_chi_square(solution + 9, spread, TERMS, &square);
-    record->nonlinear_by_chance = fl_chance_of(square, (real)freedom, independent);
+    const real share = (real)record->distinct / (real)record->rows; /* a reading that stands there twice is one */
+    record->nonlinear_by_chance = fl_chance_of(share < 1 ? share * square : square, (real)freedom, independent);
     record->nonlinear_deg = level_error(surface, solution, dip_deg);
     memcpy(record->nonlinearity, solution + 9, sizeof record->nonlinearity);
 }

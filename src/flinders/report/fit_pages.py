@@ -12,7 +12,7 @@ from rich.text import Text
 
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
-from flinders.fitting.advice import UPSIDE_DOWN, movement
+from flinders.fitting.advice import UPSIDE_DOWN, condition, movement
 from flinders.fitting.result import Fit, fit_of
 from flinders.report.formatting import degrees, p_value, written_time
 from flinders.report.sections import mounting, said_of
@@ -144,7 +144,8 @@ def _fit_verdict(fit: Fit) -> Table:
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     reach = "" if fit.verdict != "good" else f", {_reach(fit)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
-    return _quality(fit, reach, "no calibration was written", basis, *([Text(adds)] if adds else []))
+    more = [Text(words) for words in (adds, condition(fit)) if words]
+    return _quality(fit, reach, "no calibration was written", basis, *more)
 
 
 def _reach(fit: Fit) -> str:

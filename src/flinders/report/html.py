@@ -33,7 +33,7 @@ import numpy as np
 from flinders.core.calibration_file import Provenance
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
-from flinders.fitting.advice import UPSIDE_DOWN
+from flinders.fitting.advice import UPSIDE_DOWN, condition
 from flinders.fitting.export import export_fit, origin_lines
 from flinders.fitting.result import Fit, fit_of
 from flinders.report import figures as drawing
@@ -41,7 +41,6 @@ from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
     as_sentence,
-    capitalised,
     date_of,
     degrees,
     length,
@@ -211,7 +210,8 @@ def _outcome(outcome: Fit | FitError, fit: Fit | None) -> dict[str, str]:
     if fit is None:
         return {"verdict": "refused", "title": "No calibration", "sentence": f"{str(outcome).rstrip('.')}."}
     title = TITLES[fit.verdict] if fit.states_uncertainty else "Of unknown quality"
-    return {"verdict": fit.verdict, "title": title, "sentence": capitalised(sentence(fit))}
+    said = " ".join(map(as_sentence, filter(None, (sentence(fit), condition(fit)))))
+    return {"verdict": fit.verdict, "title": title, "sentence": said}
 
 
 def _walk_words(walk: RandomWalk, fit: Fit) -> str:

@@ -29,7 +29,7 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.findings.row import ANY_ANGLE_DEG
-from flinders.fitting.advice import UPSIDE_DOWN, WORTH_IT, movement
+from flinders.fitting.advice import UPSIDE_DOWN, WORTH_IT, condition, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
@@ -155,6 +155,8 @@ class View(Struct, frozen=True, kw_only=True):
     verdict : str
     sentence : str
         The verdict in plain words.
+    condition : str
+        What a good verdict rests on and nothing shows; empty where there is nothing.
     method : str
     unit : str
         ``µT`` or ``counts``; of all that is a field.
@@ -189,6 +191,7 @@ class View(Struct, frozen=True, kw_only=True):
 
     verdict: Literal["good", "limited", "refused"]
     sentence: str
+    condition: str = ""
     method: str
     unit: str
     field_strength: float | None = None
@@ -274,6 +277,7 @@ def view(
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=sentence(fit, claims.get("attitude_limit_deg")),
+        condition=condition(fit),
         **({} if fit.is_flat else _drawn(fit, corrected)),
         **claims,
     )

@@ -126,6 +126,7 @@ export interface Shown {
 export interface View {
   verdict: "good" | "limited" | "refused";
   sentence: string;
+  condition: string;
   method: string;
   unit: string;
   field_strength: number | null;
