@@ -54,6 +54,7 @@ def test_a_current_that_is_compensated_is_no_condition() -> None:
     assert good.verdict == "good"
 
 
-def test_a_file_keeps_none(tmp_path: Path) -> None:
-    flinders.fit(simulate.tumble(seed=1).samples).save(tmp_path / "calibration.json")
-    assert Fit.load(tmp_path / "calibration.json").conditions == ()
+def test_a_file_keeps_them(tmp_path: Path) -> None:
+    fit = flinders.fit(simulate.tumble(seed=1).samples)
+    fit.save(tmp_path / "calibration.json")
+    assert Fit.load(tmp_path / "calibration.json").conditions == fit.conditions != ()

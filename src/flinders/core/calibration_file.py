@@ -224,6 +224,8 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     heading_error_deg : HeadingErrorRecord or None
     coverage : name to number
     findings : of FindingRecord
+    conditions : of str, optional
+        What a good verdict rests on: ``uniform-field``, ``constant-iron``.
     beside : BesideRecord, optional
         Where something beside the magnetometer was used.
     """
@@ -237,6 +239,7 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     heading_error_deg: HeadingErrorRecord | None = None
     coverage: dict[str, float] = {}
     findings: tuple[FindingRecord, ...] = ()
+    conditions: tuple[Literal["uniform-field", "constant-iron"], ...] | UnsetType = UNSET
     beside: BesideRecord | UnsetType = UNSET
 
     def __post_init__(self) -> None:

@@ -495,6 +495,7 @@ class Fit(Outcome):
             heading_error_deg=error_record(self.heading_error_deg, self.target_deg),
             coverage=self.coverage.as_dict(),
             findings=self.finding_records,
+            conditions=self.conditions or UNSET,
             beside=UNSET if self.aiding is None else self.aiding.to_record(),
         )
 
@@ -560,6 +561,7 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         z_down=_z_down(findings),
         aiding=None if record.beside is UNSET else Aiding.from_record(record.beside),
         findings=findings,
+        conditions=record.conditions or (),
     )
     if error is not None:
         dip_deg = math.nan if error.dip_deg is None else error.dip_deg
