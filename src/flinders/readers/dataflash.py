@@ -52,7 +52,7 @@ from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, R
 from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, as_column
 from flinders.readers._source import refusal
-from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, device_id
+from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -308,7 +308,7 @@ def _instrument(
         frames=IN_VEHICLE_AXES,
         autopilot="ardupilot",
         compass=known or None,
-        device_id=device_id(history.last, known) if known else None,
+        device_id=ArduPilotParameters.read(history.last, known).device_id if known else None,
         beginning=np.nan if clock is None else float(clock[0]),
         readings=len(mag),
         notes=tuple(_remarks(compass, in_force, history.last, number, ill)),

@@ -46,7 +46,7 @@ from flinders.readers._names import CURRENT, THROTTLE
 from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, numbered, resampled, shares
 from flinders.readers._source import refusal
-from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses, device_id
+from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -441,7 +441,7 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
         frames=IN_VEHICLE_AXES if is_turned else ("sensor", "sensor"),
         autopilot="ardupilot" if is_ardupilot else None,
         compass=number if is_ardupilot else None,
-        device_id=device_id(history.last, number) if is_ardupilot else None,
+        device_id=ArduPilotParameters.read(history.last, number).device_id if is_ardupilot else None,
         beginning=float(table[0, CLOCK]),
         readings=len(table),
         notes=(*remarks, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),

@@ -514,7 +514,7 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
             f"the calibration on board changed at {at}{' …' * (len(readings.settings) > 4)} (since start-up): each "
             "reading is un-applied with the one that was in force"
         )
-    if parameters is not None and parameters.compensation.any() and readings.settings and readings.is_turned:
+    if parameters is not None and parameters.motor.any() and readings.settings and readings.is_turned:
         notes.append("COMP is not taken off: with the motors running, readings are those after it")
     stored = None
     if parameters is not None:
@@ -544,7 +544,7 @@ def _settings(flight: _Flight, device: int, *, turned: bool) -> tuple[tuple[floa
     settings: list[tuple[float, px4.Px4Parameters]] = []
     for since, values in flight.stages:
         parameters = px4.of_device(values, device) or px4.Px4Parameters()
-        parameters = replace(parameters, compensation=np.zeros(3))
+        parameters = replace(parameters, motor=np.zeros(3))
         if not turned:
             parameters = replace(parameters, rotation=px4.INTERNAL, board=np.eye(3))
         if not np.isfinite(parameters.matrix).all() or np.linalg.matrix_rank(parameters.matrix) < 3:

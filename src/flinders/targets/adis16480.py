@@ -38,9 +38,7 @@ from flinders.arrays import Floats, floats, vectors
 from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
-from flinders.targets._affine import in_recorded_axes
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
+from flinders.targets._target import ExportOptions, Target, Written, in_recorded_axes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

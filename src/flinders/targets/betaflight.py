@@ -22,10 +22,8 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
-from flinders.targets._affine import VEHICLE, Affine, acting, in_16_bits
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import counts, in_16_bits, settings
+from flinders.targets._target import VEHICLE, Affine, ExportOptions, Target, TargetReader, Written, acting
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

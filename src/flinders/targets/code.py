@@ -21,20 +21,32 @@ array([400.,   0.,   0.])
 from __future__ import annotations
 
 import math
+import re
+import unicodedata
+import zlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.errors import NotExportable
-from flinders.targets._affine import OWN, RECORDED, Affine, driver_in_recorded_axes, single, whole
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
-from flinders.targets._text import BLOCK, HASH, begun, digits, float32s, guarded
+from flinders.errors import NotExportable, UsageError
+from flinders.targets._numbers import whole
+from flinders.targets._target import (
+    BLOCK,
+    HASH,
+    OWN,
+    RECORDED,
+    Affine,
+    ExportOptions,
+    Target,
+    Written,
+    shift_in_recorded_axes,
+    single,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -291,7 +303,7 @@ def _driven(calibration: Calibration, name: str) -> Iterator[str]:
         return
     disturbances = {disturbance.kind.key: disturbance for disturbance in calibration.disturbances}
     for key, disturbance in disturbances.items():
-        per_unit = single(driver_in_recorded_axes(calibration, disturbance) / calibration.raw.scale)
+        per_unit = single(shift_in_recorded_axes(calibration, disturbance) / calibration.raw.scale)
         yield ""
         yield f"/* {disturbance} */".replace("°", "deg ").replace("−", "-")
         declared = f"static const float {name}_{key.lower()}[3]"
@@ -346,6 +358,88 @@ def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: 
     values = {"entries": code.entries, "shift": code.shift, "offset": code.offset, "fraction": form.fraction}
     notes = [f"readings and results are whole numbers of {unit}"]
     return Written(code.apply, guarded(name, text.splitlines()), values, notes)
+
+
+# names and numbers in code
+
+LONGEST: Final = 31
+"""Letters of a name that all compilers tell apart."""
+
+
+def digits(value: float, suffix: str = "") -> str:
+    """Write a number of single precision so that it is read back the same, with a point.
+
+    >>> digits(0.1), digits(-3.0, "f"), digits(1e-12)
+    ('0.100000001', '-3.0f', '9.99999996e-13')
+    """
+    text = f"{np.float32(value) + np.float32(0):.9g}"
+    return f"{text if any(sign in text for sign in '.en') else f'{text}.0'}{suffix}"
+
+
+def float32s(values: Iterable[float], suffix: str = "") -> str:
+    """Write numbers of single precision, with commas between them.
+
+    >>> float32s([0.1, -3.0], "f")
+    '0.100000001f, -3.0f'
+    """
+    return ", ".join(digits(value, suffix) for value in values)
+
+
+def begun(usual: str, name: str | None) -> str:
+    """What names in generated code begin with.
+
+    Parameters
+    ----------
+    usual : str
+        Where no name was asked for.
+    name : str, optional
+        What a person calls the sensor: letters and digits of ASCII are kept, what is between them becomes ``_``.
+
+    Raises
+    ------
+    UsageError
+        For a name of which nothing is left, or too much.
+    """
+    if name is None:
+        return usual
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    word = re.sub(r"[^0-9A-Za-z]+", "_", plain).strip("_")
+    word = f"mag_{word}" if word[:1].isdigit() else word
+    if not 0 < len(word) <= LONGEST:
+        raise UsageError(
+            f"--name {name[:LONGEST]!r} leaves {len(word)} letters and digits of ASCII to begin names in code with: "
+            f"need 1 to {LONGEST}, such as --name mast"
+        )
+    return word
+
+
+def guarded(word: str, body: Sequence[str]) -> list[str]:
+    """Put an include guard around a header.
+
+    The guard holds a checksum of the lines: the same header may be included again, and another one of the same names
+    is an error, where an empty guard would give the second sensor the numbers of the first without a word.
+
+    >>> print(*guarded("mast", ["int x;"]), sep=chr(10))
+    #ifndef MAST_CALIBRATION_H
+    #define MAST_CALIBRATION_H 0x32c65decu
+    <BLANKLINE>
+    int x;
+    <BLANKLINE>
+    #elif MAST_CALIBRATION_H != 0x32c65decu
+    #error "two calibrations have the names of mast: write one of them with flinders export --name"
+    #endif
+    """
+    guard, checksum = f"{word.upper()}_CALIBRATION_H", zlib.crc32("\n".join(body).encode())
+    return [
+        f"#ifndef {guard}",
+        f"#define {guard} 0x{checksum:08x}u",
+        "",
+        *body,
+        "",
+        f"#elif {guard} != 0x{checksum:08x}u",
+        f'#error "two calibrations have the names of {word}: write one of them with flinders export --name"',
+        "#endif",
+    ]
 
 
 HEADER: Final = Target(

@@ -30,10 +30,8 @@ import numpy as np
 from flinders.arrays import Floats, floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
-from flinders.targets._affine import in_16_bits, of_radii, offset_and_radii
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import INT16, counts, in_16_bits, of_radii, offset_and_radii, settings
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -82,7 +80,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
             f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
             "at its default: save what dump prints"
         )
-    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, lowest=1)
+    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, between=(1, INT16[1]))
     return of_radii(zero, floats(gain), strength)
 
 

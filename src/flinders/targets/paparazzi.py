@@ -26,11 +26,8 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError, NotExportable
-from flinders.targets._affine import of_radii, offset_and_radii, whole
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import counts, decoded, keyed, numbers
-from flinders.targets._target import Target, TargetReader
-from flinders.targets._text import MARKUP
+from flinders.targets._numbers import counts, decoded, keyed, numbers, of_radii, offset_and_radii, whole
+from flinders.targets._target import MARKUP, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -89,7 +86,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
             f"{source}: {turned[0]} is {defines[turned[0]]}: whether the numbers stand before or after that change of "
             "sign is not known here; take the axes of IMU_MAG_RAW, and define no sign but 1"
         )
-    neutral = counts(defines, NEUTRALS, source, lowest=LOWEST, highest=HIGHEST)
+    neutral = counts(defines, NEUTRALS, source, between=(LOWEST, HIGHEST))
     sensitivity = numbers(defines, SENSITIVITIES, source)
     if not np.all(sensitivity > 0):
         raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or turned over")

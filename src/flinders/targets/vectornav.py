@@ -22,10 +22,8 @@ from operator import xor
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError
-from flinders.targets._affine import Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import decoded, numbers
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import decoded, numbers
+from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
