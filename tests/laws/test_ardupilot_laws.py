@@ -93,4 +93,4 @@ def test_any_bytes_behind_a_log_leave_what_was_before(junk: list[int], cut: int)
     found = read_packed(np.frombuffer(log, np.uint8), WANTED)
     values = found["MAG"].column("MagX")
     assert values[:18].tolist() == list(range(18))
-    assert 0 <= found.strays <= len(junk) + 18
+    assert 0 <= found.skipped <= len(junk) + 18

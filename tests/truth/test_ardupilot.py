@@ -649,10 +649,9 @@ def as_text(content: bytes) -> str:
     tables = _fmt.read_packed(np.frombuffer(content, np.uint8), names).tables
     lines: list[tuple[int, str]] = []
     for name, table in tables.items():
-        assert isinstance(table, _fmt.Packed)
         cells = [
             table.texts(label) if letter in "nNZ" else [f"{value:.9g}" for value in table.column(label).tolist()]
-            for label, letter in zip(table.labels, table.format.letters, strict=True)
+            for label, (letter, *_) in table.fields.items()
         ]
         lines += [(int(at), ", ".join((name, *row))) for at, *row in zip(table.where, *cells, strict=True)]
     return "\n".join(line for _, line in sorted(lines)) + "\n"
@@ -666,7 +665,7 @@ def test_messages_are_found_whatever_the_size_of_the_pieces(tmp_path: Path, monk
     for chunk in (300, 1000, 4097):
         monkeypatch.setattr(_fmt, "CHUNK", chunk)
         found = _fmt.read_packed(np.frombuffer(content, np.uint8), dataflash.WANTED)
-        assert (found.strays, list(found.tables)) == (whole.strays, list(whole.tables))
+        assert (found.skipped, list(found.tables)) == (whole.skipped, list(whole.tables))
         for name, table in whole.tables.items():
             npt.assert_array_equal(found[name].where, table.where)
 
