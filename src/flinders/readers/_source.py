@@ -484,18 +484,23 @@ def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
     )
 
 
-def unpacked_piece(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of zlib, bz2, lz4 or zstd
-    """Unpack a piece, and refuse one that is not whole or unpacks to more than `MOST_PIECE` bytes.
+def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
+    """Unpack a piece; of one that is known to be cut (not `is_whole`), as much as is there.
 
     Raises
     ------
     ValueError
-        For one that is not whole.
+        For one that should be whole and is not.
     UnreadableInput
+        For one that unpacks to more than `MOST_PIECE` bytes.
     """
     content: bytes = unpacker.decompress(packed, MOST_PIECE)
     if unpacker.eof:
         return content
-    if len(content) < MOST_PIECE:
+    if len(content) >= MOST_PIECE:
+        raise UnreadableInput(
+            f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it"
+        )
+    if is_whole:
         raise ValueError("a packed piece is not whole")
-    raise UnreadableInput(f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it")
+    return content
