@@ -37,17 +37,10 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, eq=False)
 class Compensator:
-    """Takes what drives the offset off the blocks of one recording, in their order.
+    """Takes what drives the offset off the blocks of one recording, in their order."""
 
-    Attributes
-    ----------
-    calibration : Calibration
-        With the disturbances; without any, readings stay as they are.
-    beyond : dict of str to float
-        Of each disturbance, how far it was seen outside the range that it was found in, as a share of it.
-    """
-
-    calibration: Calibration
+    calibration: Calibration  #: with the disturbances; without any, readings stay as they are
+    #: of each disturbance, how far it was seen outside the range that it was found in, as a share of it
     beyond: dict[str, float] = field(default_factory=dict)
     _before: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
@@ -98,17 +91,10 @@ class Compensator:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compensated(Wrapped):
-    """A recording without what drives its offset.
-
-    Attributes
-    ----------
-    recording : Recording
-    calibration : Calibration
-        With the disturbances.
-    """
+    """A recording without what drives its offset."""
 
     recording: Recording
-    calibration: Calibration
+    calibration: Calibration  #: with the disturbances
 
     def blocks(self) -> Iterator[Samples]:
         """Yield compensated blocks."""

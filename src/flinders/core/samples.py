@@ -38,24 +38,12 @@ BLOCK: Final = 8192
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Rows of a recording that could not be used.
+    """Rows of a recording that could not be used."""
 
-    Attributes
-    ----------
-    reason : str
-        ``"not finite"`` or ``"unreadable"``.
-    rows : int
-        How many.
-    lines : tuple of int
-        Numbers of the first few lines of the file, or rows of the array, counted from 1.
-    example : str
-        What the first of them says, cut short.
-    """
-
-    reason: str
-    rows: int
-    lines: tuple[int, ...] = ()
-    example: str = ""
+    reason: str  #: ``"not finite"`` or ``"unreadable"``
+    rows: int  #: how many
+    lines: tuple[int, ...] = ()  #: numbers of the first few lines of the file, or rows of the array, counted from 1
+    example: str = ""  #: what the first of them says, cut short
 
     def __add__(self, other: Skipped) -> Skipped:
         """Count both; they must have the same reason."""
@@ -313,13 +301,7 @@ class Recording(Protocol):
 
 
 class Wrapped:
-    """A recording that goes through another one, and has its source, unit and axes.
-
-    Attributes
-    ----------
-    recording : Recording
-        The other one.
-    """
+    """A recording that goes through another one, and has its source, unit and axes."""
 
     __slots__ = ()
     recording: Recording
@@ -349,13 +331,6 @@ class Wrapped:
 class CountedRecording(Wrapped):
     """A recording that counts its readings, and notes their earliest and latest time, on each pass.
 
-    Attributes
-    ----------
-    recording : Recording
-    rows : int
-    span : (float, float), s
-        NaN where times are not known.
-
     Examples
     --------
     >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
@@ -365,7 +340,7 @@ class CountedRecording(Wrapped):
 
     recording: Recording
     rows: int = 0
-    span: tuple[float, float] = (np.nan, np.nan)
+    span: tuple[float, float] = (np.nan, np.nan)  #: earliest and latest time, s; NaN where not known
 
     def __len__(self) -> int:
         return self.rows
@@ -384,11 +359,6 @@ class CountedRecording(Wrapped):
 class Joined:
     """Several recordings of one sensor, one after the other.
 
-    Attributes
-    ----------
-    recordings : tuple of Recording
-        At least one; all in one unit and one set of axes.
-
     Raises
     ------
     UnitError
@@ -397,7 +367,7 @@ class Joined:
         If one is in the axes of the vehicle and another in those of the sensor.
     """
 
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Recording, ...]  #: at least one; all in one unit and one set of axes
 
     def __post_init__(self) -> None:
         """Refuse recordings whose numbers do not belong together."""

@@ -95,18 +95,10 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Messages of one name.
+    """Messages of one name."""
 
-    Attributes
-    ----------
-    fields : dict of Field
-        By label.
-    where : (N,) int64
-        At which byte or on which line each begins; ascending.
-    """
-
-    fields: dict[str, Field]
-    where: Places
+    fields: dict[str, Field]  # by label
+    where: Places  # (N,) int64: at which byte or on which line each begins; ascending
 
     @classmethod
     def packed(cls, raw: Bytes, format: Format, where: Places) -> Table:
@@ -181,22 +173,12 @@ class Table:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """What was wanted of a log.
+    """What was wanted of a log."""
 
-    Attributes
-    ----------
-    tables : dict of Table
-        By name; those of which there is at least one message.
-    skipped, gaps : int
-        Bytes, or lines, that belong to no message, and in how many places they are.
-    is_text : bool
-        The log was turned into text: places are lines.
-    """
-
-    tables: dict[str, Table]
-    skipped: int = 0
+    tables: dict[str, Table]  # by name; those of which there is at least one message
+    skipped: int = 0  # bytes, or lines, that belong to no message, and in how many places they are
     gaps: int = 0
-    is_text: bool = False
+    is_text: bool = False  # the log was turned into text: places are lines
 
     def __getitem__(self, name: str) -> Table:
         return self.tables[name]
@@ -241,22 +223,12 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
 
 
 class _Segment(NamedTuple):
-    """A part of a log, and where in it messages might begin.
+    """A part of a log, and where in it messages might begin."""
 
-    Attributes
-    ----------
-    raw : (size,) uint8
-        The whole log.
-    at, stop : int
-        The part; `window` goes on for a message or two.
-    headers : (N,) int64
-        Where the two bytes of a header stand, from `at`.
-    """
-
-    raw: Bytes
-    at: int
+    raw: Bytes  # (size,) uint8: the whole log
+    at: int  # the part; `window` goes on for a message or two
     stop: int
-    headers: Places
+    headers: Places  # (N,) int64: where the two bytes of a header stand, from `at`
 
     @classmethod
     def of(cls, raw: Bytes, at: int, stop: int) -> _Segment:

@@ -45,17 +45,10 @@ LEAST_COSINE: Final = float(np.cos(WIDEST_TURN / 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeSeries:
-    """Measurements with times of their own.
+    """Measurements with times of their own."""
 
-    Attributes
-    ----------
-    time : (M,) float, s
-        Ascending.
-    values : (M, k) float
-    """
-
-    time: Floats
-    values: Floats
+    time: Floats  # (M,), s: ascending
+    values: Floats  # (M, k)
 
     @classmethod
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:

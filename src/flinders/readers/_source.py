@@ -64,21 +64,11 @@ LEAST_NUMBERS: Final = 3
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class File:
-    """A file that stays where it is while it is being read.
+    """A file that stays where it is while it is being read."""
 
-    Attributes
-    ----------
-    name : str
-        For messages.
-    path : Path
-        Where the bytes lie: the file itself, or its copy in a temporary file.
-    size : int, bytes
-        As it lies on the disk, compressed or not.
-    """
-
-    name: str
-    path: Path
-    size: int
+    name: str  # for messages
+    path: Path  # where the bytes lie: the file itself, or its copy in a temporary file
+    size: int  # as it lies on the disk, compressed or not
 
     def is_packed(self) -> bool:
         """Whether it lies on the disk as gzip.

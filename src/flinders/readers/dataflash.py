@@ -206,24 +206,12 @@ def _compasses(messages: Messages) -> list[tuple[str, int, Table]]:
 
 @dataclass(frozen=True, eq=False)
 class _Compass:
-    """What the readings of a compass are made of.
-
-    Attributes
-    ----------
-    source : str
-    mag : Table
-        Its messages.
-    stage : (N,) int
-        Which parameters were in force at each.
-    parameters : dict of ArduPilotParameters
-        By stage.
-    auxiliary : mapping of Series
-    """
+    """What the readings of a compass are made of."""
 
     source: str
-    mag: Table
-    stage: NDArray[np.intp]
-    parameters: dict[int, ArduPilotParameters]
+    mag: Table  # its messages
+    stage: NDArray[np.intp]  # (N,): which parameters were in force at each
+    parameters: dict[int, ArduPilotParameters]  # by stage
     auxiliary: Mapping[str, Series]
 
     @cached_property

@@ -132,27 +132,14 @@ class _Array(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Catalogue:
-    """What an open file holds.
-
-    Attributes
-    ----------
-    h5py : module
-    opened : h5py.File
-        Open for as long as the recording is there.
-    file : File
-    is_matlab : bool
-        Arrays are stored with their axes in reverse.
-    arrays : list of _Array
-    left_out : list of str
-        Datasets that are not read, each with the reason.
-    """
+    """What an open file holds."""
 
     h5py: Any
-    opened: Any
+    opened: Any  # open for as long as the recording is there
     file: File
-    is_matlab: bool
+    is_matlab: bool  # arrays are stored with their axes in reverse
     arrays: list[_Array] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)  # datasets that are not read, each with the reason
     _addresses: set[int] = field(default_factory=set)
     _links: int = 0
     _has_sound_heaps: bool = False

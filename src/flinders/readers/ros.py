@@ -253,28 +253,15 @@ def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> I
 
 @dataclass(slots=True, eq=False)
 class _Topic:
-    """What one topic holds.
-
-    Attributes
-    ----------
-    name, kind : str
-    frame : str
-        Of its first message.
-    stamps : (N,) int, ns
-    values : (N, k) float, flat
-    unstamped : int
-        Messages whose header has no time.
-    broken : int
-        Messages that cannot be decoded.
-    """
+    """What one topic holds."""
 
     name: str
     kind: str
-    frame: str = ""
-    stamps: array[int] = field(default_factory=lambda: array("q"))
-    values: array[float] = field(default_factory=lambda: array("d"))
-    unstamped: int = 0
-    broken: int = 0
+    frame: str = ""  # of its first message
+    stamps: array[int] = field(default_factory=lambda: array("q"))  # (N,), ns
+    values: array[float] = field(default_factory=lambda: array("d"))  # (N, k)
+    unstamped: int = 0  # messages whose header has no time
+    broken: int = 0  # messages that cannot be decoded
 
     @property
     def is_magnetometer(self) -> bool:
@@ -327,20 +314,11 @@ _NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
 
 @dataclass(slots=True, eq=False)
 class _Topics:
-    """What is read of a recording, message by message.
-
-    Attributes
-    ----------
-    source : str
-    is_first : bool
-        Messages are those of ROS 1.
-    is_undefined : bool
-        A type was not defined, and taken from `DISTRIBUTION`.
-    """
+    """What is read of a recording, message by message."""
 
     source: str
-    is_first: bool
-    is_undefined: bool = False
+    is_first: bool  # messages are those of ROS 1
+    is_undefined: bool = False  # a type was not defined, and taken from `DISTRIBUTION`
     _by_name: dict[tuple[str, str], _Topic] = field(default_factory=dict)
     _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
 

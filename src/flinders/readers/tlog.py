@@ -109,21 +109,12 @@ SAME_CLOCK: Final = 1.0
 
 
 class Units(NamedTuple):
-    """What the numbers of a message are in.
-
-    Attributes
-    ----------
-    field : Unit
-    rate, temperature : float
-        rad/s, and °C, of one.
-    in_mg : float
-        mG, in which ArduPilot's parameters are, of one of the field.
-    """
+    """What the numbers of a message are in."""
 
     field: Unit
-    rate: float
+    rate: float  # rad/s of one
     temperature: float
-    in_mg: float
+    in_mg: float  # mG, in which ArduPilot's parameters are, of one of the field
 
 
 WHOLE: Final = Units(Unit.of("mG"), 1e-3, 0.01, 1.0)
@@ -229,31 +220,17 @@ ROWS: Final = {
 
 @dataclass(slots=True, eq=False)
 class _Heard:
-    """What was gathered of a log.
+    """What was gathered of a log."""
 
-    Attributes
-    ----------
-    dialect : module
-        pymavlink's.
-    rows : dict of array
-        By system and number of the message: its numbers as `ROWS` takes them, one message after the other.
-    parameters : dict of list
-        By system: place, name and value, each time that a parameter was sent.
-    autopilots : dict of int
-        By system.
-    position, fix : Position, optional
-        First of the vehicle's own, and of its GPS.
-    packets, broken, skipped, gaps : int
-        How many there were, how many had a wrong sum, bytes that belong to none, and in how many places.
-    """
-
-    dialect: Any
+    dialect: Any  # pymavlink's
+    # by system and number of the message: its numbers as `ROWS` takes them, one message after the other
     rows: dict[tuple[int, int], array[float]] = field(default_factory=dict)
+    # by system: place, name and value, each time that a parameter was sent
     parameters: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
-    autopilots: dict[int, int] = field(default_factory=dict)
-    position: Position | None = None
+    autopilots: dict[int, int] = field(default_factory=dict)  # by system
+    position: Position | None = None  # first of the vehicle's own, and of its GPS
     fix: Position | None = None
-    packets: int = 0
+    packets: int = 0  # how many there were, how many had a wrong sum, bytes that belong to none, and in how many places
     broken: int = 0
     skipped: int = 0
     gaps: int = 0
@@ -334,32 +311,16 @@ class _Heard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Compass:
-    """What the readings of a compass are made of.
-
-    Attributes
-    ----------
-    source : str
-    table : (N, `WIDTH`) float
-    units : Units
-    stage : (N,) int
-        Which parameters were in force at each.
-    parameters : dict of ArduPilotParameters
-        By stage; empty where they are not known.
-    drives : mapping of Series
-        By the clock of the ground station.
-    attitude : AttitudeSeries, optional
-    attitude_by : int
-        Column of the table with the clock that the attitude goes by.
-    """
+    """What the readings of a compass are made of."""
 
     source: str
-    table: Floats
+    table: Floats  # (N, `WIDTH`)
     units: Units
-    stage: NDArray[np.intp]
-    parameters: dict[int, ArduPilotParameters]
-    drives: Mapping[str, Series]
+    stage: NDArray[np.intp]  # (N,): which parameters were in force at each
+    parameters: dict[int, ArduPilotParameters]  # by stage; empty where they are not known
+    drives: Mapping[str, Series]  # by the clock of the ground station
     attitude: AttitudeSeries | None
-    attitude_by: int
+    attitude_by: int  # column of the table with the clock that the attitude goes by
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""

@@ -200,23 +200,12 @@ def _is_cut(file: File) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flight:
-    """What the topics hold, and which parameters were in force when.
-
-    Attributes
-    ----------
-    source : str
-    log : pyulog.ULog
-    topics : dict
-        By name and instance.
-    stages : Stages
-        By time in s: the parameters of the compasses and of the board.
-    auxiliary : dict of TimeSeries
-    """
+    """What the topics hold, and which parameters were in force when."""
 
     source: str
-    log: Any
-    topics: Topics
-    stages: Stages
+    log: Any  # pyulog.ULog
+    topics: Topics  # by name and instance
+    stages: Stages  # by time in s: the parameters of the compasses and of the board
     auxiliary: Mapping[str, TimeSeries | None]
 
     @classmethod
@@ -361,30 +350,17 @@ AUXILIARY: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Readings:
-    """What one magnetometer gave, and how what it read is found again.
-
-    Attributes
-    ----------
-    flight : _Flight
-    time : (N,) float, s
-    field : (N, 3) float, G
-        As logged.
-    applied : tuple of Px4Parameters
-        What was applied to `field` in each stage of the flight, mounting included; empty where nothing was.
-    mounting : (3, 3) float, optional
-        From the axes of `field`, with nothing applied, to those of the vehicle; None where it is not known.
-    is_turned : bool
-        What was logged is in the axes of the vehicle.
-    temperature : (N,) float, °C, optional
-    """
+    """What one magnetometer gave, and how what it read is found again."""
 
     flight: _Flight
-    time: Floats
-    field: Floats
+    time: Floats  # (N,), s
+    field: Floats  # (N, 3): as logged
+    # what was applied to `field` in each stage of the flight, mounting included; empty where nothing was
     applied: tuple[px4.Px4Parameters, ...] = ()
+    # (3, 3): from the axes of `field`, with nothing applied, to those of the vehicle; None where it is not known
     mounting: Floats | None = None
-    is_turned: bool = False
-    temperature: Floats | None = None
+    is_turned: bool = False  # what was logged is in the axes of the vehicle
+    temperature: Floats | None = None  # (N,), °C
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""

@@ -40,30 +40,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effect:
-    """What a disturbance does to N readings.
+    """What a disturbance does to N readings."""
 
-    Attributes
-    ----------
-    shift : (N, 3) float, µT
-        By how much the raw readings are off.
-    current : (N,) float, A, optional
-        What a meter of the motors' current says.
-    currents : (N, M) float, A, optional
-        What the meter of each motor says.
-    temperature : (N,) float, °C, optional
-        What the sensor's thermometer says.
-    outliers : (N,) bool, optional
-        Readings that are of no use.
-    gain : (N,) float, optional
-        What the earth's field is multiplied by.
-    """
-
-    shift: Floats
-    current: Floats | None = None
-    temperature: Floats | None = None
-    outliers: NDArray[np.bool_] | None = None
-    gain: Floats | None = None
-    currents: Floats | None = None
+    shift: Floats  #: (N, 3), µT: by how much the raw readings are off
+    current: Floats | None = None  #: (N,): what a meter of the motors' current says
+    temperature: Floats | None = None  #: (N,), °C: what the sensor's thermometer says
+    outliers: NDArray[np.bool_] | None = None  #: (N,): readings that are of no use
+    gain: Floats | None = None  #: (N,): what the earth's field is multiplied by
+    currents: Floats | None = None  #: (N, M): what the meter of each motor says
 
     strays = renamed_attribute("strays", "outliers")
 

@@ -66,34 +66,16 @@ UNITS: Final = (0.01, 0.1, 10.0, 1000.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Specimen:
-    """A recording of one unit, and what is wrong with it.
+    """A recording of one unit, and what is wrong with it."""
 
-    Attributes
-    ----------
-    number : int
-        From 0.
-    samples : Samples
-        In µT, with time.
-    sensor : Sensor
-        The truth, as it is where nothing is wrong.
-    field_strength : float, µT
-    fault : str
-        One of `FAULTS`; nothing for a good unit.
-    severity : int
-        1 for the smaller one, 2 for the larger; 0 for a good unit.
-    amount : float
-        How much of the fault, as `FAULTS` tells.
-    lasting : (3, 3) float
-        What the fault does to every reading, in use as well; nothing but for a lasting one.
-    """
-
-    number: int
-    samples: Samples
-    sensor: Sensor
-    field_strength: float
-    fault: str = ""
-    severity: int = 0
-    amount: float = 0.0
+    number: int  #: from 0
+    samples: Samples  #: in µT, with time
+    sensor: Sensor  #: the truth, as it is where nothing is wrong
+    field_strength: float  #: µT
+    fault: str = ""  #: one of `FAULTS`; nothing for a good unit
+    severity: int = 0  #: 1 for the smaller one, 2 for the larger; 0 for a good unit
+    amount: float = 0.0  #: how much of the fault, as `FAULTS` tells
+    #: (3, 3): what the fault does to every reading, in use as well; nothing but for a lasting one
     lasting: Floats = field(default_factory=lambda: np.eye(3))
 
     @property
@@ -104,23 +86,13 @@ class Specimen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnedSensor:
-    """A sensor that is turned, before anything goes wrong.
-
-    Attributes
-    ----------
-    sensor : Sensor
-    field_strength : float, µT
-    time : (N,) float, s
-    angles : (3, N) float, rad
-        Heading, pitch and roll.
-    noise : (N, 3) float, µT
-    """
+    """A sensor that is turned, before anything goes wrong."""
 
     sensor: Sensor
-    field_strength: float
-    time: Floats
-    angles: Floats
-    noise: Floats
+    field_strength: float  #: µT
+    time: Floats  #: (N,), s
+    angles: Floats  #: (3, N), rad: heading, pitch and roll
+    noise: Floats  #: (N, 3), µT
 
     def read(self, *, room: Floats | None = None, shift: Floats | None = None) -> Floats:
         """(N, 3) readings, in µT.
@@ -141,28 +113,16 @@ class TurnedSensor:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that can be wrong with a unit.
+    """Something that can be wrong with a unit."""
 
-    Attributes
-    ----------
-    words : str
-        What it is, and what its amount means.
-    smaller, larger : float
-        Amounts of the two severities.
-    strike : function, optional
-        Of what was turned, an amount and a generator; gives (N, 3) readings in µT. It ends with the recording.
-    lasting : function, optional
-        Of an amount and a generator; gives the (3, 3) matrix that every reading is multiplied by, then and in use.
-    can_be_told : bool
-        False where readings of a magnetometer are those of another good one.
-    """
-
-    words: str
-    smaller: float
+    words: str  #: what it is, and what its amount means
+    smaller: float  #: amounts of the two severities
     larger: float
+    #: of what was turned, an amount and a generator; gives (N, 3) readings in µT; it ends with the recording
     strike: Callable[[TurnedSensor, float, Generator], Floats] | None = None
+    #: of an amount and a generator; gives the (3, 3) matrix that every reading is multiplied by, then and in use
     lasting: Callable[[float, Generator], Floats] | None = None
-    can_be_told: bool = True
+    can_be_told: bool = True  #: False where readings of a magnetometer are those of another good one
 
     def amount(self, severity: int) -> float:
         """How much of it: the smaller amount for 1, the larger for 2."""

@@ -57,83 +57,42 @@ TURNING_OVER: Final = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """How a body turns.
+    """How a body turns."""
 
-    Attributes
-    ----------
-    time : (N,) float, s
-    attitudes : (N, 3, 3) float
-        Rotations from body axes into world axes (north, east, down).
-    rate : (N, 3) float, rad/s
-        Angular rate in body axes: constant from each instant to the next.
-    acceleration : (N, 3) float, m/s², optional
-        What moves the body, in world axes and without gravity; a body that turns on the spot has none.
-    """
-
-    time: Floats
-    attitudes: Floats
-    rate: Floats
+    time: Floats  #: (N,), s
+    attitudes: Floats  #: (N, 3, 3): rotations from body axes into world axes (north, east, down)
+    rate: Floats  #: (N, 3), rad/s: angular rate in body axes: constant from each instant to the next
+    #: (N, 3), m/s²: what moves the body, in world axes and without gravity; a body that turns on the spot has none
     acceleration: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """What is asked of a motion.
+    """What is asked of a motion."""
 
-    Attributes
-    ----------
-    n : int
-        Readings.
-    rate_hz : float
-    world : (3,) float
-        Unit direction of the field: north, east, down.
-    tilt_deg : float, optional
-        In place of the motion's own limit.
-    """
-
-    n: int
+    n: int  #: readings
     rate_hz: float
-    world: Floats
-    tilt_deg: float | None = None
+    world: Floats  #: (3,): unit direction of the field: north, east, down
+    tilt_deg: float | None = None  #: in place of the motion's own limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """What a body meets.
+    """What a body meets."""
 
-    Attributes
-    ----------
-    directions : (N, 3) float
-        Unit direction of the field in body axes.
-    attitudes : (N, 3, 3) float, optional
-    rate : (N, 3) float, rad/s, optional
-    acceleration : (N, 3) float, m/s², optional
-        As those of `Trajectory`.
-    """
-
-    directions: Floats
-    attitudes: Floats | None = None
-    rate: Floats | None = None
-    acceleration: Floats | None = None
+    directions: Floats  #: (N, 3): unit direction of the field in body axes
+    attitudes: Floats | None = None  #: (N, 3, 3)
+    rate: Floats | None = None  #: (N, 3), rad/s
+    acceleration: Floats | None = None  #: (N, 3), m/s²: as those of `Trajectory`
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A motion by name.
+    """A motion by name."""
 
-    Attributes
-    ----------
-    draw : function
-        Of a generator and a `Course`; gives a `Path`.
-    seconds : float, optional
-        How long it is unless someone says otherwise; None for 1,000 readings in no order.
-    tilt_deg : float, optional
-        How far the body is tilted at most, where that is limited and can be chosen.
-    """
-
-    draw: Callable[[Generator, Course], Path]
-    seconds: float | None = None
-    tilt_deg: float | None = None
+    draw: Callable[[Generator, Course], Path]  #: of a generator and a `Course`; gives a `Path`
+    seconds: float | None = None  #: how long it is unless someone says otherwise; None for 1,000 readings in no order
+    tilt_deg: float | None = None  #: how far the body is tilted at most, where that is limited and can be chosen
 
 
 def tilted(rng: Generator, n: int, *, tilt_deg: float = 35.0) -> Floats:

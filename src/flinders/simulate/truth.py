@@ -39,23 +39,12 @@ LARGEST: Final = 2**20
 
 
 class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The sensor: raw = matrix field + offset + noise, then rounded and limited.
+    """The sensor: raw = matrix field + offset + noise, then rounded and limited."""
 
-    Attributes
-    ----------
-    matrix : (3, 3)
-        Rows; dimensionless, need not be symmetric.
-    offset : (3,) in the unit of the file
-    noise : float
-        One σ per axis.
-    resolution, limit : float or None
-        Step of the converter; where each axis saturates.
-    """
-
-    matrix: tuple[Triple, Triple, Triple]
-    offset: Triple
-    noise: NotNegative
-    resolution: Positive | None = None
+    matrix: tuple[Triple, Triple, Triple]  #: (3, 3): rows; dimensionless, need not be symmetric
+    offset: Triple  #: (3,) in the unit of the file
+    noise: NotNegative  #: one σ per axis
+    resolution: Positive | None = None  #: step of the converter; where each axis saturates
     limit: Positive | None = None
 
     def __post_init__(self) -> None:
@@ -66,20 +55,11 @@ class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The field at the site.
-
-    Attributes
-    ----------
-    strength : float
-    dip_deg : float
-        How far it points down from the horizon.
-    vector : (3,)
-        North, east, down.
-    """
+    """The field at the site."""
 
     strength: Positive
-    dip_deg: Annotated[float, Meta(ge=-90, le=90)]
-    vector: Triple
+    dip_deg: Annotated[float, Meta(ge=-90, le=90)]  #: how far it points down from the horizon
+    vector: Triple  #: (3,): north, east, down
 
     def __post_init__(self) -> None:
         """Refuse a vector that contradicts strength and dip; called when a file is read."""
@@ -90,53 +70,26 @@ class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the recording was made.
-
-    Attributes
-    ----------
-    motion : str
-    seed : int or None
-    readings : int
-    rate_hz : float or None
-    outliers : int
-        Readings that are of no use.
-    gyro_bias : (3,) rad/s or None
-        Where there is a gyro.
-    disturbances : of str
-        Their kinds.
-    """
+    """How the recording was made."""
 
     motion: str
     seed: int | None = None
     readings: Count
     rate_hz: Positive | None = None
-    outliers: Count = msgspec.field(default=0, name="strays")
-    gyro_bias: Triple | None = None
-    disturbances: tuple[str, ...] = ()
+    outliers: Count = msgspec.field(default=0, name="strays")  #: readings that are of no use
+    gyro_bias: Triple | None = None  #: (3,) rad/s or None: where there is a gyro
+    disturbances: tuple[str, ...] = ()  #: their kinds
 
 
 class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="truth"):
-    """What is true of a recording.
+    """What is true of a recording."""
 
-    Attributes
-    ----------
-    schema : int
-        Version of this layout.
-    unit : str
-        Of all that is a field.
-    sensor : SensorRecord
-    field : FieldRecord
-    recording : RecordingRecord
-    version : str
-        Of the Flinders that made it: the same seed gives the same bytes in the same version.
-    """
-
-    schema: Literal[1] = 1
-    unit: Literal["uT", "counts"] = "uT"
+    schema: Literal[1] = 1  #: version of this layout
+    unit: Literal["uT", "counts"] = "uT"  #: of all that is a field
     sensor: SensorRecord
     field: FieldRecord
     recording: RecordingRecord
-    version: str
+    version: str  #: of the Flinders that made it: the same seed gives the same bytes in the same version
 
     @classmethod
     def of(cls, simulated: Simulated) -> Truth:

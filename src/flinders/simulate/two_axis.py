@@ -121,27 +121,16 @@ class TwoAxis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polar:
-    """A swing in polar coordinates, before and after correction: what is drawn around a compass rose.
+    """A swing in polar coordinates, before and after correction: what is drawn around a compass rose."""
 
-    Attributes
-    ----------
-    heading_deg : (N,) float
-        True headings.
-    raw_radius, corrected_radius : (N,) float, µT
-        Length of the readings across the ground.
-    raw_heading_deg, corrected_heading_deg : (N,) float
-        What the compass shows, 0 to 360.
-    raw_error_deg, corrected_error_deg : (N,) float
-        By how much that is off, −180 to 180, the mean taken off: how it is mounted, a swing cannot tell.
-    """
-
-    heading_deg: Floats
-    raw_radius: Floats
-    raw_heading_deg: Floats
+    heading_deg: Floats  #: (N,): true headings
+    raw_radius: Floats  #: (N,), µT: length of the readings across the ground
+    raw_heading_deg: Floats  #: (N,): what the compass shows, 0 to 360
+    #: (N,): by how much that is off, −180 to 180, the mean taken off: how it is mounted, a swing cannot tell
     raw_error_deg: Floats
-    corrected_radius: Floats
-    corrected_heading_deg: Floats
-    corrected_error_deg: Floats
+    corrected_radius: Floats  #: (N,), µT
+    corrected_heading_deg: Floats  #: (N,)
+    corrected_error_deg: Floats  #: (N,)
 
     @classmethod
     def of(cls, swung: Simulated, matrix: ArrayLike, offset: ArrayLike) -> Self:

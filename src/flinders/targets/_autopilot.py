@@ -300,20 +300,12 @@ NAME: Final = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 
 @dataclass(frozen=True, slots=True)
 class ParameterFile:
-    """Reads the parameters of one compass back: `read` and `which` are those of a `TargetReader`.
-
-    Attributes
-    ----------
-    kind : type of CompassParameters
-    offsets : callable
-        ``offsets(values)`` tells of which compasses there are offsets.
-    need : str
-        Names the parameters of one.
-    """
+    """Reads the parameters of one compass back: `read` and `which` are those of a `TargetReader`."""
 
     kind: type[CompassParameters]
+    # ``offsets(values)`` tells of which compasses there are offsets
     offsets: Callable[[Mapping[str, float]], Sequence[int]]
-    need: str
+    need: str  # names the parameters of one
 
     def read(
         self, content: bytes, source: str, *, strength: float | None = None, compass: int | None = None

@@ -75,80 +75,38 @@ MOTORS: Final = {"current": 2, "throttle": 1}
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """What is asked of a target besides the calibration.
+    """What is asked of a target besides the calibration."""
 
-    Attributes
-    ----------
-    compass : int, optional
-        Which one, as the target counts; its first where it is not given.
-    lossy : bool
-        Write also what costs more than a degree of heading.
-    name : str, optional
-        Of the sensor: names in generated code begin with it, so that code for two sensors goes into one program.
-    """
-
-    compass: int | None = None
-    lossy: bool = False
+    compass: int | None = None  # which one, as the target counts; its first where it is not given
+    lossy: bool = False  # write also what costs more than a degree of heading
+    # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
     name: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Written:
-    """A calibration in the numbers of a target.
+    """A calibration in the numbers of a target."""
 
-    Attributes
-    ----------
-    apply : callable
-        The target's formula with the numbers as it will hold them, in its units.
-    body : sequence of str
-        Lines of the file.
-    values : mapping
-        What is written, for programs.
-    notes : sequence of str
-        What else to know.
-    data : bytes, optional
-        Content of the file, where it is no text.
-    compensated : callable, optional
-        ``compensated(readings, value)``: the formula at a value of the motors' current or throttle.
-    """
-
-    apply: Callable[[Floats], Floats]
-    body: Sequence[str]
-    values: Mapping[str, Any]
-    notes: Sequence[str] = ()
-    data: bytes | None = None
+    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as it will hold them, in its units
+    body: Sequence[str]  # lines of the file
+    values: Mapping[str, Any]  # what is written, for programs
+    notes: Sequence[str] = ()  # what else to know
+    data: bytes | None = None  # content of the file, where it is no text
+    # ``compensated(readings, value)``: the formula at a value of the motors' current or throttle
     compensated: Callable[[Floats, float], Floats] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A calibration as a target wants it.
+    """A calibration as a target wants it."""
 
-    Attributes
-    ----------
-    target : str
-        Name of the target.
-    text : str
-        Content of the file; of one in bytes, what is in it, for people.
-    fields : dict
-        The same for programs, ready for JSON.
-    checked : str
-        How far it is off, in words.
-    warnings : tuple of str
-        What to see to before it is used.
-    data : bytes, optional
-        Content of the file where it is no text.
-    has_comments : bool
-        The text says what is known of it in comments; otherwise that has to be said elsewhere.
-    """
-
-    target: str
-    text: str
-    fields: dict[str, Any]
-    checked: str
-    warnings: tuple[str, ...] = ()
-    data: bytes | None = None
-    has_comments: bool = True
+    target: str  # name of the target
+    text: str  # content of the file; of one in bytes, what is in it, for people
+    fields: dict[str, Any]  # the same for programs, ready for JSON
+    checked: str  # how far it is off, in words
+    warnings: tuple[str, ...] = ()  # what to see to before it is used
+    data: bytes | None = None  # content of the file where it is no text
+    has_comments: bool = True  # the text says what is known of it in comments; otherwise that has to be said elsewhere
 
     @property
     def content(self) -> str | bytes:
@@ -538,18 +496,11 @@ def _at_most(worst: float, worst_deg: float, unit: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far a target's own formula, with the numbers that are written for it, is off the calibration.
+    """How far a target's own formula, with the numbers that are written for it, is off the calibration."""
 
-    Attributes
-    ----------
-    worst : float, in the calibration's unit
-        Largest length of the difference; where the target's lengths are its own, once they were scaled.
-    worst_deg : float, degrees
-        Largest angle between both.
-    """
-
+    # largest length of the difference, in the calibration's unit; scaled before where the target's lengths are its own
     worst: float
-    worst_deg: float
+    worst_deg: float  # degrees: largest angle between both
 
     @classmethod
     def of(

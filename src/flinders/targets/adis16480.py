@@ -72,21 +72,12 @@ STEPS: Final = np.array([HARD_IRON_STEP_MG] * 3 + [SOFT_IRON_STEP] * 9)
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register and what it holds.
+    """One register and what it holds."""
 
-    Attributes
-    ----------
-    name : str
-        As in the data sheet.
-    page, address : int
-    code : int
-        −32768 to 32767.
-    """
-
-    name: str
+    name: str  #: as in the data sheet
     page: int
     address: int
-    code: int
+    code: int  #: −32768 to 32767
 
     @property
     def word(self) -> int:
@@ -106,15 +97,9 @@ class Register:
 
 @dataclass(frozen=True, slots=True)
 class Registers:
-    """What the twelve registers hold.
+    """What the twelve registers hold."""
 
-    Attributes
-    ----------
-    codes : (12,) int
-        −32768 to 32767, in the order of `NAMES`.
-    """
-
-    codes: tuple[int, ...]
+    codes: tuple[int, ...]  #: (12,): −32768 to 32767, in the order of `NAMES`
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:

@@ -58,24 +58,12 @@ ADVICE: Final = "readings are too large for this format: use the one in single p
 
 @dataclass(frozen=True, slots=True)
 class FixedPointFormat:
-    """A format of fixed point.
+    """A format of fixed point."""
 
-    Attributes
-    ----------
-    name : str
-        ``Q15`` or ``Q31``.
-    bits : int
-        Of an entry of the matrix, with its sign.
-    fraction : int
-        Bits of the offset behind the point.
-    largest : int
-        Readings may be from minus this, less one, to this; beyond it they are held there.
-    """
-
-    name: str
-    bits: int
-    fraction: int
-    largest: int
+    name: str  #: ``Q15`` or ``Q31``
+    bits: int  #: of an entry of the matrix, with its sign
+    fraction: int  #: bits of the offset behind the point
+    largest: int  #: readings may be from minus this, less one, to this; beyond it they are held there
 
 
 Q15: Final = FixedPointFormat("Q15", 16, 8, 2**15 - 1)
@@ -187,23 +175,12 @@ static inline void {name}_correct(const {whole} raw[3], {whole} corrected[3])
 
 @dataclass(frozen=True, slots=True)
 class FixedPoint:
-    """A correction in whole numbers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``.
-
-    Attributes
-    ----------
-    format : FixedPointFormat
-    entries : (3, 3) int
-        Of the matrix, in units of 2^-shift.
-    offset : (3,) int
-        In units of 2^-f, f the `fraction` of the format.
-    shift : int
-        Bits of an entry behind the point: as many as the largest entry leaves.
-    """
+    """A correction in whole numbers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``."""
 
     format: FixedPointFormat
-    entries: tuple[tuple[int, int, int], ...]
-    offset: tuple[int, ...]
-    shift: int
+    entries: tuple[tuple[int, int, int], ...]  #: (3, 3): of the matrix, in units of 2^-shift
+    offset: tuple[int, ...]  #: (3,): in units of 2^-f, f the `fraction` of the format
+    shift: int  #: bits of an entry behind the point: as many as the largest entry leaves
 
     @classmethod
     def of(cls, calibration: Calibration, form: FixedPointFormat) -> Self:

@@ -40,21 +40,11 @@ BEFORE_OFFSET: Final = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionCalPacket:
-    """What the packet says of the magnetometer.
+    """What the packet says of the magnetometer."""
 
-    Attributes
-    ----------
-    offset : (3,) float32, µT
-        V, subtracted.
-    strength : float32, µT
-        B, the length of corrected readings.
-    matrix : (3, 3) float32
-        W, symmetric.
-    """
-
-    offset: Floats
-    strength: float
-    matrix: Floats
+    offset: Floats  #: (3,), µT: V, subtracted
+    strength: float  #: µT: B, the length of corrected readings
+    matrix: Floats  #: (3, 3): W, symmetric
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
