@@ -118,13 +118,6 @@ class Motors:
         How long a setting of the throttle lasts.
     noise : float, A
         Of each meter, one σ.
-
-    Examples
-    --------
-    >>> arms = [[0.5, 0.0, -0.3], [-0.5, 0.0, -0.3], [0.0, 0.5, 0.3], [0.0, -0.5, 0.3]]
-    >>> flown = Motors(arms).on(np.arange(100) / 50, np.random.default_rng(0))
-    >>> flown.currents.shape, bool(np.allclose(flown.currents.sum(axis=1), flown.current))
-    ((100, 4), True)
     """
 
     kind: ClassVar[str] = "motors"
@@ -299,15 +292,8 @@ class PassingMagnet:
 def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDArray[np.bool_]]:
     """(n, 3) stray fields in field strengths, zero but for a share of the readings, and (n,) which those are.
 
-    Each is half to three field strengths long, in any direction.
+    Each is half to three field strengths long, in any direction. A share that is none raises `UsageError`.
 
-    Raises
-    ------
-    UsageError
-        For a share that is none.
-
-    Examples
-    --------
     >>> fields, outliers = stray_fields(np.random.default_rng(0), 100, 0.03)
     >>> int(outliers.sum()), bool(np.linalg.norm(fields[outliers], axis=1).min() >= 0.5)
     (3, True)

@@ -128,7 +128,6 @@ def hand_tumble(
     ----------
     rng : Generator
     seconds, rate_hz : float
-        How long, and how many instants a second.
     speed : float, rad/s
         Root mean square rate about each axis.
     smoothness : float, s
@@ -150,19 +149,9 @@ def hand_tumble(
 def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, period: float = 3.0) -> Trajectory:
     """Wave a body in figures of eight, as phones ask for: over to either side, the nose twice up and down.
 
-    Each eight rolls by about 110° to either side and pitches by about 55° at twice the pace, while the whole body
-    turns around three times in all. No two are the same.
+    Each eight, of `period` s, rolls by about 110° to either side and pitches by about 55° at twice the pace, while the
+    whole body turns around three times in all. No two are the same.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    period : float, s
-        Of one eight.
-
-    Examples
-    --------
     >>> figure_eight(np.random.default_rng(0), seconds=10).attitudes.shape
     (500, 3, 3)
     """
@@ -186,18 +175,8 @@ def drive(
 ) -> Trajectory:
     """Drive through bends and over hills: all headings in time, and never tilted by more than `tilt_deg`.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    tilt_deg : float
-        The steepest slope; zero for a level floor.
-    speed : float, m/s
-        Constant: the acceleration is that of bends.
+    The `speed` in m/s is constant: the acceleration is that of bends.
 
-    Examples
-    --------
     >>> on_a_floor = drive(np.random.default_rng(0), seconds=10, tilt_deg=0.0)
     >>> on_a_floor.attitudes[:, 2].tolist() == [[0.0, 0.0, 1.0]] * 500
     True
@@ -218,22 +197,11 @@ def flight(
     tilt_deg: float = 35.0,
     speed: float = 15.0,
 ) -> Trajectory:
-    """Fly in banked turns, climbing and sinking, never tilted by more than `tilt_deg`.
+    """Fly in banked turns, climbing and sinking; bank and pitch together are never more than `tilt_deg`.
 
-    Turns are coordinated: at speed v and bank φ the heading turns by g tan φ / v, and the accelerometer feels no
+    Turns are coordinated: at speed v, m/s, and bank φ the heading turns by g tan φ / v, and the accelerometer feels no
     sideways pull, so that what it calls down leans with the craft.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    tilt_deg : float
-        Bank and pitch together.
-    speed : float, m/s
-
-    Examples
-    --------
     >>> flight(np.random.default_rng(0), seconds=10).acceleration.shape
     (500, 3)
     """
@@ -255,21 +223,9 @@ def swayed(
 ) -> Trajectory:
     """Turn a body through all headings while it leans to all sides: what `tilted` draws, in the order of time.
 
-    A vehicle that can be pushed around and leant over, and not turned upside down. It turns on the spot, so that
-    nothing but gravity is felt.
+    A vehicle that can be pushed around and leant over by less than `tilt_deg`, and not turned upside down. It turns
+    around `turns_each` times, on the spot, so that nothing but gravity is felt.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    tilt_deg : float
-        Never reached; leans are to any side, as of a smooth random walk.
-    turns_each : float
-        Times around in all.
-
-    Examples
-    --------
     >>> leant = swayed(np.random.default_rng(0)).attitudes[:, 2, 2]
     >>> bool(25 < np.degrees(np.arccos(leant.min())) < 35)
     True
@@ -294,15 +250,8 @@ def rocked(
     """Rock a body about each of its axes, each as a sine of its own: the motion of the MAGYC simulations.
 
     Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate: 0.05 … 0.08, 0.1 … 0.3 and
-    0.2 … 0.4 rad/s, drawn with the phases.
-
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second; MAGYC has 10.
-    amplitudes_deg : (3,) sequence of float
-        Of roll, pitch and heading: (5, 45, 360) is called WAM, (5, 5, 360) MAM and (5, 45, 90) LAM.
+    0.2 … 0.4 rad/s, drawn with the phases. `amplitudes_deg` (5, 45, 360) is called WAM there, (5, 5, 360) MAM and
+    (5, 45, 90) LAM; `rate_hz` is 10.
 
     References
     ----------
@@ -334,25 +283,9 @@ def planar_sweeps(
     """Turn a body about its own axes, one after the other, each pointing down meanwhile.
 
     What the plain procedure for two-axis fits asks for: flat on the table around, on its side around, on its end
-    around. A plane is named by the two axes that lie level. In between the body is turned over.
+    around, `turns_each` times in each of the planes ``xy``, ``yz`` and ``zx``, named by the two axes that lie level.
+    In between the body is turned over. A plane that is not known, or none, raises `UsageError`.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    planes : sequence of str
-        Of ``xy``, ``yz`` and ``zx``.
-    turns_each : float
-        Turns in each plane.
-
-    Raises
-    ------
-    UsageError
-        For a plane that is not known, or none.
-
-    Examples
-    --------
     >>> flat = planar_sweeps(np.random.default_rng(0), seconds=10, planes=["xy"])
     >>> bool(np.allclose(flat.attitudes[:, 2], [0.0, 0.0, 1.0]))
     True

@@ -146,25 +146,13 @@ def truth_path(recording: str | os.PathLike[str]) -> str:
 
 
 def read(path: str | os.PathLike[str]) -> Truth:
-    """Read the truth of a recording.
-
-    Raises
-    ------
-    UnreadableInput
-        For a file that cannot be opened, or is none that this release understands.
-    """
+    """Read the truth of a recording; what cannot be opened or is none raises `UnreadableInput`."""
     text = read_bytes(path, largest=LARGEST, what="truth of a recording", refused=UnreadableInput)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "truth") -> Truth:
-    """Understand the text of such a file; `source` names it in messages.
-
-    Raises
-    ------
-    UnreadableInput
-        With the first thing that is wrong and where it stands.
-    """
+    """Understand the text of such a file; `source` names it in the `UnreadableInput` for what is wrong."""
     if not text.strip():
         raise UnreadableInput(f"{source}: holds nothing: need the truth that `flinders simulate` wrote")
     try:
@@ -185,13 +173,7 @@ def loads(text: str | bytes, *, source: str = "truth") -> Truth:
 
 
 def dumps(truth: Truth) -> str:
-    """Lay it out as text; numbers are read back to the bit.
-
-    Raises
-    ------
-    UsageError
-        For numbers that are not finite.
-    """
+    """Lay it out as text; numbers are read back to the bit, and those that are not finite raise `UsageError`."""
     content = truth.as_dict()
     for place in gaps(content):
         raise UsageError(f"truth: {place} is not finite: only finite numbers are written")
@@ -199,17 +181,7 @@ def dumps(truth: Truth) -> str:
 
 
 def write(truth: Truth, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write it, whole or not at all.
-
-    Raises
-    ------
-    UsageError
-        For numbers that are not finite; nothing is written.
-    OutputExists
-        Where there is a file already, unless `force`.
-    OutputError
-        Where it cannot be written; says why and what to do.
-    """
+    """Write it, whole or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
     write_text(dumps(truth), path, force=force)
 
 

@@ -88,13 +88,8 @@ class TwoAxis:
         shape : (2, 2) array-like, µT
             Maps unit vectors to readings about the centre; which rotation it has on the right does not matter.
         horizontal : float, µT
-            Strength of the field across the ground.
+            Strength of the field across the ground; one that is not positive raises `UsageError`.
         noise : float, µT
-
-        Raises
-        ------
-        ArrayError, UsageError
-            As the class, and for a field that is not positive.
         """
         first, second = square(shape, "shape", 2)
         x, y = math.hypot(*first), math.hypot(*second)
@@ -163,24 +158,10 @@ def swing(
     field_strength: float = 50.0,
     dip_deg: float = 60.0,
 ) -> Simulated:
-    """Swing a compass: one reading at each of `headings_deg`, the body level.
+    """Swing a compass: one reading at each of `headings_deg`, the body level; by default a perfect compass.
 
-    Parameters
-    ----------
-    compass : TwoAxis, optional
-        By default a perfect one.
-    seed : int or Generator
-        For the noise.
-    points : int
-        At least three.
-    field_strength : float, µT
-    dip_deg : float
-        The field across the ground is ``field_strength`` times its cosine.
-
-    Raises
-    ------
-    UsageError
-        For a number out of its range.
+    The field across the ground is `field_strength`, µT, times the cosine of `dip_deg`. A number out of its range
+    raises `UsageError`; there are at least three `points`.
     """
     compass = TwoAxis() if compass is None else compass
     if not abs(dip_deg) <= 89.0:
