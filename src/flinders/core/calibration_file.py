@@ -210,25 +210,13 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
 
 
 def read(path: str | os.PathLike[str]) -> Document:
-    """Read a calibration file.
-
-    Raises
-    ------
-    DocumentError
-        For a file that cannot be opened, or is no calibration file that this release understands.
-    """
+    """Read a calibration file; one that cannot be opened or understood raises `DocumentError`."""
     text = read_bytes(path, largest=LARGEST, what="calibration file", refused=DocumentError)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "calibration") -> Document:
-    """Understand the text of a calibration file; `source` names it in messages.
-
-    Raises
-    ------
-    DocumentError
-        With the first thing that is wrong and where it stands.
-    """
+    """Understand the text of a calibration file; `source` names it in the `DocumentError` for what is wrong."""
     content = _parse(text.encode() if isinstance(text, str) else text, source)
     if not (isinstance(content, dict) and content.get("flinders") == "calibration"):
         raise DocumentError(f'{source}: is JSON, but not a calibration file: lacks "flinders": "calibration"')
@@ -237,27 +225,14 @@ def loads(text: str | bytes, *, source: str = "calibration") -> Document:
 
 
 def write(document: Document, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a calibration file, whole or not at all.
-
-    Raises
-    ------
-    DocumentError
-        For a document that could not be read again, such as one with NaN in it; nothing is written.
-    OutputExists
-        Where there is a file already, unless `force`.
-    OutputError
-        Where it cannot be written; says why and what to do.
-    """
+    """Write a calibration file, whole or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
     write_text(dumps(document), path, force=force)
 
 
 def dumps(document: Document) -> str:
     """Lay a document out as text: a matrix has a line for each row; numbers are read back to the bit.
 
-    Raises
-    ------
-    DocumentError
-        For values that the schema does not allow, NaN and infinity among them.
+    Values that the schema does not allow, NaN and infinity among them, raise `DocumentError`.
     """
     try:
         content = msgspec.to_builtins(document, enc_hook=_plain)

@@ -45,13 +45,7 @@ class Compensator:
     _before: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
     def __call__(self, samples: Samples) -> Samples:
-        """Compensate a block.
-
-        Raises
-        ------
-        InputError
-            Where it lacks a column that the calibration corrects for; says what that costs.
-        """
+        """Compensate a block; one that lacks a column raises `InputError`, which says what that costs."""
         disturbances = self.calibration.disturbances
         if not disturbances or not len(samples):
             return samples
@@ -104,14 +98,7 @@ class Compensated(Wrapped):
 
 
 def compensated(recording: Recording, calibration: Calibration) -> Recording:
-    """A recording without what drives its offset; of several joined ones, each on its own.
-
-    Parameters
-    ----------
-    recording : Recording
-    calibration : Calibration
-        A recording of one without disturbances comes back as it is.
-    """
+    """A recording without what drives its offset; of several joined ones, each on its own."""
     if not calibration.disturbances:
         return recording
     if isinstance(recording, Joined):

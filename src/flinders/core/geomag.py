@@ -129,8 +129,8 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
 
     Notes
     -----
-    Evaluated by pygeomag, which is loaded here and not before. Checked against NOAA's printed test values for WMM2025
-    in ``tests/truth/test_geomag.py``: all agree to the digit that is printed.
+    Evaluated by pygeomag, which is loaded here. All of NOAA's printed test values for WMM2025 agree to the digit that
+    is printed (``tests/truth/test_geomag.py``).
     """
     _refuse_nowhere(latitude_deg, longitude_deg, altitude_m)
     model = _model(year)
@@ -156,15 +156,10 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
 
 
 def place_of(text: str) -> tuple[float, float, float]:
-    """Read ``"LAT,LON"`` or ``"LAT,LON,ALT"``: degrees, north and east positive, and metres.
+    """Read ``"LAT,LON"`` or ``"LAT,LON,ALT"``: degrees, north and east positive, and metres; else raise `UsageError`.
 
     >>> place_of("47.6, -122.3"), place_of("-33.9,151.2,40")
     ((47.6, -122.3, 0.0), (-33.9, 151.2, 40.0))
-
-    Raises
-    ------
-    UsageError
-        For anything else.
     """
     parts = text.replace("\N{MINUS SIGN}", "-").split(",")
     try:
@@ -184,18 +179,9 @@ def place_of(text: str) -> tuple[float, float, float]:
 def year_of(day: datetime.date | str | float) -> float:
     """Turn a day into a year with its fraction.
 
-    Parameters
-    ----------
-    day : date, datetime, str or float
-        Text as ``2026-11-21`` or ``2026.9``; a number is a year already.
+    Text is ``2026-11-21`` or ``2026.9``, a number is a year already. What is no day, or one without a model, raises
+    `UsageError`.
 
-    Raises
-    ------
-    UsageError
-        For what is no day, or one without a model.
-
-    Examples
-    --------
     >>> year_of("2025-07-02"), year_of(datetime.date(2026, 1, 1)), year_of("2027.5")
     (2025.498..., 2026.0, 2027.5)
     """

@@ -150,16 +150,8 @@ class Samples:
             Microtesla in one count; only with ``counts``.
         axes : str or Axes
             Where each new axis comes from, such as ``"x,-y,-z"``.
-        time, acceleration, rate, temperature, current : array-like, optional
-            As the attributes of the same name; acceleration and rate in the recorded axes.
-        strength : (N,) array-like, optional
-            As the attribute of the same name, in `unit`.
-        throttle : (N,) array-like, optional
-            As the attribute of the same name.
-        currents, throttles : (N, M) array-like, optional
-            As the attributes of the same names.
-        attitude : (N, 4) array-like, optional
-            As the attribute of the same name: of the recorded axes, and turned with them.
+        time, acceleration, rate, temperature, current, strength, throttle, attitude, currents, throttles : optional
+            As the attributes of the same names; vectors and attitude in the recorded axes, strength in `unit`.
 
         Raises
         ------
@@ -233,15 +225,8 @@ class Samples:
         """Map samples that are as recorded to other axes: field, acceleration, rate and attitude with them.
 
         The attitude is then that of the new axes. Where those are a mirror image of the recorded ones no rotation
-        leads from them to north, east, down, and there is none.
+        leads from them to north, east, down, and there is none. Samples that were mapped before raise `AxesError`.
 
-        Raises
-        ------
-        AxesError
-            For samples that were mapped before.
-
-        Examples
-        --------
         >>> level = Samples.of([[20.0, 0.0, 45.0]], unit="uT", attitude=[[1.0, 0.0, 0.0, 0.0]])
         >>> over = level.turned(Axes.of("x,-y,-z"))
         >>> over.field, over.attitude
@@ -357,14 +342,12 @@ class CountedRecording(Wrapped):
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """Several recordings of one sensor, one after the other.
+    """Several recordings of one sensor, one after the other, all in one unit and one set of axes.
 
     Raises
     ------
-    UnitError
-        If one is in µT and another in counts.
-    AxesError
-        If one is in the axes of the vehicle and another in those of the sensor.
+    UnitError, AxesError
+        If one is in µT and another in counts; if one is in the axes of the vehicle and another in those of the sensor.
     """
 
     recordings: tuple[Recording, ...]  #: at least one; all in one unit and one set of axes

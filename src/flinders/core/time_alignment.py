@@ -66,7 +66,7 @@ class Paired:
 
 
 def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int = 0) -> Paired:
-    """Take readings to common moments.
+    """Take readings to common moments, those at which two sensors or more have a reading.
 
     Parameters
     ----------
@@ -75,11 +75,6 @@ def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int 
     fields : sequence of (N, 3) float
     reference : int
         Whose clock counts.
-
-    Returns
-    -------
-    Paired
-        Moments at which two sensors or more have a reading.
     """
     delays, sigmas = np.zeros(len(times)), np.zeros(len(times))
     for sensor in range(len(times)):

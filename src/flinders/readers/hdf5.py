@@ -88,20 +88,8 @@ HEAP: Final = b"GCOL\x01"
 def open_hdf5(file: File, **options: Any) -> TableRecording:
     """Open the datasets of an HDF5 file; those of the length that the magnetometer has make the table.
 
-    Parameters
-    ----------
-    file : File
-    **options
-        As `open_table`.
-
-    Raises
-    ------
-    MissingExtra
-        Where h5py is not installed.
-    UnreadableInput
-        For a file that is broken, cut short, or holds more than `MOST_OBJECTS`.
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
+    Options are those of `open_table`. Without h5py it raises `MissingExtra`; a file that is broken, cut short, or holds
+    more than `MOST_OBJECTS` `UnreadableInput`; columns that are not clear `NoMagnetometer`.
     """
     with file.path.open("rb") as stream:
         is_matlab = stream.read(len(MATLAB_7_3)) == MATLAB_7_3
@@ -145,13 +133,7 @@ class _Catalogue:
     _has_sound_heaps: bool = False
 
     def collect(self, group: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List the arrays of a group and of those in it, each object once.
-
-        Raises
-        ------
-        UnreadableInput
-            For more than `MOST_OBJECTS`.
-        """
+        """List the arrays of a group and of those in it, each object once; refuse more than `MOST_OBJECTS`."""
         self._links += group.get_num_objs()
         if self._links > MOST_OBJECTS:
             raise UnreadableInput(
@@ -265,10 +247,6 @@ class _Catalogue:
         """Look once whether texts of any length can be read: of a broken heap HDF5 2.0 goes in circles.
 
         It also takes as much memory as a text is said to be long before it looks whether it is.
-
-        Raises
-        ------
-        UnreadableInput
         """
         if self._has_sound_heaps:
             return
@@ -294,13 +272,7 @@ class _Catalogue:
         return self.h5py.Dataset(self.h5py.h5d.open(self.opened.id, path, access))
 
     def chunk_bytes(self, path: bytes) -> int:
-        """Count the bytes of a chunk, unpacked; none where the dataset lies in one piece.
-
-        Raises
-        ------
-        UnreadableInput
-            For a chunk that unpacks to more than it should.
-        """
+        """Count the bytes of a chunk, unpacked; 0 where the dataset lies in one piece. Refuse what makes too many."""
         dataset = self.h5py.h5d.open(self.opened.id, path)
         storage = dataset.get_create_plist()
         if storage.get_layout() != self.h5py.h5d.CHUNKED:
@@ -324,13 +296,7 @@ class _Catalogue:
 
 
 def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
-    """Lay the columns of one length side by side, and say which magnetometers and datasets are left out.
-
-    Raises
-    ------
-    NoMagnetometer
-        Where there are no columns of numbers.
-    """
+    """Lay the columns of one length side by side, and say which magnetometers and datasets are left out."""
     arrays = catalogue.arrays
     if not arrays:
         reasons = f": {', '.join(catalogue.left_out[:MOST_NAMED])}" if catalogue.left_out else ""

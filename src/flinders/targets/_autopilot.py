@@ -198,20 +198,9 @@ class CompassParameters:
     def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
         """The calibration that the parameters stand for, without a mounting, with motors if `has_disturbances`.
 
-        They do not say at which currents the motors' part was found; a throttle goes from 0 to 1.
-
-        Parameters
-        ----------
-        field_strength : float, µT
-            Length of corrected readings, which parameters do not hold.
-        known : bool
-            It was given, and is no convention.
-        sensor : str, optional
-
-        Raises
-        ------
-        ArrayError
-            Where the matrix flattens readings.
+        They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given;
+        nor at which currents the motors' part was found, while a throttle goes from 0 to 1. A matrix that flattens
+        readings raises `ArrayError`.
         """
         raw = Unit.of(self.unit)
         plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, sensor=sensor, frame=self.frame)
@@ -227,10 +216,8 @@ class CompassParameters:
 
         Raises
         ------
-        UnitError
-            For a calibration in counts.
-        UsageError
-            For a compass that there is not.
+        UnitError, UsageError
+            For a calibration in counts; for a compass that there is not.
         NotExportable
             For a matrix that turns readings by more than `MOST_TURN_DEG`, unless `lossy`; `by` is what sets the
             mounting instead.
@@ -334,23 +321,12 @@ class ParameterFile:
 
 
 def parse(text: str, source: str = "parameters") -> dict[str, float]:
-    r"""Read a parameter file, as Mission Planner, MAVProxy or QGroundControl write it.
+    r"""Read a parameter file, as Mission Planner, MAVProxy or QGroundControl write it; `source` names it in messages.
 
-    Parameters
-    ----------
-    text : str
-        ``NAME,value``, ``NAME value`` or ``param set NAME value`` a line, or the five columns of QGroundControl with
-        the name in the third; what follows # is a remark. Of a name that comes twice, the last counts.
-    source : str
-        For messages.
+    Lines are ``NAME,value``, ``NAME value``, ``param set NAME value`` or the five columns of QGroundControl with the
+    name in the third; what follows # is a remark. Of a name that comes twice, the last counts. Other lines raise
+    `InputError`, which names the first, and how many there are.
 
-    Raises
-    ------
-    InputError
-        For lines that are no parameters; names the first, and how many there are.
-
-    Examples
-    --------
     >>> parse("# my boat\nCOMPASS_OFS_X,-12.5\nCOMPASS_OFS_Y  40\n1\t1\tCOMPASS_OFS_Z\t-93.0\t9\n")
     {'COMPASS_OFS_X': -12.5, 'COMPASS_OFS_Y': 40.0, 'COMPASS_OFS_Z': -93.0}
     """

@@ -40,13 +40,8 @@ SETTING: Final = re.compile(r"\s*set\s+(\w+)\s*=(.*)", re.IGNORECASE)
 def whole(values: Floats, names: Sequence[str], *, lowest: int, highest: int, advice: str) -> tuple[int, ...]:
     """Round to whole numbers, half to even, that a register or setting can hold.
 
-    Raises
-    ------
-    NotExportable
-        For those beyond its range: names them, with what they would be.
+    Those beyond its range raise `NotExportable`, which names them, with what they would be.
 
-    Examples
-    --------
     >>> whole(np.array([1.4, -2.6]), ["x", "y"], lowest=-8, highest=7, advice="turn back")
     (1, -3)
     >>> whole(np.array([1.4, -9.0]), ["x", "y"], lowest=-8, highest=7, advice="turn back")

@@ -513,14 +513,8 @@ class Difference:
     ) -> Self:
         """Run the target's formula on what the sensor reads in `DIRECTIONS` fields of the calibration's strength.
 
-        Parameters
-        ----------
-        calibration : Calibration
-        target : callable
-            (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts` names.
-        acts : str
-        relative : bool
-            Lengths are the target's own: what it gives is scaled to the calibration's field before it is compared.
+        `target` takes (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts`
+        names. If `relative`, lengths are its own, and scaled to the calibration's field before they are compared.
         """
         back = _unmapped(calibration)
         strength, expected = calibration.field_strength, fibonacci(DIRECTIONS)
@@ -596,14 +590,9 @@ class Affine:
 
     @classmethod
     def of(cls, calibration: Calibration, unit: str, *, who: str, acts: Acts = "recorded") -> Self:
-        """Express a calibration in a unit and in the axes in which a target works.
+        """Express a calibration in a unit and in the axes in which a target works; raises as `per_unit`.
 
-        Raises
-        ------
-        UnitError
-            Where counts would have to become a unit, or the other way round.
-        NotExportable
-            For numbers that no magnetometer has.
+        Numbers that no magnetometer has raise `NotExportable`.
         """
         size = per_unit(calibration, unit, who=who)
         matrix, offset = calibration.matrix, calibration.offset
@@ -641,21 +630,9 @@ class Affine:
     def to_calibration(self, unit: str, *, known: bool = False, strength: float | None = None) -> Calibration:
         """The calibration that the numbers stand for, in the axes of the target.
 
-        Parameters
-        ----------
-        unit : str
-            Of the offset.
-        known : bool
-            The field strength was given, and is no convention.
-        strength : float, optional, µT (or counts)
-            Field strength, where the target does not hold it.
-
-        Raises
-        ------
-        ArrayError
-            Where they flatten all readings into a plane.
-        UsageError
-            For a field strength that is not positive.
+        `unit` is that of the offset; `strength`, µT (or counts), is the field strength where the target does not hold
+        it, and `known` where it is no convention. Numbers that flatten all readings into a plane raise `ArrayError`, a
+        field strength that is not positive `UsageError`.
         """
         raw = Unit.of(unit)
         length = self.strength * raw.scale if strength is None else strength
@@ -712,10 +689,7 @@ def refuse_mounted(calibration: Calibration, *, who: str) -> None:
 def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
     """What one of a target's units is, in the unit of the calibration.
 
-    Raises
-    ------
-    UnitError
-        Where the calibration is in counts and the target works in a unit of field, or the other way round.
+    Where one of them is in counts and the other in a unit of field, `UnitError` is raised.
     """
     if unit == OWN:
         return 1.0

@@ -42,10 +42,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the file back; `strength`, in µT, goes before the one in it.
 
-    Raises
-    ------
-    DocumentError
-        For what is none, or lacks numbers.
+    Raises `DocumentError` for what is none, or lacks numbers.
     """
     fields = loaded(content, source)
     matrix = listed(fields, "mag_softiron", 9, source).reshape(3, 3)

@@ -107,10 +107,9 @@ class Registers:
 
         Raises
         ------
-        UnitError
-            For a calibration in counts.
-        NotExportable
-            Where a register cannot hold its value; says which, what is lost, and how far off it would be.
+        UnitError, NotExportable
+            For a calibration in counts; where a register cannot hold its value: which, what is lost, how far off it
+            would be.
         """
         if calibration.unit != MICROTESLA:
             raise UnitError(
@@ -128,13 +127,8 @@ class Registers:
     def from_words(cls, words: Iterable[int]) -> Self:
         """Take what was read from a device: twelve words, 0 to 65535, or signed, in the order of `NAMES`.
 
-        Raises
-        ------
-        UsageError
-            Unless there are twelve of them, of 16 bits each.
+        Unless there are twelve of them, of 16 bits each, `UsageError` is raised.
 
-        Examples
-        --------
         >>> Registers.from_words([2, 0xFFFF, 0x8000] + [0] * 9).hard_iron.round(1)
         array([ 2.000e-01, -1.000e-01, -3.2768e+03])
         """
@@ -172,18 +166,8 @@ class Registers:
     def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
         """The calibration that the codes stand for, in the axes of the device.
 
-        Parameters
-        ----------
-        field_strength : float, µT
-            Length of corrected readings, which the registers do not hold.
-        known : bool
-            It was given, and is no convention.
-        sensor : str, optional
-
-        Raises
-        ------
-        ArrayError
-            Where they flatten all readings into a plane.
+        They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given.
+        Codes that flatten all readings into a plane raise `ArrayError`.
         """
         matrix = np.eye(3) + self.soft_iron
         try:
@@ -261,15 +245,7 @@ def _advice(calibration: Calibration) -> str:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the twelve registers.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    NotExportable
-        Where a register cannot hold its value, or its steps are too coarse for it.
-    """
+    """Write the twelve registers; raises as `Registers.of`, and for steps that are too coarse."""
     registers = Registers.of(calibration)
     decoded = _decoded(registers, calibration.field_strength)
     values: dict[str, Any] = {

@@ -252,23 +252,11 @@ class ArduPilotParameters(CompassParameters):
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
-        """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS.
+        """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS: undoes `apply`.
 
-        Parameters
-        ----------
-        corrected : (..., 3) mG
-        drive : (...) A or 0 to 1
-            As for `apply`.
-        motor_offset : (..., 3) mG, optional
-            MOT x itself, where a log holds it.
+        `motor_offset`, (..., 3) mG, is MOT x itself, where a log holds it. Where I flattens readings, `ArrayError` is
+        raised.
 
-        Raises
-        ------
-        ArrayError
-            Where I flattens readings and cannot be undone.
-
-        Examples
-        --------
         >>> offset, off_diagonal = np.array([-100.0, 0, 50]), np.array([0.1, 0, 0])
         >>> set_up = ArduPilotParameters(offset=offset, off_diagonal=off_diagonal, scale=1.2)
         >>> set_up.unapply(set_up.apply([1.0, 2.0, 3.0])).round(9)

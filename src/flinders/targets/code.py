@@ -184,13 +184,7 @@ class FixedPoint:
 
     @classmethod
     def of(cls, calibration: Calibration, form: FixedPointFormat) -> Self:
-        """Round a calibration.
-
-        Raises
-        ------
-        NotExportable
-            For a matrix or an offset beyond the format.
-        """
+        """Round a calibration; a matrix or an offset beyond the format raises `NotExportable`."""
         affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
         largest = float(np.abs(affine.matrix).max())
         shift = form.bits - 1 - max(math.floor(math.log2(largest)) + 1, 0) if largest > 0 else form.bits - 1
@@ -226,26 +220,14 @@ def single_precision(calibration: Calibration) -> Affine:
 
 
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``.
-
-    Raises
-    ------
-    UsageError
-        For a name that cannot begin one in C.
-    """
+    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``."""
     name = begun(USUAL, asked.name)
     code = _filled(FLOAT, calibration, name=name, constant=name.upper())
     return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
 
 
 def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place.
-
-    Raises
-    ------
-    UsageError
-        For a name that cannot begin one in C++.
-    """
+    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
     name = begun("", asked.name)
     constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
     return _filled(SKETCH, calibration, constant=constant, function=function)
@@ -297,15 +279,7 @@ def _driven(calibration: Calibration, name: str) -> Iterator[str]:
 
 
 def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header for whole readings of 16 bits.
-
-    Raises
-    ------
-    NotExportable
-        Where 16 bits cannot hold the numbers.
-    UsageError
-        For a name that cannot begin one in C.
-    """
+    """Write a header for whole readings of 16 bits; numbers that they cannot hold raise `NotExportable`."""
     return _fixed(calibration, Q15, "int16_t", asked)
 
 
@@ -363,19 +337,12 @@ def float32s(values: Iterable[float], suffix: str = "") -> str:
 
 
 def begun(usual: str, name: str | None) -> str:
-    """What names in generated code begin with.
+    """What names in generated code begin with: `usual`, or letters and digits of the `name` that was asked for.
 
-    Parameters
-    ----------
-    usual : str
-        Where no name was asked for.
-    name : str, optional
-        What a person calls the sensor: letters and digits of ASCII are kept, what is between them becomes ``_``.
+    What is between them becomes ``_``. A name of which nothing is left, or too much, raises `UsageError`.
 
-    Raises
-    ------
-    UsageError
-        For a name of which nothing is left, or too much.
+    >>> begun("flinders", None), begun("flinders", "Mast, top"), begun("flinders", "2nd compass")
+    ('flinders', 'Mast_top', 'mag_2nd_compass')
     """
     if name is None:
         return usual

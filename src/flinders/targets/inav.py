@@ -45,10 +45,8 @@ GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the lines; a recording that was not in raw counts raises `UnitError`.
 
-    Raises
-    ------
-    NotExportable
-        Where what is left out costs more than a degree of heading, or int16 cannot hold the numbers.
+    Raises `NotExportable` where what is left out costs more than a degree of heading, or int16 cannot hold the
+    numbers.
     """
     offset, radii = offset_and_radii(calibration, who="INAV")
     zero, gain = in_16_bits(offset, ZEROS), in_16_bits(radii, GAINS, lowest=1)
@@ -68,10 +66,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, counts: length of corrected readings; without it the geometric mean of the gains.
 
-    Raises
-    ------
-    DocumentError
-        Where one is missing, stands there with two values, or is none that INAV holds.
+    Raises `DocumentError` where one is missing, stands there with two values, or is none that INAV holds.
     """
     pairs = settings(content, source, [*ZEROS, *GAINS])
     missing = [name for name in (*ZEROS, *GAINS) if name not in pairs]

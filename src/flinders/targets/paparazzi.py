@@ -45,11 +45,8 @@ ATTRIBUTE: Final = re.compile(r"""\b(name|value)\s*=\s*("[^"]*"|'[^']*')""")
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
 
-    Raises
-    ------
-    NotExportable
-        Where what is left out costs more than a degree of heading, the offset is no number of 32 bits, or an axis
-        would change its sign.
+    Raises `NotExportable` where what is left out costs more than a degree of heading, the offset is no number of 32
+    bits, or an axis would change its sign.
     """
     offset, radii = offset_and_radii(calibration, who="Paparazzi")
     if not np.all(radii > 0):
@@ -74,10 +71,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, counts: length of corrected readings; without it the geometric mean of the radii, 2048 / sens.
 
-    Raises
-    ------
-    DocumentError
-        Where one is missing, stands there with two values or is no such number, and where an axis is turned over.
+    Raises `DocumentError` where one is missing, stands there with two values or is no such number, and where an
+    axis is turned over.
     """
     defines = _defines(decoded(content, source), source)
     turned = [name for name in SIGNS if defines.get(name, "1").strip() not in {"1", "+1"}]

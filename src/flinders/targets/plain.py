@@ -88,10 +88,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, in the unit of the file: goes before the field strength in it.
 
-    Raises
-    ------
-    DocumentError
-        For what is no such file, or lacks numbers.
+    Raises `DocumentError` for what is no such file, or lacks numbers.
     """
     fields = loaded(content, source)
     unit, rows = fields.get("unit"), fields.get("matrix")

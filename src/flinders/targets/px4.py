@@ -208,15 +208,8 @@ class Px4Parameters(CompassParameters):
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
-        """Tell what the compass read, r = S⁻¹ Rᵀ m + OFF − x COMP: undoes `apply`.
+        """Tell what the compass read, r = S⁻¹ Rᵀ m + OFF − x COMP: undoes `apply`; `ArrayError` where it cannot.
 
-        Raises
-        ------
-        ArrayError
-            Where S flattens readings and cannot be undone.
-
-        Examples
-        --------
         >>> set_up = Px4Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
         >>> set_up.unapply(set_up.apply([0.1, 0.2, 0.3])).round(9)
         array([0.1, 0.2, 0.3])
@@ -278,15 +271,8 @@ class Px4Parameters(CompassParameters):
 
 
 def mounting(rotation: int) -> Floats:
-    """(3, 3) R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; −1 turns nothing.
+    """(3, 3) R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; −1 turns nothing, others raise `UsageError`.
 
-    Raises
-    ------
-    UsageError
-        For a number that is not known.
-
-    Examples
-    --------
     >>> mounting(6) @ [1, 0, 0]                                             # YAW_270: its x points to the left
     array([ 0., -1.,  0.])
     """

@@ -60,10 +60,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, µT: length of corrected readings; half of the largest range where it is not given.
 
-    Raises
-    ------
-    DocumentError
-        Where the extremes are not valid, or numbers are missing.
+    Raises `DocumentError` where the extremes are not valid, or numbers are missing.
     """
     pairs = keyed(decoded(content, source), source)
     if pairs.get(VALID) != "true":

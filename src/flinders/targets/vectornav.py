@@ -58,10 +58,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, µT: length of corrected readings, which the register does not hold; 50 µT where it is not given.
 
-    Raises
-    ------
-    DocumentError
-        For another sentence, and one whose checksum is wrong or missing.
+    Raises `DocumentError` for another sentence, and one whose checksum is wrong or missing.
     """
     line = decoded(content, source).strip()
     head = next((head for head in HEADS if line.startswith(head)), None)
