@@ -268,10 +268,6 @@ FORMATS = {
         "uint64_t timestamp;uint64_t time_utc_usec;double latitude_deg;double longitude_deg;double altitude_msl_m;",
         "<QQddd",
     ),
-    "mag_worker_data": (
-        "uint64_t timestamp;uint32_t[4] calibration_counter_total;float[4] x;float[4] y;float[4] z;",
-        "<Q4I12f",
-    ),
 }
 MODERN = {"CAL_MAG0_ID": 77, "CAL_MAG0_ROT": 2, "CAL_MAG0_PRIO": 75, "CAL_MAG0_XOFF": 0.25, "CAL_MAG0_ZSCALE": 1.25}
 
@@ -523,19 +519,6 @@ def test_a_calibration_on_board_in_the_middle_of_a_log_is_un_applied_where_it_he
     npt.assert_allclose(found.field[41:, 0], 20 + 50.0, atol=1e-5)
     npt.assert_allclose(rows(compass, as_logged=True)[0].field[:, 0], 20, atol=1e-5)
     assert "the calibration on board changed at 5 s" in compass.notes[0]
-
-
-def test_points_of_a_calibration_on_board_are_readings(tmp_path: Path) -> None:
-    points = 0.4 * simulate.uniform(np.random.default_rng(4), 30)
-    rows_ = [(10**6 * (n + 1), n + 1, n + 1, 0, 0, x, 2 * x, 0, 0, y, 2 * y, 0, 0, z, 2 * z, 0, 0)
-             for n, (x, y, z) in enumerate(points.tolist())]  # fmt: skip
-    again = [row for row in rows_ for _ in range(2)]  # a point is published until the next is taken
-    log = opened(tmp_path, ulog({("mag_worker_data", 0): again}))
-    assert [(one.name, one.readings) for one in log.instruments] == [
-        ("mag_worker_data 0", 30),
-        ("mag_worker_data 1", 30),
-    ]
-    npt.assert_allclose(rows(log.instruments[1])[0].field, 200 * points, atol=1e-4)
 
 
 def test_gaps_in_the_field_are_left_out_and_counted_by_the_whole(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ flinders.errors.UsageError: flight.bin has no magnetometer 2: there is 1 (MAG 0)
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
@@ -29,10 +29,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from datetime import datetime
 
+    from numpy.typing import NDArray
+
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
     from flinders.readers._source import Progress, Source
+
+
+HIGHEST_M: Final = 1e5
+"""An altitude beyond is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +85,17 @@ class Position:
     latitude_deg: float
     longitude_deg: float
     altitude_m: float = 0.0
+
+
+def first_position(
+    latitude: Floats, longitude: Floats, altitude: Floats, *, fixed: NDArray[np.bool_]
+) -> Position | None:
+    """The first of (N,) places in degrees and metres that is `fixed` and can be one."""
+    usable = fixed & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180) & ((latitude != 0) | (longitude != 0))
+    for row in np.flatnonzero(usable)[:1]:
+        height = float(altitude[row])
+        return Position(float(latitude[row]), float(longitude[row]), height if abs(height) < HIGHEST_M else 0.0)
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -45,7 +45,7 @@ from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._fmt import HEADER, INSTANCE, WHOLE, Messages, Table, read_listed, read_packed
 from flinders.readers._lines import encoding_of
-from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
 from flinders.readers._parameters import (
     ARDUPILOT,
@@ -105,8 +105,6 @@ MOST_SKIPPED: Final = 0.5
 
 FIX: Final = 3
 """GPS.Status from which on there is a position."""
-HIGHEST_M: Final = 1e5
-"""An altitude beyond is none."""
 LAST_WEEK, WEEK_MS = 10_000, 604_800_000
 """Weeks of GPS up to the year 2171, and milliseconds of one: what is beyond is no date."""
 GPS_EPOCH: Final = datetime(1980, 1, 6, tzinfo=UTC)
@@ -441,15 +439,11 @@ def _position(messages: Messages) -> Position | None:
         table = messages.get(name)
         if table is None or not table.has("Lat", "Lng"):
             continue
-        where = table.columns("Lat", "Lng")
-        usable = np.all(np.isfinite(where) & (np.abs(where) <= [90, 180]), axis=1) & np.any(where != 0, axis=1)
-        if name == "GPS" and table.has("Status"):
-            usable &= table.column("Status") >= FIX
-        if usable.any():
-            row = int(np.argmax(usable))
-            altitude = float(table.column("Alt")[row]) if table.has("Alt") else 0.0
-            latitude, longitude = where[row].tolist()
-            return Position(latitude, longitude, altitude if abs(altitude) < HIGHEST_M else 0.0)
+        fixed = table.column("Status") >= FIX if name == "GPS" and table.has("Status") else np.ones(len(table), bool)
+        altitude = table.column("Alt") if table.has("Alt") else np.zeros(len(table))
+        position = first_position(table.column("Lat"), table.column("Lng"), altitude, fixed=fixed)
+        if position is not None:
+            return position
     return None
 
 

@@ -59,14 +59,12 @@ DEEPEST: Final = 8
 """Groups within groups that are looked into."""
 MOST_CHUNK: Final = 32 << 20
 """Bytes of a chunk, unpacked: all of it is in memory while a part of it is read."""
-MOST_CHUNK_LZF: Final = 1 << 20
-"""The same for LZF, which unpacks to up to 88 times of what is stored, whatever the size of the chunk."""
 MOST_CACHED: Final = 256 << 20
 """Bytes of the chunks of all columns that are held from one block to the next."""
 MOST_REASONS: Final = 4
 """Datasets left out that are named with the reason."""
-SHUFFLE, FLETCHER, DEFLATE, LZF = 2, 3, 1, 32000
-FILTERS: Final = frozenset((SHUFFLE, FLETCHER, DEFLATE, LZF))
+SHUFFLE, FLETCHER, DEFLATE = 2, 3, 1
+FILTERS: Final = frozenset((SHUFFLE, FLETCHER, DEFLATE))
 """Filters that are undone; HDF5 loads others from the disk by the number that the file names, which is not trusted."""
 LARGEST_RATIO: Final = 1032
 """Bytes that a packed one makes at most with deflate."""
@@ -190,17 +188,14 @@ class _Catalogue:
 
     def _reason_against(self, dataset: Any, storage: Any, dtype: np.dtype[Any]) -> str:  # noqa: ANN401
         """Say why a dataset cannot be read in bounded memory; nothing where it can."""
-        filters = [storage.get_filter(place) for place in range(storage.get_nfilters())]
-        numbers = [number for number, *_ in filters]
+        numbers = [storage.get_filter(place)[0] for place in range(storage.get_nfilters())]
         if foreign := [number for number in numbers if number not in FILTERS]:
             return f"packed with filter {foreign[0]}: write it with gzip"
-        if len(set(numbers)) < len(numbers) or {DEFLATE, LZF} <= set(numbers):
+        if len(set(numbers)) < len(numbers):
             return "packed twice"
-        if storage.get_layout() == self.h5py.h5d.CHUNKED:
-            chunk = max(math.prod(storage.get_chunk()) * dtype.itemsize, *_sizes_of_lzf(filters))
-            most = MOST_CHUNK_LZF if LZF in numbers else MOST_CHUNK
-            if chunk > most:
-                return f"in chunks of more than {most >> 20} MB: write smaller ones"
+        is_chunked = storage.get_layout() == self.h5py.h5d.CHUNKED
+        if is_chunked and math.prod(storage.get_chunk()) * dtype.itemsize > MOST_CHUNK:
+            return f"in chunks of more than {MOST_CHUNK >> 20} MB: write smaller ones"
         stored = min(dataset.get_storage_size(), self.file.size)
         if is_bomb(math.prod(dataset.shape) * dtype.itemsize, stored):
             return f"said to be {math.prod(dataset.shape) * dtype.itemsize >> 20:,} MB in {stored:,} bytes"
@@ -392,11 +387,6 @@ def _length_of_text(content: mmap.mmap, place: int, size: int) -> int:
             at = place + sum(each)
             return int.from_bytes(content[at : at + 4], "little")
     return 0
-
-
-def _sizes_of_lzf(filters: Sequence[tuple[int, int, tuple[int, ...], bytes]]) -> tuple[int, ...]:
-    """Sizes of the memory that LZF is told to take for a chunk; 0 first."""
-    return (0, *(size for number, _, sizes, _ in filters if number == LZF for size in sizes))
 
 
 def _layout_of(shape: tuple[int, ...], *, is_reversed: bool) -> tuple[int, int, int]:

@@ -41,7 +41,7 @@ from flinders.errors import UnreadableInput, counted
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
 from flinders.readers._lines import shown
-from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._reader import Reader
 from flinders.readers._resample import TimeSeries, blocks, resampled
 from flinders.readers._scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan
@@ -474,9 +474,9 @@ def _typical(field: Floats) -> float:
 def _position(topics: Sequence[_Topic]) -> Position | None:
     """The first place with a fix."""
     for topic in topics:
-        for latitude, longitude, altitude, status in topic.table.tolist() if topic.kind == PLACE else ():
-            if status >= LEAST_FIX and abs(latitude) <= 90 and abs(longitude) <= 180:
-                return Position(latitude, longitude, altitude if np.isfinite(altitude) else 0.0)
+        if topic.kind == PLACE:
+            latitude, longitude, altitude, status = topic.table.T
+            return first_position(latitude, longitude, altitude, fixed=status >= LEAST_FIX)
     return None
 
 

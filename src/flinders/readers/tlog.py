@@ -8,9 +8,8 @@ logging, motor compensation with the current or the throttle that was sent. **PX
 HIGHRES_IMU**, which is corrected with CAL_MAG, less what its estimator learned in flight: of which compass is not
 said, and readings are as they were sent. Of other autopilots it is not known here, and they are as well.
 
-Beside a reading stand acceleration, rate, current (SYS_STATUS), that of each motor (ArduPilot's ESC_TELEMETRY_1_TO_4
-and those after it; ESC_STATUS, which PX4 sends, is not in the dialect that unpacks them), throttle (VFR_HUD) and, where
-readings are in the axes of the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
+With a reading go acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, where readings are in the axes of
+the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
 
 The packets are found here and unpacked by pymavlink, which also checks their sums. Its times are those of the
 vehicle; the date is that of the ground station's clock.
@@ -39,8 +38,8 @@ from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._extras import needs
-from flinders.readers._log import Instrument, Log, Position
-from flinders.readers._names import CURRENT, CURRENTS, THROTTLE
+from flinders.readers._log import Instrument, Log, Position, first_position
+from flinders.readers._names import CURRENT, THROTTLE
 from flinders.readers._parameters import (
     ARDUPILOT,
     IN_VEHICLE_AXES,
@@ -63,7 +62,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
-    from flinders.readers._resample import Series
     from flinders.readers._source import File
 
 DIALECT: Final = "pymavlink.dialects.v20.ardupilotmega"
@@ -77,10 +75,6 @@ MAY_BEGIN: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 
 HEARTBEAT, SYS_STATUS, PARAM_VALUE, RAW_IMU, GPS_RAW_INT, GLOBAL_POSITION_INT = 0, 1, 22, 27, 24, 33
 ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, HIGHRES_IMU = 30, 31, 74, 105
-CONTROLLERS: Final = (11030, 11031, 11032)
-"""ESC_TELEMETRY_1_TO_4 and those after it, which hold the next four motors each."""
-OF_FOUR: Final = 4
-"""Motors of one message."""
 COMPASS_MESSAGES: Final = {
     RAW_IMU: ("RAW_IMU", 1),
     26: ("SCALED_IMU", 1),
@@ -89,8 +83,11 @@ COMPASS_MESSAGES: Final = {
     HIGHRES_IMU: ("HIGHRES_IMU", 1),
 }
 """Number of a message: its name, and which compass it holds."""
-WANTED: Final = frozenset({HEARTBEAT, SYS_STATUS, PARAM_VALUE, GPS_RAW_INT, GLOBAL_POSITION_INT, ATTITUDE,
-                           ATTITUDE_QUATERNION, VFR_HUD, *CONTROLLERS, *COMPASS_MESSAGES})  # fmt: skip
+PLACES: Final = (GLOBAL_POSITION_INT, GPS_RAW_INT)
+"""Where the vehicle says that it is, and where its GPS does."""
+WANTED: Final = frozenset({
+    HEARTBEAT, SYS_STATUS, PARAM_VALUE, ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, *PLACES, *COMPASS_MESSAGES,
+})  # fmt: skip
 MAG_UPDATED: Final = 0b1_1100_0000
 """Bits of HIGHRES_IMU.fields_updated that say that its compass was read anew."""
 AN_ARDUPILOT, A_PX4 = 3, 12
@@ -160,7 +157,7 @@ def open_tlog(file: File) -> Log:
         file.name,
         "MAVLink telemetry",
         tuple(_instrument(file, heard, *each, several=several) for each in streams),
-        position=heard.position or heard.fix,
+        position=heard.position,
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=begun),
         notes=damage,
         damage=damage,
@@ -203,19 +200,20 @@ def _throttle(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN40
     return packet.since, 0.01 * message.throttle
 
 
-def _controllers(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """A of four motors."""
-    return (packet.since, *(0.01 * value for value in message.current))
+def _place(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """Degrees and metres, where there is a fix."""
+    fixed = packet.message != GPS_RAW_INT or message.fix_type >= FIX
+    return (1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt) if fixed else ()
 
 
 ROWS: Final = {
     **dict.fromkeys(COMPASS_MESSAGES, (_reading, WIDTH)),
     **{number: (_attitude, 2 + len(names)) for number, names in ATTITUDE_FIELDS.items()},
-    **dict.fromkeys(CONTROLLERS, (_controllers, 1 + OF_FOUR)),
+    **dict.fromkeys(PLACES, (_place, 3)),
     SYS_STATUS: (_battery, 2),
     VFR_HUD: (_throttle, 2),
 }
-"""The numbers that are taken of a message, of which each has a time, and how many they are."""
+"""The numbers that are taken of a message, and how many they are."""
 
 
 @dataclass(slots=True, eq=False)
@@ -228,8 +226,6 @@ class _Heard:
     # by system: place, name and value, each time that a parameter was sent
     parameters: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
     autopilots: dict[int, int] = field(default_factory=dict)  # by system
-    position: Position | None = None  # first of the vehicle's own, and of its GPS
-    fix: Position | None = None
     packets: int = 0  # how many there were, how many had a wrong sum, bytes that belong to none, and in how many places
     broken: int = 0
     skipped: int = 0
@@ -266,34 +262,26 @@ class _Heard:
             self.autopilots.setdefault(system, message.autopilot)
         elif number == PARAM_VALUE:
             self.parameters.setdefault(system, []).append((packet.start, message.param_id, message.param_value))
-        elif number == GPS_RAW_INT and message.fix_type >= FIX:
-            self.fix = self.fix or _position(message)
-        elif number == GLOBAL_POSITION_INT:
-            self.position = self.position or _position(message)
 
     def table(self, system: int, number: int) -> Floats:
         """(N, k) numbers of a system's message."""
         return np.frombuffer(self.rows.get((system, number), array("d"))).reshape(-1, ROWS[number][1])
 
-    def drives(self, system: int) -> dict[str, Series]:
-        """Current, throttle and the current of each motor, as far as they were sent, by the ground station's clock."""
+    def drives(self, system: int) -> dict[str, TimeSeries]:
+        """Current and throttle, as far as they were sent, by the ground station's clock."""
         battery, throttle = self.table(system, SYS_STATUS), self.table(system, VFR_HUD)
-        found: dict[str, Series | None] = {
+        found = {
             CURRENT: TimeSeries.of(battery[:, 0], battery[:, 1:]) if battery[:, 1].any() else None,
             THROTTLE: TimeSeries.of(throttle[:, 0], shares(throttle[:, 1:])),
-            CURRENTS: tuple(self._of_motors(system)) or None,
         }
         return {kind: series for kind, series in found.items() if series is not None}
 
-    def _of_motors(self, system: int) -> Iterator[TimeSeries]:
-        """Current of a system's motors, four by four, as far as they say that any flows."""
-        for number in CONTROLLERS:
-            rows = self.table(system, number)
-            used = np.flatnonzero(np.nan_to_num(rows[:, 1:]).any(axis=0))
-            if len(used) and (series := TimeSeries.of(rows[:, 0], rows[:, 1 : 2 + used[-1]])) is not None:
-                yield series
-            if not len(used) or used[-1] + 1 < OF_FOUR:
-                return
+    @property
+    def position(self) -> Position | None:
+        """The first of a vehicle's own, else of a GPS."""
+        tables = [self.table(*each) for number in PLACES for each in self.rows if each[1] == number]
+        found = (first_position(*table.T, fixed=np.ones(len(table), bool)) for table in tables)
+        return next((each for each in found if each is not None), None)
 
     def attitude(self, system: int, table: Floats) -> tuple[AttitudeSeries | None, int]:
         """Attitude of a system, and which column of a table of readings its times are to be compared with."""
@@ -318,7 +306,7 @@ class _Compass:
     units: Units
     stage: NDArray[np.intp]  # (N,): which parameters were in force at each
     parameters: dict[int, ArduPilotParameters]  # by stage; empty where they are not known
-    drives: Mapping[str, Series]  # by the clock of the ground station
+    drives: Mapping[str, TimeSeries]  # by the clock of the ground station
     attitude: AttitudeSeries | None
     attitude_by: int  # column of the table with the clock that the attitude goes by
 
@@ -343,8 +331,7 @@ class _Compass:
     def drive(self, parameters: ArduPilotParameters) -> TimeSeries | None:
         """What a compass's motor compensation goes by, where it is on and that was sent."""
         kind = {BY_CURRENT: CURRENT, BY_THROTTLE: THROTTLE}.get(parameters.motor_by, "")
-        series = self.drives.get(kind) if parameters.has_disturbances else None
-        return series if isinstance(series, TimeSeries) else None
+        return self.drives.get(kind) if parameters.has_disturbances else None
 
     def taken_off(self, parameters: ArduPilotParameters) -> ArduPilotParameters:
         """What is un-applied of them: all but a motor compensation that goes by what was not sent."""
@@ -446,13 +433,6 @@ def _damage(heard: _Heard, size: int) -> Iterator[str]:
     if heard.skipped:
         places = counted(heard.gaps, "place")
         yield f"{counted(heard.skipped, 'byte')} of {size:,} in {places} belong to no packet: skipped"
-
-
-def _position(message: Any) -> Position | None:  # noqa: ANN401 - of a generated class
-    """Where a message says that the vehicle is, unless it says nothing."""
-    latitude, longitude = 1e-7 * message.lat, 1e-7 * message.lon
-    usable = (message.lat or message.lon) and abs(latitude) <= 90 and abs(longitude) <= 180
-    return Position(latitude, longitude, 1e-3 * message.alt) if usable else None
 
 
 def _packet(content: bytes | mmap.mmap, at: int) -> Packet | None:

@@ -1,6 +1,6 @@
 """PX4 logs (``.ulg``), read with pyulog.
 
-Four topics may hold a magnetometer, and each is offered where it holds more than the one before it:
+Three topics may hold a magnetometer, and each is offered where it holds more than the one before it:
 
 - ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. From version 1.12 on it is what the
   compass read; up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is taken off here.
@@ -8,7 +8,6 @@ Four topics may hold a magnetometer, and each is offered where it holds more tha
   of the compass that it says, or the one that ``sensor_selection`` or CAL_MAG_PRIME names. What the estimator learned
   in flight, which versions from 1.13 on may take off as well, and COMP, which needs throttle or current, stay on it.
 - ``sensor_combined.magnetometer_ga`` of logs up to 2018: as ``vehicle_magnetometer``, repeated at the rate of the gyro.
-- ``mag_worker_data``: the points of a calibration on board, one instance a compass (field order not verified on a log).
 
 Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the attitude
 (``vehicle_attitude``), the current of the first battery that knows one and the throttle (length of
@@ -39,7 +38,7 @@ import numpy as np
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
 from flinders.readers._extras import needs, reading
-from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.readers._log import Instrument, Log, Position, Stored, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
 from flinders.readers._parameters import stage_of, stages, unapplied
 from flinders.readers._reader import Reader
@@ -65,7 +64,7 @@ TAIL: Final = 1 << 24
 GAUSS: Final = Unit.of("G")
 
 TOPICS: Final = (
-    "sensor_mag", "vehicle_magnetometer", "sensor_combined", "mag_worker_data", "sensor_selection", "vehicle_imu",
+    "sensor_mag", "vehicle_magnetometer", "sensor_combined", "sensor_selection", "vehicle_imu",
     "battery_status", "vehicle_gps_position", "sensor_gps", "vehicle_attitude", "vehicle_thrust_setpoint",
     "actuator_controls_0", "esc_status", "actuator_motors",
 )  # fmt: skip
@@ -107,7 +106,7 @@ def open_ulog(file: File) -> Log:
     with reading(file.name, KIND):
         flight = _Flight.of(file.name, _parsed(pyulog, file))
         instruments = [*_sensor_mag(flight)]
-        for derived in (_vehicle_magnetometer, _sensor_combined, _mag_worker_data):
+        for derived in (_vehicle_magnetometer, _sensor_combined):
             others = [*derived(flight)]
             most = max((one.readings or 0 for one in instruments), default=0)
             if max((one.readings or 0 for one in others), default=0) > MUCH_MORE * most:
@@ -422,19 +421,6 @@ def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
     yield _corrected("sensor_combined.magnetometer_ga", readings, _selected(flight))
 
 
-def _mag_worker_data(flight: _Flight) -> Iterator[Instrument]:
-    """The points that the calibration on board took, of each compass."""
-    for _, columns in flight.instances("mag_worker_data"):
-        for compass in range(4):
-            count = columns.get(f"calibration_counter_total[{compass}]", np.zeros(0))
-            taken = np.flatnonzero(np.diff(np.asarray(count, np.int64), prepend=0) > 0)
-            if len(taken):
-                field = _stack(columns, *(f"{axis}[{compass}]" for axis in "xyz"))[taken]
-                yield _instrument(
-                    f"mag_worker_data {compass}", _Readings(flight, _seconds(columns)[taken], field), None
-                )
-
-
 def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
     """An instrument whose readings were corrected and turned: what that was is taken off where the log says it."""
     parameters = px4.of_device(readings.flight.values, device)
@@ -523,12 +509,7 @@ def _position(flight: _Flight) -> Position | None:
     if "lat" in columns:
         degrees = _stack(columns, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
     fix = np.asarray(columns.get("fix_type", np.full(len(degrees), 3)), np.float64)
-    inside = (np.abs(degrees[:, 0]) <= 90) & (np.abs(degrees[:, 1]) <= 180) & np.any(degrees[:, :2] != 0, axis=1)
-    usable = np.flatnonzero(inside & (fix >= 2))
-    if not len(usable):
-        return None
-    latitude, longitude, altitude = degrees[usable[0]].tolist()
-    return Position(latitude, longitude, altitude if np.isfinite(altitude) else 0.0)
+    return first_position(*degrees.T, fixed=fix >= 2)
 
 
 def _begun(flight: _Flight) -> datetime | None:

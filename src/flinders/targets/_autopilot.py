@@ -175,8 +175,9 @@ class CompassParameters:
 
     def as_held(self) -> Self:
         """The same after the autopilot has kept each value as a float32."""
-        names = ("offset", "diagonal", "off_diagonal", "motor")
-        return replace(self, **{name: single(getattr(self, name)) for name in names})
+        diagonal, off_diagonal = single(self.diagonal), single(self.off_diagonal)
+        held = replace(self, offset=single(self.offset), motor=single(self.motor))
+        return replace(held, diagonal=diagonal, off_diagonal=off_diagonal)
 
     def words(self) -> str:
         """Write what is in force on one line, with its names."""

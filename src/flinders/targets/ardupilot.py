@@ -278,17 +278,15 @@ class ArduPilotParameters(CompassParameters):
 
         Values are rounded to the float32 that ArduPilot keeps.
         """
-        groups = {"OFS": self.offset, "DIA": self.diagonal, "ODI": self.off_diagonal, "SCALE": self.scale}
-        motors = {"MOT": self.motor} if self.motor.any() else {}
-        named: list[tuple[str, float]] = []
-        for group, values in (groups | motors).items():
-            axes = ("_X", "_Y", "_Z") if np.ndim(values) else ("",)
-            named += [
-                (names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"], value)
-                for axis, value in zip(axes, np.atleast_1d(values), strict=True)
-            ]
-        named += [("COMPASS_MOTCT", self.motor_by)] * bool(motors)
-        return tuple((name, float(np.float32(value)) + 0.0) for name, value in named)
+        groups = {"OFS": self.offset, "DIA": self.diagonal, "ODI": self.off_diagonal, "SCALE": np.array([self.scale])}
+        if self.motor.any():
+            groups["MOT"] = self.motor
+        rows = [
+            (names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"], float(np.float32(value)) + 0.0)
+            for group, values in groups.items()
+            for axis, value in zip(("_X", "_Y", "_Z") if len(values) == 3 else ("",), values, strict=True)
+        ]
+        return (*rows, *([("COMPASS_MOTCT", float(self.motor_by))] if self.motor.any() else []))
 
     def as_held(self) -> Self:
         """The same after ArduPilot has kept each value as a float32."""
