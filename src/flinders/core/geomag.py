@@ -40,40 +40,21 @@ _NANOTESLA: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class SiteField:
-    """What a magnetometer should meet at a place and time.
+    """What a magnetometer should meet at a place and time."""
 
-    Attributes
-    ----------
-    model : str
-        Its name, such as ``WMM-2025``.
-    latitude_deg, longitude_deg : float, degrees
-        Geodetic; north and east positive.
-    altitude_m : float, m
-    year : float
-        With its fraction.
-    north, east, down : float, µT
-        Components along true north, east and down.
-    declination_deg : float, degrees
-        From true to magnetic north, east positive, in (−180, 180].
-    inclination_deg : float, degrees
-        Dip below the horizon, negative in the south.
-    horizontal, strength : float, µT
-    declination_sigma_deg, inclination_sigma_deg, strength_sigma : float or None
-        The model's published uncertainty, 1 σ, crust and all, in degrees and µT. None for WMM-2010.
-    """
-
-    model: str
-    latitude_deg: float
+    model: str  #: its name, such as ``WMM-2025``
+    latitude_deg: float  #: geodetic; north and east positive
     longitude_deg: float
     altitude_m: float
-    year: float
-    north: float
-    east: float
-    down: float
-    declination_deg: float
-    inclination_deg: float
-    horizontal: float
-    strength: float
+    year: float  #: with its fraction
+    north: float  #: µT: components along true north, east and down
+    east: float  #: µT
+    down: float  #: µT
+    declination_deg: float  #: from true to magnetic north, east positive, in (−180, 180]
+    inclination_deg: float  #: dip below the horizon, negative in the south
+    horizontal: float  #: µT
+    strength: float  #: µT
+    #: the model's published uncertainty, 1 σ, crust and all, in degrees and µT; None for WMM-2010
     declination_sigma_deg: float | None = None
     inclination_sigma_deg: float | None = None
     strength_sigma: float | None = None

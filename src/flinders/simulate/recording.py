@@ -46,24 +46,15 @@ PAUSES: Final = 3
 class Imu:
     """The gyro and the accelerometer next to a magnetometer, both in its axes.
 
-    Attributes
-    ----------
-    gyro_bias : (3,) float, rad/s
-        What the gyro reads at rest.
-    gyro_noise : float, rad/s
-        One σ per axis.
-    acceleration_noise : float, m/s²
-        One σ per axis.
-
     Raises
     ------
     ArrayError, UsageError
         For a bias that is not three finite numbers, or negative noise.
     """
 
-    gyro_bias: Floats = field(default_factory=lambda: np.zeros(3))
-    gyro_noise: float = RATE_NOISE
-    acceleration_noise: float = ACCELERATION_NOISE
+    gyro_bias: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,), rad/s: what the gyro reads at rest
+    gyro_noise: float = RATE_NOISE  #: rad/s: one σ per axis
+    acceleration_noise: float = ACCELERATION_NOISE  #: m/s²: one σ per axis
 
     def __post_init__(self) -> None:
         """Check the numbers."""

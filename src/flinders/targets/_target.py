@@ -177,25 +177,15 @@ def plain_ascii(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TargetReader:
-    """How a target's file is read back.
+    """How a target's file is read back."""
 
-    Attributes
-    ----------
-    mark : bytes
-        Regular expression that the first bytes of such a file match, and those of other targets do not.
-    read : callable
-        ``read(content, source, strength=…)`` gives the calibration: of the bytes of a file, with its name for messages
-        and the length of corrected readings, which goes before what the file says of it; in µT, in counts for files in
-        counts. It takes ``compass`` where there is `which`.
-    saved : str
-        What the tool itself saves that can be read, in words.
-    which : callable, optional
-        ``which(content, source, compass)`` gives number and device id of the compass that is read, of several.
-    """
-
-    mark: bytes
+    mark: bytes  #: regular expression that the first bytes of such a file match, and those of other targets do not
+    #: ``read(content, source, strength=…)`` gives the calibration: of the bytes of a file, with its name for messages
+    #: and the length of corrected readings, which goes before what the file says of it; in µT, in counts for files in
+    #: counts. It takes ``compass`` where there is `which`
     read: Callable[..., Calibration]
-    saved: str
+    saved: str  #: what the tool itself saves that can be read, in words
+    #: ``which(content, source, compass)`` gives number and device id of the compass that is read, of several
     which: Callable[[bytes, str, int | None], tuple[int, int | None]] | None = None
 
     def sniff(self, head: bytes) -> bool:
@@ -205,72 +195,34 @@ class TargetReader:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """One row of the table of targets.
+    """One row of the table of targets."""
 
-    Attributes
-    ----------
-    name : str
-        What `find` and ``--to`` look for.
-    use, suffix, title : str
-        What it writes, for people; ending of such a file; its name, for people.
-    formula : str
-        By which it uses the numbers.
-    unit : str
-        Of the readings that it corrects: a name of `units`, ``own`` or ``recorded``.
-    keeps : str
-        What it holds; a key of `HOLDS`.
-    storage, source : str
-        How numbers are kept, and their range; where that stands.
-    write : callable
-        ``write(calibration, asked)`` gives the calibration in the numbers of the target.
-    reader : TargetReader, optional
-        Where such a file can be read back.
-    acts : str
-        A key of `WHERE`.
-    fed : bool
-        The program around it chooses which readings it corrects: they may be those of the vehicle.
-    follows : str
-        Which disturbances it has room for: none, one of current and throttle (``motors``), or all.
-    lengths : str
-        How long corrected readings are, where that is the target's own; empty where it is the calibration's.
-    gives : str
-        Unit of what comes out, where it is another.
-    errors_in : str
-        Unit in which its errors are told, where that of the calibration says little beside its steps.
-    unverified : tuple of str
-        What nobody could verify, a clause each.
-    comment : Comment, optional
-        None where the file has no room for comments.
-    docs : str
-        The page that tells about it.
-    compasses : range, optional
-        Numbers of the compasses that it keeps; with them it takes ``--compass``.
-    named : bool
-        Names in it stand in a program beside those of others, and it takes ``--name``.
-    """
-
-    name: str
-    use: str
-    suffix: str
-    title: str
-    formula: str
-    unit: str
-    keeps: Keeps
-    storage: str
-    source: str
+    name: str  #: what `find` and ``--to`` look for
+    use: str  #: what it writes, for people
+    suffix: str  #: ending of such a file
+    title: str  #: its name, for people
+    formula: str  #: by which it uses the numbers
+    unit: str  #: of the readings that it corrects: a name of `units`, ``own`` or ``recorded``
+    keeps: Keeps  #: what it holds; a key of `HOLDS`
+    storage: str  #: how numbers are kept, and their range
+    source: str  #: where that stands
+    #: ``write(calibration, asked)`` gives the calibration in the numbers of the target
     write: Callable[[Calibration, ExportOptions], Written]
-    reader: TargetReader | None = None
-    acts: Acts = "recorded"
-    fed: bool = False
+    reader: TargetReader | None = None  #: where such a file can be read back
+    acts: Acts = "recorded"  #: a key of `WHERE`
+    fed: bool = False  #: the program around it chooses which readings it corrects: they may be those of the vehicle
+    #: which disturbances it has room for: none, one of current and throttle (``motors``), or all
     follows: Literal["", "motors", "all"] = ""
+    #: how long corrected readings are, where that is the target's own; empty where it is the calibration's
     lengths: str = ""
-    gives: str = ""
+    gives: str = ""  #: unit of what comes out, where it is another
+    #: unit in which its errors are told, where that of the calibration says little beside its steps
     errors_in: str = ""
-    unverified: tuple[str, ...] = ()
-    comment: Comment | None = HASH
-    docs: str = "targets.md"
-    compasses: range | None = None
-    named: bool = False
+    unverified: tuple[str, ...] = ()  #: what nobody could verify, a clause each
+    comment: Comment | None = HASH  #: None where the file has no room for comments
+    docs: str = "targets.md"  #: the page that tells about it
+    compasses: range | None = None  #: numbers of the compasses that it keeps; with them it takes ``--compass``
+    named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
 
     @property
     def where(self) -> str:
