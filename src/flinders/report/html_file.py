@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 SHEETS: Final = ("figure.css", "report.css")
 """Style sheets of every report."""
+START: Final = "m0.theming(() => {});"
+"""How the script of a page without a 3-D view is started."""
 
 
 def html_file(template: str, given: Mapping[str, Any], *, style: str, script: str, filters: Mapping[str, Any]) -> str:

@@ -29,11 +29,12 @@ from flinders.report.formatting import (
     degrees,
     length,
     matrix_entries,
+    mounting,
     offset_entries,
     on_the_point,
+    said_of,
 )
 from flinders.report.html_file import filled
-from flinders.report.sections import mounting, said_of
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance
