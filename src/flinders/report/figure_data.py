@@ -57,47 +57,20 @@ MOST: Final = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FigureData:
-    """A fit and readings, ready to be drawn.
+    """A fit and readings, ready to be drawn; fields are in `unit`."""
 
-    Attributes
-    ----------
-    view : View or None
-        None where there is no fit at all.
-    whole : Samples
-        All readings, without what the calibration follows.
-    raw : (n, 3) float, in `unit`
-        Every `stride`-th of them.
-    recorded : (n, 3) float, in `unit`
-        The same as they were recorded.
-    driving : dict of str to (n,) float
-        What drives the offset, by name, where the calibration follows anything.
-    when : (n,) float
-        Seconds since the first, or numbers of readings, as `clock` says.
-    clock : str
-        ``s`` where the recording is one and its time ascends, else ``reading``.
-    is_used : (n,) bool
-        Those that the fit did not leave out.
-    total : int
-        Readings of the whole recording.
-    stride : int
-    unit : str
-        ``µT`` or ``counts``.
-    plane : str, optional
-        That of a fit to readings of one plane.
-    """
-
-    view: View | None
-    whole: Samples
-    raw: Floats
-    recorded: Floats
-    driving: dict[str, Floats]
-    when: Floats
-    clock: str
-    is_used: NDArray[np.bool_]
-    total: int
+    view: View | None  # None where there is no fit at all
+    whole: Samples  # all readings, without what the calibration follows
+    raw: Floats  # (n, 3), every `stride`-th of them
+    recorded: Floats  # (n, 3), the same as they were recorded
+    driving: dict[str, Floats]  # (n,) what drives the offset, by name, where the calibration follows anything
+    when: Floats  # (n,) seconds since the first, or numbers of readings, as `clock` says
+    clock: str  # "s" where the recording is one and its time ascends, else "reading"
+    is_used: NDArray[np.bool_]  # (n,) those that the fit did not leave out
+    total: int  # readings of the whole recording
     stride: int
-    unit: str
-    plane: Plane | None = None
+    unit: str  # "µT" or "counts"
+    plane: Plane | None = None  # that of a fit to readings of one plane
 
     @classmethod
     def of(cls, fit: Fit | None, recording: Recording, *, most: int = MOST) -> Self:

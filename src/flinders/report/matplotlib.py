@@ -250,7 +250,7 @@ def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
             for x, name in ((1.55, "+x"), (-1.55, "−x")):
                 axes.text(x, 0.0, name, color=FAINT, fontsize=7, ha="center", va="center")
         patches = [Patch(color=colour_of(kind, "light"), label=words) for kind, words in legend]
-        part.legend(handles=patches, ncols=len(patches), loc=f"outside lower {side}", **LEGEND)
+        part.legend(handles=patches, ncols=len(patches), **LEGEND | {"loc": f"outside lower {side}"})
 
 
 PARTS: Final[dict[str, tuple[float, Callable[[SubFigure, FigureData, Fit], None]]]] = {

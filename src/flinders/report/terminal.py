@@ -166,7 +166,7 @@ def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80
             text.append(LETTERS[is_plain][kind] * len(list(run)), TINTS[kind])
         text.append("\n")
     if rows:
-        within, open_within, above, open_above = LETTERS[is_plain]
+        within, open_within, above, open_above = tuple(LETTERS[is_plain])
         words = f"{within} {open_within} within {fit.target_deg:g}°, {above} {open_above} above; "
         words += f"{open_within} {open_above} not recorded"
         text.append("+ is zero".ljust(WIDTH - len(words)) + words, "dim")
