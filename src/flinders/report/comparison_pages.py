@@ -475,24 +475,18 @@ def _remarks(drift: FleetDrift) -> list[str]:
         remarks.append(f"slow drift of this fleet: {degrees(drift.walk_deg)} of heading over a year (1 σ)")
     undated = drift.undated
     if undated.units and undated.session > 1.05:
-        remarks.append(
-            f"recordings without dates scatter {figures(undated.session**0.5)} times as far as they claim: allowed for"
-        )
+        times = figures(undated.session**0.5)
+        remarks.append(f"recordings without dates scatter {times} times as far as they claim: allowed for")
     if undated.units and undated.walk_deg > 0.005:
-        remarks.append(
-            f"slow drift where no dates are known: {degrees(undated.walk_deg)} of heading from one recording to the "
-            "next (1 σ)"
-        )
+        by = f"{degrees(undated.walk_deg)} of heading from one recording to the next (1 σ)"
+        remarks.append(f"slow drift where no dates are known: {by}")
     if drift.left_out:
-        remarks.append(
-            f"{counted(drift.left_out, 'row')} left out: refused, failed, or in another unit than the others"
-        )
+        rows = counted(drift.left_out, "row")
+        remarks.append(f"{rows} left out: refused, failed, or in another unit than the others")
     if drift.batches:
         remarks.append(f"the batch is told by {drift.batch_of}")
-    remarks.append(
-        f"chance alone lists a unit, or a step, in {drift.chance:.0%} of fleets of this size in which nothing changed"
-    )
-    return remarks
+    share = f"{drift.chance:.0%} of fleets of this size in which nothing changed"
+    return [*remarks, f"chance alone lists a unit, or a step, in {share}"]
 
 
 # ------------------------------------------------------------------------------------------ what to choose from

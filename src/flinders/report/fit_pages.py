@@ -72,7 +72,8 @@ def of_fit(fit: Fit) -> RenderableType:
         blocks = _merged_parts(fit.repeats), result, _merged_verdict(fit, fit.repeats)
         return Group(page(*blocks), findings(said_of(fit)))
     before = None if is_refused else _before_and_after(fit)
-    return Group(page(before, result, _fit_verdict(fit)), findings(said_of(fit), movement(fit)))
+    turn = "" if fit.verdict == "good" else movement(fit)
+    return Group(page(before, result, _fit_verdict(fit)), findings(said_of(fit), turn))
 
 
 def of_extremes(extremes: Extremes) -> RenderableType:

@@ -306,10 +306,8 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
     if drawn is None or not len(drawn.raw):
         return drawings
     view, target = drawn.view, 1.0 if fit is None else fit.target_deg
-    drawings |= {
-        "before": drawing.projections(drawn, is_corrected=False),
-        "pictures": drawing.pictures(drawn, target),
-    }
+    drawings["before"] = drawing.projections(drawn, is_corrected=False)
+    drawings["pictures"] = drawing.pictures(drawn, target)
     if view is None or view.shown is None:
         return drawings
     drawings |= {
