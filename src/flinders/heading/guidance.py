@@ -39,12 +39,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from flinders.heading.error_propagation import (
-    direction_errors_deg,
-    direction_gradients,
-    level_gradients,
-    upright,
-)
+from flinders.heading.error_propagation import direction_errors_deg, direction_gradients, level_gradients, upright
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS
 

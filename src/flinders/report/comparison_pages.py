@@ -494,12 +494,7 @@ def _remarks(drift: FleetDrift) -> list[str]:
 
 def of_methods(methods: Mapping[str, Method], options: Mapping[str, Mapping[str, tuple[str, ...]]]) -> RenderableType:
     """Lay out the methods: how many parameters each finds, how many readings it needs, and its options with values."""
-    headings = (
-        Column("method", style="bold"),
-        "parameters\nfound",
-        "readings,\nat least",
-        Column("when to use it"),
-    )
+    headings = (Column("method", style="bold"), "parameters\nfound", "readings,\nat least", Column("when to use it"))
     rows = []
     for name, row in methods.items():
         use = [row.use, *(f"option {option}: {', '.join(values)}" for option, values in options[name].items())]

@@ -111,13 +111,7 @@ def _dip(voyage: Voyage, site: SiteField | None) -> str:
 
 
 def _heading_notes(
-    voyage: Voyage,
-    formula: str,
-    site: SiteField | None,
-    claims: Mapping[str, Any],
-    *,
-    plausible: bool,
-    turned: Axes,
+    voyage: Voyage, formula: str, site: SiteField | None, claims: Mapping[str, Any], *, plausible: bool, turned: Axes
 ) -> Iterator[tuple[str, str]]:
     """What limits the headings, and what to do."""
     if not plausible:

@@ -162,12 +162,7 @@ def tiles_view() -> TilesView:
 
 
 def view(
-    fit: Fit,
-    samples: Samples,
-    *,
-    numbers: ArrayLike | None = None,
-    goal: Goal = "heading",
-    frame: Frame = "sensor",
+    fit: Fit, samples: Samples, *, numbers: ArrayLike | None = None, goal: Goal = "heading", frame: Frame = "sensor"
 ) -> View:
     """Put together what is drawn of a fit, also of that of a `Refused`.
 
