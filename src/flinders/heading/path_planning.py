@@ -184,7 +184,8 @@ def plan(
     now = _information(belief.covariance)
     target = math.radians(target_deg) ** 2
     paths = _begun(now, start, belief.ellipsoid, weight)
-    stretches = _stretches(belief.ellipsoid, weight)
+    graph = _graph()
+    stretches = _information_along(graph.between, graph.lengths_deg, belief.ellipsoid, weight)  # (42, 6, 9, 9)
     for step in range(STEPS):
         variances = _variances(wanted, paths.information)
         worst = variances.max(axis=1)
@@ -283,12 +284,6 @@ def _begun(now: Floats, start: Floats, ellipsoid: Ellipsoid, weight: float) -> _
     reached = np.flatnonzero((angles > NEAREST_DEG) & (angles < FARTHEST_DEG))
     arcs = np.array([_arc(start, _graph().nodes[node], 4)[0] for node in reached])
     return _Paths(now + _information_along(arcs, angles[reached], ellipsoid, weight), reached[:, np.newaxis])
-
-
-def _stretches(ellipsoid: Ellipsoid, weight: float) -> Floats:
-    """(42, 6, 9, 9) information of the way from each node to each of its neighbours."""
-    graph = _graph()
-    return _information_along(graph.between, graph.lengths_deg, ellipsoid, weight)
 
 
 def _information_along(arcs: Floats, lengths_deg: Floats, ellipsoid: Ellipsoid, weight: float) -> Floats:

@@ -23,7 +23,7 @@ from rich.text import Text
 from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
-from flinders.fitting.advice import UPSIDE_DOWN, condition, movement
+from flinders.fitting.advice import condition, movement
 from flinders.fitting.result import Fit, fit_of
 from flinders.geometry.plane import across
 from flinders.report.formatting import (
@@ -34,6 +34,7 @@ from flinders.report.formatting import (
     offset_entries,
     on_the_point,
     p_value,
+    reach,
     said_of,
     written_time,
 )
@@ -185,15 +186,9 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
 def _fit_verdict(fit: Fit) -> Table:
     seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
-    reach = "" if fit.verdict != "good" else f", {_reach(fit)}"
+    good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
-    return _quality(fit, reach, "no calibration was written", basis, *filter(None, (adds, condition(fit))))
-
-
-def _reach(fit: Fit) -> str:
-    """Say up to which tilt a fit is as good as was asked for."""
-    limit = fit.attitude_limit_deg
-    return "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
+    return _quality(fit, good, "no calibration was written", basis, *filter(None, (adds, condition(fit))))
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed

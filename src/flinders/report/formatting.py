@@ -16,6 +16,7 @@ import numpy as np
 
 from flinders.errors import figures
 from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.likelihood.parameters import TERMS
 
@@ -199,6 +200,11 @@ def mounting(fit: Fit) -> str:
     if not error < ANY_ANGLE_DEG:
         return f"how the axes sit in the body is not told by {who}: no heading of the body is known"
     return f"how the axes sit in the body, as {who} tell{'' if ' and ' in who else 's'} it, adds {degrees(error)} (1 σ)"
+
+
+def reach(limit_deg: float) -> str:
+    """Up to which tilt a heading is as good as was asked for."""
+    return "at any attitude" if limit_deg >= UPSIDE_DOWN else f"up to {limit_deg:.0f}° of tilt"
 
 
 def sources(fit: Fit) -> str:

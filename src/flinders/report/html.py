@@ -139,7 +139,7 @@ def page(
         "upside_down": UPSIDE_DOWN,
         "parameters": [] if usable is None else _parameters(usable),
         "disturbances": [] if usable is None else disturbance_rows(usable),
-        "listings": [] if usable is None else [_python_listing(usable.calibration), *listings],
+        "listings": [] if usable is None else [_as_python(usable.calibration), *listings],
         "walk": walk,
         "walk_words": "" if walk is None or fit is None else _walk_words(walk, fit),
         "names": SOURCES,
@@ -181,8 +181,7 @@ def goes_with(fit: Fit, drawn: FigureData) -> bool:
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 
-def _python_listing(calibration: Calibration) -> Listing:
-    """The correction as Python."""
+def _as_python(calibration: Calibration) -> Listing:
     return Listing("Python with NumPy", "correction.py", python_of(calibration))
 
 
@@ -230,10 +229,12 @@ def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], st
     """Each disturbance that the offset depends on: name, unit, offset in x, y and z for one of it, and words."""
     dip = fit.heading_error_deg.dip_deg
     known = {estimate.name: estimate for estimate in fit.disturbances if estimate.disturbance is not None}
+    motors = {one.name for one in fit.calibration.disturbances if motor(one.name)[1]}
     rows = []
     for place, one in enumerate(fit.calibration.disturbances):
         taken_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
-        words = _disturbance_words(one, taken_deg, known.get(one.name), _other_motors(fit, one))
+        has_others = one.name in motors and len(motors) > 1
+        words = _disturbance_words(one, taken_deg, known.get(one.name), has_others=has_others)
         unit = f"{label(fit.calibration.unit)} per {one.kind.per}"
         rows.append((one.name.capitalize(), unit, _disturbance_offsets(fit, one, place), words))
     return rows
@@ -249,18 +250,13 @@ def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list
     return [_split(with_uncertainty(*pair)) for pair in zip(values, sigma, strict=True)]
 
 
-def _other_motors(fit: Fit, disturbance: Disturbance) -> str:
-    """Of one of several motors: how the others run where so much is left."""
-    others = [motor(other.name)[1] for other in fit.calibration.disturbances if other is not disturbance]
-    return " and the other motors run along as they did then" if motor(disturbance.name)[1] and any(others) else ""
-
-
 def _disturbance_words(
-    disturbance: Disturbance, taken_deg: float, estimate: DisturbanceEstimate | None, running: str
+    disturbance: Disturbance, taken_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
 ) -> str:
     """In which range it was recorded, what it does to a heading, and what is left of that; reference, lag and gain."""
     amount, left = disturbance.amount, ""
     if estimate is not None:
+        running = " and the other motors run along as they did then" if has_others else ""
         left = f", of which {degrees(estimate.left_deg)} (1 σ) is left when it is followed{running}"
     parts = [
         f"recorded from {disturbance.lowest:.3g} to {amount(disturbance.highest)}",

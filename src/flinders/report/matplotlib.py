@@ -85,7 +85,9 @@ def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
     matplotlib = matplotlib_of()
     if what != "all" and what not in PARTS:
         raise UsageError(f"figure {what!r} is not known: use all or one of {', '.join(PARTS)}")
-    names = [name for name in (PARTS if what == "all" else (what,)) if _is_known(drawn, name)]
+    view = drawn.view
+    known = [] if view is None else [name for name in PARTS if name != "deviation" or view.turn is not None]
+    names = [name for name in known if what in ("all", name)]
     if not names:
         raise UsageError(f"nothing is known to draw {what} from: the calibration states no uncertainty")
     heights = [PARTS[name][0] for name in names]
@@ -193,10 +195,6 @@ def _draw(axes: Axes, panel: Panel, title: str = "") -> None:
     if panel.y_ticks:
         axes.set_yticks(*zip(*panel.y_ticks, strict=True))
     axes.set_title(title or panel.title, color=INK, weight="bold")
-
-
-def _is_known(drawn: FigureData, name: str) -> bool:
-    return drawn.view is not None and (name != "deviation" or drawn.view.turn is not None)
 
 
 def _projections(part: SubFigure, drawn: FigureData, _: Fit) -> None:

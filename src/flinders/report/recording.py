@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
     from flinders.readers import Instrument, Log
-    from flinders.summary.quality import Rail, TimeStamps
+    from flinders.summary.quality import TimeStamps
 
 AUXILIARY: Final = ("time", "acceleration", "rate", "temperature", "current", "throttle", "attitude", "strength")
 """What may be recorded with a reading, as `Samples` calls it; besides, ``current1`` and so on of each motor."""
@@ -96,7 +96,9 @@ class RecordedSensor:
             readings=health.rows,
             **_pace(health.clock),
             repeats=health.repeats,
-            rails=() if unmoved else tuple(_at_its_limit(rail) for rail in health.rails),
+            rails=()
+            if unmoved
+            else tuple(f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})" for rail in health.rails),
             lowest=tuple(health.lows.values.tolist()),
             highest=tuple((-health.highs.values).tolist()),
             stored="" if instrument.stored is None else instrument.stored.words,
@@ -242,11 +244,6 @@ def _likeness(instrument: Instrument, first: Samples | None) -> str:
     if first is None or not columns or is_named or instrument.unit.inside != COUNTS:
         return ""
     return likeness(first.field)
-
-
-def _at_its_limit(rail: Rail) -> str:
-    """Name the end of an axis at which the sensor was at its limit."""
-    return f"{'xyz'[rail.axis]} at its {rail.end} ({rail.value:g})"
 
 
 # ----------------------------------------------------------------------------------------------------------- the page

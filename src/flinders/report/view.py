@@ -29,11 +29,12 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.findings.row import ANY_ANGLE_DEG
-from flinders.fitting.advice import UPSIDE_DOWN, WORTH_IT, condition, movement
+from flinders.fitting.advice import WORTH_IT, condition, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
 from flinders.heading.guidance import guide
+from flinders.report.formatting import reach
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
@@ -300,8 +301,7 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
             return f"Headings may be off by {much} (1 σ, worst heading). {target}"
         return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
-    reach = "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
-    attitudes = "held level" if limit < 1.0 else reach
+    attitudes = "held level" if limit < 1.0 else reach(limit)
     good = "are good to" if worst <= fit.target_deg else "may be off by"
     return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {attitudes}. {target}"
 
