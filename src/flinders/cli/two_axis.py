@@ -296,10 +296,10 @@ def _fit(source: Recording, turn: Turn, first: Fit | None, options: dict[str, An
 
 def _draw(turn: Turn, fit: Fit, files: PlaneFiles) -> None:
     """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
-    from flinders.report.drawings import of_turn
+    from flinders.report.drawings import turn_drawing
 
     if files.polar:
-        files.outputs.write(of_turn(turn, fit), files.polar)
+        files.outputs.write(turn_drawing(turn, fit), files.polar)
         if files.polar != "-" and fit.verdict == "refused":
             say(f"written to {files.polar}")
 

@@ -5,7 +5,7 @@ is.
 
 >>> from flinders.heading.deviation import fit
 >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
->>> of_swing(swing).startswith("<svg"), of_swing(swing).count("<circle")
+>>> swing_drawing(swing).startswith("<svg"), swing_drawing(swing).count("<circle")
 (True, 8)
 
 A **turn** is shown in polar coordinates, before and after: the first axis of its plane points up and the second one to
@@ -21,7 +21,7 @@ A **convergence** is how an estimate settles while readings come in, also as a t
 >>> from flinders.simulate import tumble
 >>> steps = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
 >>> trace = Trace(steps, "sequential", unit="uT")
->>> of_convergence(trace).startswith("<svg"), len(convergence_table(trace).splitlines())
+>>> convergence_drawing(trace).startswith("<svg"), len(convergence_table(trace).splitlines())
 (True, 9)
 """
 
@@ -80,7 +80,7 @@ NARROW: Final = """\
 """On a narrow screen letters are larger and every second number is left out."""
 
 
-def of_swing(deviation: Deviation) -> str:
+def swing_drawing(deviation: Deviation) -> str:
     """Draw a curve of deviation and what it was fitted to."""
     around = np.arange(0.0, 361.0, 2.0)
     curve, sigma = deviation.at(around), deviation.sigma_at(around)
@@ -140,7 +140,7 @@ AROUND: Final = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
 CIRCLE: Final = np.stack([np.cos(AROUND), np.sin(AROUND)], axis=1)
 
 
-def of_turn(turn: Turn, fit: Fit) -> str:
+def turn_drawing(turn: Turn, fit: Fit) -> str:
     """Draw a turn before and after the correction of a fit; of a refused one it says so, and gives no number of it."""
     loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
@@ -310,7 +310,7 @@ def convergence_table(trace: Trace) -> str:
     return "\n".join([",".join(header), *lines]) + "\n"
 
 
-def of_convergence(trace: Trace) -> str:
+def convergence_drawing(trace: Trace) -> str:
     """Draw offset, shape and heading over the readings seen, below each other."""
     panels = [_parameters(trace, "offset", range(3)), _parameters(trace, "shape", range(3, 9)), _headings(trace)]
     legends = [_legend(trace, range(3)), _legend(trace, range(3, 9)), []]

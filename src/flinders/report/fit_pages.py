@@ -35,7 +35,7 @@ from flinders.report.formatting import (
     on_the_point,
     p_value,
     reach,
-    said_of,
+    shown_findings,
     written_time,
 )
 from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
@@ -71,10 +71,10 @@ def of_fit(fit: Fit) -> RenderableType:
     result = None if is_refused else numbers(fit.calibration, fit.offset_sigma, fit.noise)
     if fit.method == "merged" and fit.repeats is not None:
         blocks = _merged_parts(fit.repeats), result, _merged_verdict(fit, fit.repeats)
-        return Group(page(*blocks), findings(said_of(fit)))
+        return Group(page(*blocks), findings(shown_findings(fit)))
     before = None if is_refused else _before_and_after(fit)
     turn = "" if fit.verdict == "good" else movement(fit)
-    return Group(page(before, result, _fit_verdict(fit)), findings(said_of(fit), turn))
+    return Group(page(before, result, _fit_verdict(fit)), findings(shown_findings(fit), turn))
 
 
 def of_extremes(extremes: Extremes) -> RenderableType:

@@ -179,7 +179,7 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 # ------------------------------------------------------------------------------------------------------- words on a fit
 
 
-def said_of(fit: Fit) -> list[Finding]:
+def shown_findings(fit: Fit) -> list[Finding]:
     """Findings that a page shows: of a refused fit those that limit it or refuse it, and notes on the recording."""
     if fit.verdict != "refused":
         return list(fit.findings)

@@ -32,7 +32,7 @@ from flinders.report.formatting import (
     mounting,
     offset_entries,
     on_the_point,
-    said_of,
+    shown_findings,
 )
 from flinders.report.html_file import filled
 
@@ -90,7 +90,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
 
 def _of_findings(fit: Fit) -> tuple[list[str], list[str]]:
     """What limits a fit, and what to do about each finding, each thing once."""
-    said = said_of(fit)
+    said = shown_findings(fit)
     move = f"{capitalised(remedy(fit))}."
     remedies = (CATALOGUE[finding.code].remedy.format(remedy=move) for finding in said)
     return [_in_words(fit, finding) for finding in said], [what for what in dict.fromkeys(remedies) if what]
