@@ -106,8 +106,6 @@ def an3192(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 
     Parameters, result and errors as `magnetic_heading_deg`.
 
-    Examples
-    --------
     >>> def turned(roll, pitch):  # what sensors read that head north, dip 60°, ψ → θ → φ
     ...     (cr, cp), (sr, sp) = np.cos([roll, pitch]), np.sin([roll, pitch])
     ...     rows = [[cp, 0, -sp], [sr * sp, cr, sr * cp], [cr * sp, -sr, cr * cp]]

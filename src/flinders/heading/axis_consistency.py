@@ -135,12 +135,8 @@ class Frames:
     def fitting(self, sign: float = 0.0, *, applied: Axes = EVERY[0]) -> tuple[Axes, ...]:
         """The axes of the acceleration that fit the readings, those that change least first; alone where it is clear.
 
-        Parameters
-        ----------
-        sign : float
-            That of the site's dip; 0 where it is not known, and the axes are taken to be right-handed.
-        applied : Axes
-            How the acceleration was turned before: where taking that back fits, whatever its hand, that comes first.
+        `sign` is that of the site's dip; where it is not known, 0, the axes are taken to be right-handed. Where taking
+        back how the acceleration was turned before, `applied`, fits, whatever its hand, that comes first.
         """
         seen = [(axes, *self.dip(axes)) for axes in EVERY]
         back = next(axes for axes in EVERY if _after(axes, applied) == EVERY[0])
@@ -155,19 +151,10 @@ class Frames:
         return (back, *(axes for axes in fits if axes not in (back, turned_over)))
 
     def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
-        """Refuse axes that do not fit each other, and name those that do.
+        """Refuse axes that do not fit each other, and name those that do; `ForeignAxes` where the mistake is plain.
 
-        Parameters
-        ----------
-        site_dip_deg : float, optional
-            Inclination at the site, where it is known: its sign tells specific force from gravity.
-        applied : Axes
-            How the acceleration was turned before; what is named is to take its place.
-
-        Raises
-        ------
-        ForeignAxes
-            Where readings are enough and the mistake is plain.
+        The sign of `site_dip_deg`, the inclination at the site, tells specific force from gravity. The acceleration was
+        turned by `applied` before, and what is named is to take its place.
         """
         if self.readings < ENOUGH:
             return

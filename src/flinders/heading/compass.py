@@ -69,35 +69,14 @@ class Headings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compass:
-    """What is needed to turn readings into headings.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    formula : str
-        One of `flinders.heading.attitude.FORMULAS`, or ``"level"``: two axes, for a sensor that is never tilted.
-    acceleration_axes : Axes
-        How the acceleration is turned into the calibration's axes, beyond what turns the field.
-    declination_deg : float, optional
-        Added to magnetic headings it gives true ones.
-    gravity : float, optional
-        Length of the acceleration at rest, in its own unit; by default the median of each block.
-    acceleration_bias : (3,) float, optional, m/s²
-        What the accelerometer reads too much, in the calibration's axes, and is taken off; as a share of gravity, so
-        that the acceleration may be in any unit.
-
-    Raises
-    ------
-    UsageError
-        For a formula that is not known.
-    """
+    """What is needed to turn readings into headings; `UsageError` for a formula that is not known."""
 
     calibration: Calibration
-    formula: str = "exact"
-    acceleration_axes: Axes = AS_THEY_ARE
-    declination_deg: float | None = None
-    gravity: float | None = None
-    acceleration_bias: Floats | None = None
+    formula: str = "exact"  # of `flinders.heading.attitude.FORMULAS`, or "level": two axes, never tilted
+    acceleration_axes: Axes = AS_THEY_ARE  # what turns the acceleration further than the field
+    declination_deg: float | None = None  # added to magnetic headings it gives true ones
+    gravity: float | None = None  # length of the acceleration at rest, in its own unit; else the median of each block
+    acceleration_bias: Floats | None = None  # (3,) m/s², read too much in the calibration's axes, and taken off
 
     def __post_init__(self) -> None:
         """Refuse a name that is none."""

@@ -80,20 +80,10 @@ class HalfTurn:
 
 
 def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tuple[Rest, ...]:
-    """Find where a heading was kept.
+    """Find where (N,) headings, in the order of time and NaN where there is none, were kept for `least_readings`.
 
-    Parameters
-    ----------
-    heading_deg : (N,) degrees
-        In the order of time; NaN where there is none.
-    least_readings : int
-        In the shortest rest; eight at the least.
-
-    Returns
-    -------
-    tuple of Rest
-        In the order of time. Neighbours on the same heading, with a bump between them, are one. The first and the last
-        moment (an eighth of the shortest rest) of each are left out: the turn begins and ends in them.
+    Neighbours on the same heading, with a bump between them, are one rest. The first and the last moment (an eighth of
+    the shortest rest) of each are left out: the turn begins and ends in them.
 
     Raises
     ------

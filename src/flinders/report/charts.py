@@ -203,28 +203,16 @@ class Canvas(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """What is drawn over two axes, for SVG and for matplotlib.
-
-    Attributes
-    ----------
-    x, y : Axis
-    draw : function of a Canvas
-    x_words, y_words : str
-        What the numbers are.
-    title, kind : str
-        What stands above, and the class of its colour.
-    x_ticks, y_ticks : sequence of (float, str)
-        Numbers with what stands at each; by default round ones.
-    """
+    """What is drawn over two axes, for SVG and for matplotlib."""
 
     x: Axis
     y: Axis
     draw: Callable[[Canvas], Iterable[str]]
-    x_words: str = ""
+    x_words: str = ""  # what the numbers are
     y_words: str = ""
-    title: str = ""
-    kind: str = ""
-    x_ticks: Ticks = ()
+    title: str = ""  # stands above
+    kind: str = ""  # class of its colour
+    x_ticks: Ticks = ()  # numbers with what stands at each; by default round ones
     y_ticks: Ticks = ()
 
     def at(self, left: float, top: float, width: float, height: float) -> Plot:

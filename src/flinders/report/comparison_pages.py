@@ -90,15 +90,9 @@ def of_comparison(
 ) -> RenderableType:
     """Lay out two calibrations side by side: the difference, what chance explains, the verdict.
 
-    Parameters
-    ----------
-    comparison : Comparison
-    fresh : Fit, optional
-        Of the recording that a calibration is checked on: what limits it is said below.
-    strengths : pair of Strength, optional
-        Of that recording, under the calibration and under the fresh fit.
-    own : sequence of str
-        Names of the recordings, if any, that went into the calibration: agreement with those proves nothing.
+    Where one is checked on a recording, `fresh` is a fit of that, whose limits are said below, and `strengths` are the
+    recording's under both. `own` names the recordings, if any, that went into the calibration: agreement with those
+    proves nothing.
     """
     limits = [] if fresh is None else [finding.advice for finding in fresh.findings if finding.severity == "limits"]
     said = _comparison_verdict(comparison, fresh, own, limits)

@@ -81,14 +81,10 @@ class FigureData:
         fit : Fit or None
             Good, limited or refused; None where the recording gave none.
         recording : Recording
-            The readings that were fitted, as they were recorded.
+            The readings that were fitted, as they were recorded; `InputError` where they cannot be read, or lack what
+            the calibration follows.
         most : int
             Readings that are drawn, at most; the `View` counts them all.
-
-        Raises
-        ------
-        InputError
-            For a recording that cannot be read, or lacks what the calibration follows.
         """
         recorded = whole(recording)
         names = [] if fit is None else [disturbance.name for disturbance in fit.calibration.disturbances]
@@ -199,17 +195,10 @@ NO_UNCERTAINTY: Final = Finding(
 
 
 def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None, dip_deg: float | None = None) -> Fit:
-    """Put a calibration and a recording together.
+    """Put a fit that was loaded from its file and a recording, in its unit and axes, together.
 
-    Parameters
-    ----------
-    fit : Fit
-        Loaded from its file. Where it states no uncertainty, so does the result, with a finding that says so.
-    recording : Recording
-        In the unit and axes of the calibration.
-    target_deg, dip_deg : float, optional
-        As asked for; by default those of the file, else 1° and 60°. Where the dip is another one, the heading error is
-        computed anew from the covariance.
+    Where the file states no uncertainty, neither does the result, with a finding that says so. Target and dip are those
+    of the file, else 1° and 60°, unless given; for another dip the heading error is computed anew.
     """
     field = whole(recording).field
     dip = fit.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.known_dip_deg)

@@ -50,20 +50,9 @@ def of_headings(
 ) -> RenderableType:
     """Lay out a run of headings.
 
-    Parameters
-    ----------
-    voyage : Voyage
-    formula : str
-        By which tilt was taken off, or ``level``.
-    site : SiteField, optional
-    declination_deg : float, optional
-        What true headings were made with.
-    claims : mapping
-        ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which comes from ``dip_from``.
-    plausible : bool
-        Corrected readings are about as long as they should be.
-    turned : Axes
-        How the acceleration was turned.
+    `formula` is by which tilt was taken off, or ``level``; `declination_deg` is what true headings were made with;
+    `claims` has ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which is from ``dip_from``;
+    corrected readings are about as long as they should be where `plausible`; `turned` is how the acceleration was.
     """
     how = "from x and y alone, level" if formula == LEVEL else f"tilt taken off ({formula})"
     known = [

@@ -49,15 +49,7 @@ RUNS: Final = 8
 
 
 def page(outcome: Fit | FitError, provenance: Provenance) -> str:
-    """Write a fit, or why there is none, in plain words.
-
-    Parameters
-    ----------
-    outcome : Fit or FitError
-        The result, or the refusal.
-    provenance : Provenance
-        Release, date and recordings.
-    """
+    """Write a fit, or why there is none, in plain words, with release, date and recordings."""
     fit = fit_of(outcome)
     why, remedies = _of_no_fit(cast("FitError", outcome)) if fit is None else _of_findings(fit)
     given = {

@@ -140,16 +140,9 @@ STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0
 
 
 def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
-    """Draw a good or limited fit: twelve lines.
+    """Draw a good or limited fit in twelve lines; on a narrow terminal without the map.
 
-    Parameters
-    ----------
-    drawn : FigureData
-    fit : Fit
-    is_plain : bool
-        With letters that every terminal has.
-    width : int
-        Characters of the terminal; on a narrow one the map is left out.
+    `is_plain` takes letters that every terminal has.
     """
     pictures = [
         ("before, x and y", _picture(drawn.raw[drawn.is_used], is_plain=is_plain), "yellow"),
