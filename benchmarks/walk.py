@@ -101,7 +101,7 @@ def a_line(_: Path) -> None:
     """From a line of a serial port to what the page is told: all but the port, the socket and the fit."""
     from flinders.core.axes import Axes
     from flinders.core.units import Unit
-    from flinders.live.buffer import Timeline, rows_of_readings
+    from flinders.live.buffer import Timeline, rows_of
     from flinders.live.messages import encode
     from flinders.live.page_state import session_state
     from flinders.live.session import Arrived, Evaluated, FitDone, Session, begin_fit, snapshot, step
@@ -112,8 +112,9 @@ def a_line(_: Path) -> None:
     for number, (x, y, z) in enumerate(field.tolist()):
         line = f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n"
         taken = transcript.take(line.encode(), at=0.1 * number)
-        if taken.readings:
-            rows, timeline = rows_of_readings(list(taken.readings), Axes(), timeline)
+        if taken.readings is not None:
+            rows = rows_of(taken.readings, Axes())
+            rows[:, 0], timeline = timeline(rows[:, 0])
             session = step(session, Arrived(0.1 * number, rows, Unit.of("uT")))[0]
     session = begin_fit(session)
     session, messages = step(session, FitDone(60.0, Evaluated(key=snapshot(session).key), 0.01))

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import Samples
-    from flinders.live.feeds import Reading
 
 CAPACITY: Final = 1 << 20
 """Readings in memory, at most: 59 MB, and as much again for a moment while they are moved."""
@@ -217,30 +216,22 @@ class ReadingBuffer:
         ]
 
 
-def rows_of(samples: Samples) -> Floats:
-    """(N, 7) samples as rows of a buffer; without times, a reading counts a second."""
+def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
+    """(N, 7) samples as rows of a buffer, turned to other axes; without times, a reading counts a second.
+
+    >>> from flinders.core.axes import Axes
+    >>> from flinders.core.samples import Samples
+    >>> rows_of(Samples.of([[1, 2, 3]], time=[0.5]), Axes.of("x,-y,-z"))[0, :4]
+    array([ 0.5,  1. , -2. , -3. ])
+    """
     rows = np.full((len(samples), COLUMNS), np.nan)
     rows[:, 0] = np.arange(len(samples)) if samples.time is None else samples.time
     rows[:, 1:4] = samples.field
     if samples.acceleration is not None:
         rows[:, 4:] = samples.acceleration
-    return rows
-
-
-def rows_of_readings(readings: list[Reading], axes: Axes, timeline: Timeline) -> tuple[Floats, Timeline]:
-    """(N, 7) readings as rows of a session's buffer, in its axes and on its timeline.
-
-    >>> from flinders.core.axes import Axes
-    >>> from flinders.live.feeds import Reading
-    >>> rows, timeline = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Timeline())
-    >>> rows[0, :4]
-    array([ 0.5,  1. , -2. , -3. ])
-    """
-    rows = np.array([(one.time, *one.field, *(one.acceleration or GAP)) for one in readings], float)
-    rows[:, 0], timeline = timeline(rows[:, 0])
-    if not axes.is_identity:
+    if axes is not None and not axes.is_identity:
         rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
-    return rows, timeline
+    return rows
 
 
 Span = tuple[float, float]

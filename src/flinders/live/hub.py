@@ -19,8 +19,10 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from flinders.core.units import Unit
-from flinders.live.buffer import Timeline, rows_of_readings
+from flinders.live.buffer import Timeline, rows_of
 from flinders.live.feeds import FeedEvent, FeedThread
 from flinders.live.messages import FitMessage, Hello, Limits, Notice, TargetInfo
 from flinders.live.page_state import Cursor, session_state
@@ -46,8 +48,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.core.axes import Axes
+    from flinders.core.samples import Samples
     from flinders.live.evaluation import Finished
-    from flinders.live.feeds import Feed, Reading
+    from flinders.live.feeds import Feed
     from flinders.live.messages import Link
     from flinders.live.recorder import Sink
     from flinders.live.session import Evaluated
@@ -240,15 +243,15 @@ class Hub:
 
     def _take(self) -> None:
         """Take what the sensor gave: readings that came together as one event."""
-        rows: list[list[Reading]] = []
+        batches: list[Samples] = []
         for received in self._feed_thread.taken():
             if isinstance(received, FeedEvent):
-                self._arrive(rows)
-                rows = []
+                self._arrive(batches)
+                batches = []
                 self._note(received)
             else:
-                rows.append(received)
-        self._arrive(rows)
+                batches.append(received)
+        self._arrive(batches)
         self.take(Ticked(self.now))
         if (why := self.supply.unrecorded()) != self.session.unrecorded:
             self.take(Unrecorded(self.now, why))
@@ -257,11 +260,12 @@ class Hub:
             if words := self.supply.hint():
                 self.take(Linked(self.now, "waiting", words))
 
-    def _arrive(self, batches: list[list[Reading]]) -> None:
-        readings = [reading for batch in batches for reading in batch]
-        if readings:
-            rows, self._timeline = rows_of_readings(readings, self.supply.axes, self._timeline)
-            self.take(Arrived(self.now, rows, Unit.of(readings[-1].unit)))
+    def _arrive(self, batches: list[Samples]) -> None:
+        if not batches:
+            return
+        rows = np.concatenate([rows_of(batch, self.supply.axes) for batch in batches])
+        rows[:, 0], self._timeline = self._timeline(rows[:, 0])
+        self.take(Arrived(self.now, rows, Unit.of(batches[-1].unit.inside)))
 
     def _note(self, event: FeedEvent) -> None:
         """Say what happened to the sensor."""

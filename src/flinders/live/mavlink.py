@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, LinkError, NotSent, UsageError
-from flinders.live.feeds import FeedEvent, Reading, readings_of
+from flinders.live.feeds import FeedEvent
 from flinders.readers._extras import needs
 from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, names
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.live.feeds import Received
     from flinders.live.transports import ByteSource
 
 ARDUPILOT, PX4 = 3, 12
@@ -444,25 +445,25 @@ class Telemetry:
         self._waiting: deque[FeedEvent] = deque([FeedEvent("connected", 0.0, f"{self.name}: {self._fetch()}")])
         self._ask()
 
-    def next(self, timeout: float) -> list[Reading] | FeedEvent:
+    def next(self, timeout: float) -> Received:
         """As `Feed.next`."""
         if self._waiting:
             return self._waiting.popleft()
         if self._is_over:
             time.sleep(timeout)
-            return []
+            return None
         if self._is_gone:
             return self._come_back(timeout)
-        readings: list[Reading] = []
+        rows: list[tuple[float, ...]] = []
         try:
-            for message in self._vehicle.messages(min(timeout, TOGETHER_S)):
-                readings += self._taken(message)
+            messages = self._vehicle.messages(min(timeout, TOGETHER_S))
+            rows = [row for message in messages if (row := self._row(message)) is not None]
         except LinkError as error:
             self._is_gone = True
             self._waiting.append(FeedEvent("gone", self._now(), str(error)))
         else:
-            self._remind(bool(readings))
-        return readings
+            self._remind(bool(rows))
+        return self._samples(np.array(rows)) if rows else None
 
     def close(self) -> None:
         """As `Feed.close`."""
@@ -515,25 +516,27 @@ class Telemetry:
                     )
                 )
 
-    def _come_back(self, timeout: float) -> list[Reading] | FeedEvent:
+    def _come_back(self, timeout: float) -> FeedEvent | None:
         if not self._vehicle.come_back(min(timeout, BACK_S)):
-            return []
+            return None
         self._is_gone = False
         self._ask()
         return FeedEvent("back", self._now(), f"{self.name} is back")
 
-    def _taken(self, message: Any) -> list[Reading]:  # noqa: ANN401 - pymavlink has no types
-        """Make a reading of a message of the kind that is taken; one that repeats, and zeros, are none."""
+    def _row(self, message: Any) -> tuple[float, ...] | None:  # noqa: ANN401 - pymavlink has no types
+        """Time, field, force, rate and temperature of a message of the kind that is taken; None for a repeated one."""
         number = message.get_msgId()
         if number not in self._messages or (number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED):
-            return []
+            return None
         field = (message.xmag, message.ymag, message.zmag)
         in_micros = number in (RAW_IMU, HIGHRES_IMU)
         clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
         if not any(field) or number != self._chosen(number) or (clock, *field) == self._last:
-            return []
+            return None
         self._last = (clock, *field)
-        return readings_of(self._samples(message, clock, np.array([field], float)))
+        warm = getattr(message, "temperature", 0)  # 0 where it is not known
+        force, rate = (message.xacc, message.yacc, message.zacc), (message.xgyro, message.ygyro, message.zgyro)
+        return (clock, *field, *force, *rate, warm or np.nan)
 
     def _chosen(self, number: int) -> int | None:
         """Which kind of message is taken: the best of those that came within a second."""
@@ -543,24 +546,22 @@ class Telemetry:
                 self._kind = min(self._kinds, key=self._messages.index)
         return self._kind
 
-    def _samples(self, message: Any, clock: float, field: Floats) -> Samples:  # noqa: ANN401
-        force = np.array([[message.xacc, message.yacc, message.zacc]], float)
-        rate = np.array([[message.xgyro, message.ygyro, message.zgyro]], float)
-        warm = getattr(message, "temperature", 0)  # 0 where it is not known
+    def _samples(self, rows: Floats) -> Samples:
+        clock, field, force, rate, warm = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10]
         units = IN_SI if self._kind == HIGHRES_IMU else WHOLE
         is_raw = self._kind == RAW_IMU and self._vehicle.autopilot != ARDUPILOT
         return Samples.of(
             self._raw(field),
             unit="counts" if is_raw else units.field,
-            time=[clock],
+            time=clock,
             acceleration=force if is_raw or units is IN_SI else 1e-3 * GRAVITY * force,
             rate=None if is_raw else units.rate * rate,
-            temperature=[units.temperature * warm] if warm else None,
+            temperature=units.temperature * warm if np.isfinite(warm).any() else None,
             source=self.name,
         )
 
     def _raw(self, field: Floats) -> Floats:
-        """(1, 3) what the compass read, in mG."""
+        """(N, 3) what the compass read, in mG."""
         if self._parameters is None:
             return field
         try:

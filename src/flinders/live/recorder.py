@@ -43,6 +43,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol, Self
 
+import numpy as np
+
 from flinders.core.files import reason, refuse_existing
 from flinders.core.units import MICROTESLA
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, counted
@@ -53,7 +55,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import TracebackType
 
-    from flinders.live.feeds import Feed, Reading
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.live.feeds import Feed, Received
     from flinders.live.transports import ByteSource
 
 SYNC_S: Final = 1.0
@@ -138,15 +142,15 @@ class Recorder:
         self._retry: tuple[float, float] | None = None
         self._lost = 0
         self._is_closed = False
-        self._waiting: deque[list[Reading] | FeedEvent] = deque([FeedEvent("connected", 0.0, f"{source.name} is open")])
+        self._waiting: deque[Samples | FeedEvent] = deque([FeedEvent("connected", 0.0, f"{source.name} is open")])
 
     @property
     def statistics(self) -> RecordingStatistics:
         """What has been recorded so far."""
         return self._transcript.statistics
 
-    def next(self, timeout: float = WAIT_S) -> list[Reading] | FeedEvent:
-        """Record what has come, and return it; nothing where nothing came within `timeout` seconds.
+    def next(self, timeout: float = WAIT_S) -> Received:
+        """Record what has come, and return it; None where nothing came within `timeout` seconds.
 
         Each event is returned once, before the readings that came after it.
 
@@ -166,7 +170,7 @@ class Recorder:
                 self._synced = self._now()
                 self._note_lost()
                 self._sink.sync()
-        return self._waiting.popleft() if self._waiting else []
+        return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
         """Write what waits, see that it lasts, and let go of the source; `next` still hands on what is left."""
@@ -268,7 +272,7 @@ class Recorder:
         if taken.text:
             self._sink.write(taken.text)
         self._waiting += [event for event in taken.events if event.kind == "settled"]
-        if taken.readings:
+        if taken.readings is not None:
             self._waiting.append(taken.readings)
         self._waiting += [event for event in taken.events if event.kind != "settled"]
 
@@ -427,7 +431,7 @@ class ToFile:
         self._syncing = ThreadPoolExecutor(1, "sync")  # a slow disk must not keep a port from being read
         self._pending: Future[None] | None = None
         self._bytes = 0
-        self._is_over, self._is_resumed = force, resume
+        self._is_over, self._is_new = force, not (force or resume)
         if resume:
             self._mend()
 
@@ -455,7 +459,7 @@ class ToFile:
             self._pending = self._syncing.submit(os.fsync, self._file)
 
     def close(self) -> None:
-        """Wait until all of it is on the disk."""
+        """Wait until all of it is on the disk; a new file with nothing in it goes."""
         try:
             self._finish()
             with self._failures():
@@ -463,6 +467,8 @@ class ToFile:
         finally:
             self._syncing.shutdown()
             os.close(self._file)
+            if self._is_new and not self._bytes:
+                Path(self.name).unlink(missing_ok=True)
 
     def _lock(self) -> None:
         """See that nobody else records into the file."""
@@ -518,14 +524,8 @@ class ToFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is None:
+        with contextlib.nullcontext() if error is None else contextlib.suppress(OutputError):
             self.close()
-            return
-        with contextlib.suppress(OutputError):
-            self.close()
-        if not self._bytes and not self._is_over and not self._is_resumed:
-            with contextlib.suppress(OSError):
-                Path(self.name).unlink()
 
 
 class Patient:
@@ -701,7 +701,7 @@ class RecordedFeed:
         """That of the feed."""
         return self._feed.name
 
-    def next(self, timeout: float) -> list[Reading] | FeedEvent:
+    def next(self, timeout: float) -> Received:
         """As `Feed.next`.
 
         Raises
@@ -710,14 +710,10 @@ class RecordedFeed:
             Where it cannot be written, or has other columns than the recording that is continued.
         """
         received = self._feed.next(timeout)
-        text = (
-            "".join(f"# {line}\n" for line in str(received).splitlines())
-            if isinstance(received, FeedEvent)
-            else self._rows(received)
-        )
-        if text:
-            self._sink.write(self._title + text)
-            self._title = ""
+        if isinstance(received, FeedEvent):
+            self._write("".join(f"# {line}\n" for line in str(received).splitlines()))
+        elif received is not None:
+            self._write(self._rows(received))
         if time.monotonic() - self._synced >= SYNC_S:
             self._synced = time.monotonic()
             self._sink.sync()
@@ -728,43 +724,38 @@ class RecordedFeed:
         self._sink.sync()
         self._feed.close()
 
-    def _rows(self, readings: list[Reading]) -> str:
-        if not readings:
-            return ""
-        header = _header(readings[0])
+    def _write(self, text: str) -> None:
+        self._sink.write(self._title + text)
+        self._title = ""
+
+    def _rows(self, samples: Samples) -> str:
+        columns = _columns(samples)
+        header = ",".join(columns)
         if not self._is_checked and header != self._header:
             raise OutputError(
                 f"{self.name} gives {header}, and the recording that is continued has {self._header or 'no header'}: "
                 "begin another recording"
             )
         is_new, self._is_checked = self._header is None, True
-        header = self._header = self._header or header  # a column that comes and goes stays as it was at first
-        rows = "".join(f"{_row(reading, header)}\n" for reading in readings)
-        return f"{header}\n{rows}" if is_new else rows
+        self._header = self._header or header  # a column that comes and goes stays as it was at first
+        nothing = np.full(len(samples), np.nan)
+        rows = zip(*[columns.get(name, nothing).tolist() for name in self._header.split(",")], strict=True)
+        text = "".join(f"{at:.6f},{','.join(f'{value:.9g}' for value in rest)}\n" for at, *rest in rows)
+        return f"{self._header}\n{text}" if is_new else text
 
 
-COLUMNS: Final = {
-    "acceleration": "accel_x,accel_y,accel_z",
-    "rate": "gyro_x_radps,gyro_y_radps,gyro_z_radps",
-    "temperature": "temp_C",
-}
-"""Column names of the auxiliary sensors, in order."""
-
-
-def _header(reading: Reading) -> str:
-    """Names of the columns that a reading has."""
-    unit = "uT" if reading.unit == MICROTESLA else "counts"
-    field = [f"mag_{axis}_{unit}" for axis in "xyz"]
-    auxiliary = [names for what, names in COLUMNS.items() if getattr(reading, what) is not None]
-    return ",".join(["t_s", *field, *auxiliary])
-
-
-def _row(reading: Reading, header: str) -> str:
-    """The numbers of a reading, so many digits as no sensor has."""
-    cells = [f"{reading.time:.6f}", *(f"{value:.9g}" for value in reading.field)]
-    for what, names in COLUMNS.items():
-        if names in header:
-            value = getattr(reading, what)
-            values = (value,) if isinstance(value, float) else value or (math.nan,) * (1 + names.count(","))
-            cells += [f"{number:.9g}" for number in values]
-    return ",".join(cells)
+def _columns(samples: Samples) -> dict[str, Floats]:
+    """Columns of a recorded feed by their names."""
+    unit = "uT" if samples.unit.inside == MICROTESLA else "counts"
+    tables = {
+        "t_s": samples.time,
+        f"mag_x_{unit},mag_y_{unit},mag_z_{unit}": samples.field,
+        "accel_x,accel_y,accel_z": samples.acceleration,
+        "gyro_x_radps,gyro_y_radps,gyro_z_radps": samples.rate,
+        "temp_C": samples.temperature,
+    }
+    columns: dict[str, Floats] = {}
+    for names, table in tables.items():
+        if table is not None:
+            columns |= zip(names.split(","), np.atleast_2d(table.T), strict=True)
+    return columns
