@@ -32,13 +32,13 @@ from flinders.fitting.result import Fit
 from flinders.live import motioncal
 from flinders.live.access import HEADERS, Gate, Tokens, cookie_name, listening, server_of
 from flinders.live.feeds import Replay
-from flinders.live.hub import UPLOAD_BYTES, Hub, Supply
+from flinders.live.hub import UPLOAD_BYTES, Hub
 from flinders.live.messages import MAGIC, SourceState
 from flinders.live.page_state import session_state
 from flinders.live.recorder import RecordedFeed, ToFile
 from flinders.live.server import STATIC, application
 from flinders.live.session import Session
-from flinders.live.session_file import Edits, default_path
+from flinders.live.session_file import Edits, Supply, default_path
 from flinders.live.transports import Scripted
 from flinders.targets import registry
 
@@ -424,7 +424,7 @@ def test_what_cannot_be_recorded_is_in_the_calibration_all_the_same(tmp_path: Pa
     """The file has a hole: the calibration is made of what is in memory."""
     samples = simulate.tumble(seed=1).samples
     bench = Bench(tmp_path, samples)
-    bench.hub.supply = replace(bench.hub.supply, unrecorded=lambda: "the disk is full")
+    bench.sink.why = "the disk is full"
     with bench.client:
         bench.until(has_all)
         with bench.page() as socket:

@@ -44,9 +44,10 @@ LONGEST_GAP_S: Final = 2.0
 SHORTEST_S: Final = 1e-4
 """Least wait."""
 
-Kind: TypeAlias = Literal["connected", "settled", "nothing", "garbage", "lost", "gone", "back", "ended"]
-"""It is there; how its lines are written is known; nothing usable has come for a while; lines that are not like the
-first ones; this machine was too busy to take all; it went away; it is there again; nothing more will come."""
+Kind: TypeAlias = Literal["connected", "settled", "unclear", "nothing", "garbage", "lost", "gone", "back", "ended"]
+"""It is there; how its lines are written is known; which of their numbers are the field is not; nothing usable has come
+for a while; lines that are not like the first ones; this machine was too busy to take all; it went away; it is there
+again; nothing more will come."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -218,7 +218,7 @@ class Recorder:
     def _announce(self, event: FeedEvent) -> None:
         """Say what a person at the bench should know."""
         match event.kind:
-            case "connected":
+            case "connected" | "unclear":  # which is said at the end, of what is recorded
                 return
             case "settled":
                 self._say(f"{self.name}: {event.words}")
@@ -271,10 +271,24 @@ class Recorder:
         """Write the text, and put in line what follows from it: what was recognised, the readings, what is amiss."""
         if taken.text:
             self._sink.write(taken.text)
-        self._waiting += [event for event in taken.events if event.kind == "settled"]
+        for event in taken.events:
+            if event.kind == "settled":
+                self._waiting.append(event)
+                self._waiting += self._unclear()
         if taken.readings is not None:
             self._waiting.append(taken.readings)
         self._waiting += [event for event in taken.events if event.kind != "settled"]
+
+    def _unclear(self) -> Iterator[FeedEvent]:
+        """Say why no reading comes of lines that do: nobody can tell which of their numbers are the field."""
+        form = self.statistics.form
+        if form is not None and not self.statistics.unit:
+            yield FeedEvent(
+                "unclear",
+                self._now(),
+                "lines of numbers come, and which are the magnetometer's is not clear: start again with --columns "
+                f"X,Y,Z, three of {form.header}, and with --unit; what comes is recorded",
+            )
 
     def _try_again(self, timeout: float) -> None:
         """Wait for the other end, asking less and less often."""
@@ -317,6 +331,8 @@ class Sink(Protocol):
     """Where a recording goes."""
 
     name: str
+    why: str
+    """Why what comes cannot be written now; nothing where it can."""
 
     def write(self, text: str) -> None:
         """Hand text on at once.
@@ -418,7 +434,7 @@ class ToFile:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, force: bool = False, resume: bool = False) -> None:
-        self.name = os.fspath(path)
+        self.name, self.why = os.fspath(path), ""
         refuse_existing(path, force=force or resume)
         try:
             flags = os.O_RDWR | os.O_APPEND | (0 if resume else os.O_CREAT if force else os.O_CREAT | os.O_EXCL)
@@ -644,7 +660,7 @@ class ToStandardOutput:
         Where it is closed.
     """
 
-    name = "standard output"
+    name, why = "standard output", ""
 
     def __init__(self) -> None:
         if sys.__stdout__ is None:

@@ -216,7 +216,7 @@ async def _recording(request: Request) -> Response:
     hub: Hub = request.app.state.hub
     if hub.session.opened is not None:
         return _answer("a log is shown, which you have already: go back to live to save the session", 409)
-    if hub.supply.path is None or not hub.supply.path.exists():
+    if not hub.supply.path.exists():
         return _answer("nothing has been recorded yet", 404)
     return FileResponse(hub.supply.path, media_type="text/csv", filename=hub.supply.path.name)
 
@@ -274,7 +274,7 @@ def _download(content: bytes, filename: str, kind: str) -> Response:
 
 async def _open(request: Request) -> Response:
     """Open a log that was dropped on the page: its bytes go to a file of our own, which is read and deleted."""
-    from flinders.live.evaluation import load
+    from flinders.live.session_file import load
 
     hub: Hub = request.app.state.hub
     name = shown_name(request.query_params.get("name", ""))

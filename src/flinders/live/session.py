@@ -12,7 +12,7 @@ thread: each event carries its time, so that a recorded list of events is a test
 >>> wants_fit(session, at=60.0)
 True
 >>> session = begin_fit(session)
->>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(snapshot(session)), seconds=0.01))
+>>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(session), seconds=0.01))
 >>> session_state(session).phase, session_state(session).words
 ('collecting', 'Almost: the worst heading error to expect is 0.066° (1 σ), the target 1°; hold on a little.')
 >>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
@@ -36,7 +36,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.live.buffer import Exclusions, ReadingBuffer, Span, merged
+from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
     BackToLive,
     Clear,
@@ -84,36 +84,6 @@ Reply = FitMessage | Notice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Snapshot:
-    """Input of a fit.
-
-    Attributes
-    ----------
-    key : int
-        Comes back with the result.
-    samples : Samples
-    numbers : (N,) int, optional
-        Which reading of the session each is.
-    target_deg, dip_deg : float
-    goal, frame : str
-        As in `flinders.heading.guidance`.
-    previous : Fit, optional
-    is_followed : bool
-        Somebody turns the sensor just now, and may be led.
-    """
-
-    key: int
-    samples: Samples
-    numbers: NDArray[np.intp] | None = None
-    target_deg: float = 1.0
-    dip_deg: float = 60.0
-    goal: Goal = "heading"
-    frame: Frame = "sensor"
-    previous: Fit | None = None
-    is_followed: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
     """Result of a fit, and what a page shows of it.
 
@@ -143,7 +113,7 @@ class Evaluated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrived:
-    """Readings: (N, 7) time in s on the session's timeline, field in `unit.inside` and used axes, acceleration."""
+    """Readings: (N, 7) time in s by the clock of the sensor, field in `unit.inside` and used axes, acceleration."""
 
     at: float
     rows: Floats
@@ -156,15 +126,6 @@ class Linked:
 
     at: float
     link: Link
-    words: str
-
-
-@dataclass(frozen=True, slots=True)
-class Announced:
-    """A notice for all pages."""
-
-    at: float
-    severity: Literal["info", "warning", "error"]
     words: str
 
 
@@ -218,7 +179,7 @@ class Ticked:
     at: float
 
 
-Event = Arrived | Linked | Announced | Unrecorded | Requested | FitDone | Opened | GotPrevious | Ticked
+Event = Arrived | Linked | Unrecorded | Requested | FitDone | Opened | GotPrevious | Ticked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -262,6 +223,11 @@ class Series:
     within: tuple[float, ...] = ()
 
     @property
+    def advice_frame(self) -> Frame:
+        """Whose words advice is given in: those of a vehicle where somebody said how the sensor sits in it."""
+        return "vehicle" if self.frame == "vehicle" or not self.axes.is_identity else "sensor"
+
+    @property
     def excluded(self) -> tuple[Span, ...]:
         """Excluded intervals, with the present pause."""
         spans = self.exclusions.spans
@@ -278,6 +244,8 @@ class Session:
     ----------
     source : SourceState
     live : Series
+    timeline : Timeline
+        Where the clock of the sensor has got to.
     opened : Series, optional
         Shown in its place, and by what name.
     target_deg, dip_deg, goal
@@ -303,6 +271,7 @@ class Session:
 
     source: SourceState = NO_SOURCE
     live: Series = field(default_factory=Series)
+    timeline: Timeline = field(default_factory=Timeline)
     opened: Series | None = None
     opened_name: str = ""
     target_deg: float = 1.0
@@ -325,6 +294,11 @@ class Session:
     def shown(self) -> Series:
         """The series that pages show and commands act on."""
         return self.live if self.opened is None else self.opened
+
+    @property
+    def is_followed(self) -> bool:
+        """Somebody turns the sensor just now, and may be led."""
+        return self.opened is None and self.live.paused_at is None and self.source.link == "connected"
 
     @property
     def view(self) -> View | None:
@@ -368,15 +342,17 @@ def _arrived(session: Session, event: Arrived) -> Stepped:
         return session, []
     live = session.live
     keys = session.keys + (live.paused_at is None)
-    live = replace(live, buffer=live.buffer.extended(event.rows), unit=event.unit)
+    times, timeline = session.timeline(event.rows[:, 0])
+    rows = np.column_stack([times, event.rows[:, 1:]])
+    live = replace(live, buffer=live.buffer.extended(rows), unit=event.unit)
     if live.paused_at is None:
         live = replace(live, key=keys)
     source = session.source
     if source.link != "connected":
         session = replace(session, source=SourceState(source.name, source.kind, "connected", ""))
     old = sum(arrival[0] <= event.at - RATE_S for arrival in session.arrivals)
-    arrivals = (*session.arrivals[max(old - 1, 0) :], (event.at, float(event.rows[-1, 0]), len(event.rows)))
-    return _changed(session, live=live, keys=keys, arrived_at=event.at, arrivals=arrivals), []
+    arrivals = (*session.arrivals[max(old - 1, 0) :], (event.at, timeline.at, len(rows)))
+    return _changed(session, live=live, keys=keys, timeline=timeline, arrived_at=event.at, arrivals=arrivals), []
 
 
 def _linked(session: Session, event: Linked) -> Stepped:
@@ -386,10 +362,6 @@ def _linked(session: Session, event: Linked) -> Stepped:
         return session, []
     severity: Literal["info", "warning"] = "warning" if event.link == "gone" else "info"
     return _changed(session, source=source), [Notice(severity, event.words)] if event.words else []
-
-
-def _announced(session: Session, event: Announced) -> Stepped:
-    return session, [Notice(event.severity, event.words)]
 
 
 def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
@@ -509,7 +481,6 @@ def _fitted(session: Session, event: FitDone) -> Stepped:
 _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Arrived: _arrived,
     Linked: _linked,
-    Announced: _announced,
     Unrecorded: _unrecorded,
     Requested: _requested,
     FitDone: _fitted,
@@ -547,8 +518,8 @@ def begin_fit(session: Session) -> Session:
     return replace(session, is_fitting=True)
 
 
-def snapshot(session: Session, most: int | None = FITTED) -> Snapshot:
-    """What a fit of the present readings needs: those not taken out, spread evenly where there are too many.
+def used_readings(session: Session, most: int | None = FITTED) -> tuple[Samples, NDArray[np.intp]]:
+    """Readings that are fitted, and which of the session each is: those not taken out, evenly spread over the session.
 
     Parameters
     ----------
@@ -569,22 +540,7 @@ def snapshot(session: Session, most: int | None = FITTED) -> Snapshot:
         source=session.opened_name or session.source.name,
         frame=shown.frame,
     )
-    return Snapshot(
-        key=shown.key,
-        samples=samples,
-        numbers=used * shown.buffer.stride,
-        target_deg=session.target_deg,
-        dip_deg=session.dip_deg,
-        goal=session.goal,
-        frame=_frame(shown),
-        previous=session.previous,
-        is_followed=session.opened is None and session.live.paused_at is None and session.source.link == "connected",
-    )
-
-
-def _frame(series: Series) -> Frame:
-    """Which words advice is given in: those of a vehicle where somebody said how the sensor sits in it."""
-    return "vehicle" if series.frame == "vehicle" or not series.axes.is_identity else "sensor"
+    return samples, used * shown.buffer.stride
 
 
 def is_usable(evaluated: Evaluated | None) -> bool:
