@@ -1,6 +1,7 @@
 """Fits of a session: of a snapshot while readings arrive, and of all readings in the end.
 
 >>> from flinders import simulate
+>>> from flinders.core.units import Unit
 >>> from flinders.live.buffer import rows_of
 >>> from flinders.live.session import Arrived, Session, step
 >>> session, _ = step(Session(), Arrived(at=60.0, rows=rows_of(simulate.tumble(seed=1).samples), unit=Unit.of("uT")))
@@ -415,6 +416,7 @@ def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Fi
     Examples
     --------
     >>> from flinders import simulate
+    >>> from flinders.core.units import Unit
     >>> from flinders.live.buffer import rows_of
     >>> from flinders.live.session import Arrived, Session, step
     >>> session, _ = step(Session(), Arrived(0.0, rows_of(simulate.tumble(seed=1).samples), Unit.of("uT")))
