@@ -266,11 +266,11 @@ class Sky:
 
 
 @contextmanager
-def sky(**more: Any) -> Iterator[tuple[Sky, Udp, Vehicle]]:
+def sky(**more: Any) -> Iterator[tuple[Sky, Vehicle]]:
     source = Udp(0, "127.0.0.1")
     one = Sky(source.port, **more)
     try:
-        yield one, source, Vehicle.find(source, listen=0.1, answer=0.1, silent=0.4)
+        yield one, Vehicle.find(source, listen=0.1, answer=0.1, silent=0.4)
     finally:
         one.stop()
         source.close()
@@ -289,8 +289,8 @@ def enough(readings: Samples, _: list[FeedEvent]) -> bool:
 
 
 def test_ardupilots_readings_come_without_its_correction() -> None:
-    with sky(held=HELD) as (one, source, vehicle):
-        feed = Telemetry(source, vehicle=vehicle)
+    with sky(held=HELD) as (one, vehicle):
+        feed = Telemetry(vehicle)
         readings, events = asked(feed, enough)
         assert one.asked == {27, 26}
     assert events[0].kind == "connected"
@@ -308,19 +308,16 @@ def test_ardupilots_readings_come_without_its_correction() -> None:
 
 
 @pytest.mark.parametrize(
-    ("more", "options", "words"),
+    ("more", "words"),
     [
-        ({}, {}, "does not tell its COMPASS_OFS_X"),
-        ({"held": HELD}, {"as_logged": True}, "corrected readings, as they are sent"),
-        ({"autopilot": PX4}, {}, "not known for this autopilot"),
-        ({"autopilot": PX4, "is_fine": True}, {}, "not known for this autopilot"),
+        ({}, "does not tell its COMPASS_OFS_X"),
+        ({"autopilot": PX4}, "not known for this autopilot"),
+        ({"autopilot": PX4, "is_fine": True}, "not known for this autopilot"),
     ],
 )
-def test_what_is_not_known_is_left_as_it_is_sent_and_said(
-    more: dict[str, Any], options: dict[str, Any], words: str
-) -> None:
-    with sky(**more) as (_, source, vehicle):
-        readings, events = asked(Telemetry(source, vehicle=vehicle, **options), enough)
+def test_what_is_not_known_is_left_as_it_is_sent_and_said(more: dict[str, Any], words: str) -> None:
+    with sky(**more) as (_, vehicle):
+        readings, events = asked(Telemetry(vehicle), enough)
     assert words in events[0].words
     assert readings.unit.inside == "uT"
     np.testing.assert_allclose(readings.field[:, 1:], [[-3.0, 45.0]] * len(readings), rtol=1e-6)
@@ -329,25 +326,25 @@ def test_what_is_not_known_is_left_as_it_is_sent_and_said(
 
 
 def test_counts_of_other_autopilots_are_counts() -> None:
-    with sky(autopilot=PX4, is_raw=True) as (_, source, vehicle):
-        readings, _ = asked(Telemetry(source, vehicle=vehicle), enough)
+    with sky(autopilot=PX4, is_raw=True) as (_, vehicle):
+        readings, _ = asked(Telemetry(vehicle), enough)
     assert readings.unit.inside == "counts"
     assert readings.rate is None
     np.testing.assert_array_equal(readings.field[:, 1:], [[-30, 450]] * len(readings))
 
 
 def test_each_compass_has_messages_of_its_own() -> None:
-    with sky() as (one, source, vehicle):
-        readings, _ = asked(Telemetry(source, vehicle=vehicle, compass=2), enough)
+    with sky() as (one, vehicle):
+        readings, _ = asked(Telemetry(vehicle, compass=2), enough)
         assert one.asked == {116}
     np.testing.assert_allclose(readings.field[0], [0.1, 0.2, 0.3])
     with pytest.raises(UsageError, match="compass 4: MAVLink has messages for compass 1, 2 and 3"):
-        Telemetry(source, vehicle=vehicle, compass=4)
+        Telemetry(vehicle, compass=4)
 
 
 def test_a_compass_that_is_not_there_is_told() -> None:
-    with sky() as (_, source, vehicle):
-        feed = Telemetry(source, vehicle=vehicle, compass=3)
+    with sky() as (_, vehicle):
+        feed = Telemetry(vehicle, compass=3)
         readings, events = asked(feed, lambda _, events: len(events) > 1)
     assert len(readings) == 0
     assert events[1].kind == "nothing"
@@ -355,8 +352,8 @@ def test_a_compass_that_is_not_there_is_told() -> None:
 
 
 def test_a_vehicle_that_falls_silent_is_gone_and_comes_back() -> None:
-    with sky(held=HELD) as (one, source, vehicle):
-        feed = Telemetry(source, vehicle=vehicle)
+    with sky(held=HELD) as (one, vehicle):
+        feed = Telemetry(vehicle)
         asked(feed, enough)
         one.is_away = True
         _, events = asked(feed, lambda _, events: bool(events))
@@ -370,15 +367,15 @@ def test_a_vehicle_that_falls_silent_is_gone_and_comes_back() -> None:
 
 
 def test_telemetry_is_kept() -> None:
-    with sky(held=HELD) as (_, source, vehicle), ToFile("out.csv") as sink:
-        readings, _ = asked(RecordedFeed(Telemetry(source, vehicle=vehicle), sink), enough)
+    with sky(held=HELD) as (_, vehicle), ToFile("out.csv") as sink:
+        readings, _ = asked(RecordedFeed(Telemetry(vehicle), sink), enough)
     np.testing.assert_allclose(read("out.csv").field, readings.field, rtol=1e-8)
     assert "# 0.0 s: compass 1 of ArduPilot, system 1: its correction is taken off" in Path("out.csv").read_text()
 
 
 def test_bytes_that_are_no_packets_do_no_harm() -> None:
-    with sky(held=HELD) as (one, source, vehicle):
-        feed = Telemetry(source, vehicle=vehicle)
+    with sky(held=HELD) as (one, vehicle):
+        feed = Telemetry(vehicle)
         for content in (b"\xfd" * 400, bytes(range(256)) * 8, struct.pack("<B", 0xFE), b""):
             one.write(content)
         readings, _ = asked(feed, enough)

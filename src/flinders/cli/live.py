@@ -103,10 +103,10 @@ class LiveSource(option.Group):
             say(str(recording))
             return Source("replay", partial(RecordedFeed, Replay(recording, speed=self.speed or 1.0)))
         if self.mavlink is not None:
-            from flinders.live.mavlink import Telemetry
+            from flinders.live.mavlink import Telemetry, Vehicle
 
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud)))
-            return Source("mavlink", partial(RecordedFeed, Telemetry(link, compass=self.compass)))
+            return Source("mavlink", partial(RecordedFeed, Telemetry(Vehicle.find(link), self.compass)))
         kind, port = self._lines()
         if kind == "simulated":
             from flinders.live.simulated import SimulatedFeed

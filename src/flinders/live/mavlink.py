@@ -77,28 +77,11 @@ REAL32: Final = 9
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter as a vehicle holds it.
-
-    Attributes
-    ----------
-    name : str
-    value : float
-    kind : int
-        Its MAV_PARAM_TYPE.
-    """
+    """A parameter as a vehicle holds it; `kind` is its MAV_PARAM_TYPE."""
 
     name: str
     value: float
     kind: int = REAL32
-
-
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
-    """What a HEARTBEAT says: which component sent it, what autopilot it is, and whether it is armed."""
-
-    component: int
-    autopilot: int
-    armed: bool
 
 
 class Vehicle:
@@ -106,6 +89,9 @@ class Vehicle:
 
     Attributes
     ----------
+    name : str
+        For messages.
+    source : ByteSource
     autopilot : int
         `ARDUPILOT` or `PX4`.
     system, component : int
@@ -116,7 +102,7 @@ class Vehicle:
 
     def __init__(self, source: ByteSource, *, answer: float = ANSWER_S, silent: float = SILENT_S) -> None:
         self._dialect = needs("pymavlink.dialects.v20.common", "mavlink", "a vehicle on MAVLink")
-        self._source, self._answer, self._silent = source, answer, silent
+        self.source, self._answer, self._silent = source, answer, silent
         self._link: Any = self._dialect.MAVLink(source, srcSystem=OUR_SYSTEM, srcComponent=OUR_COMPONENT)
         self._link.robust_parsing = True
         self._is_old = False
@@ -157,37 +143,36 @@ class Vehicle:
             Where its autopilot is neither ArduPilot nor PX4.
         """
         vehicle = cls(source, answer=answer, silent=silent)
-        heartbeats: dict[int, Heartbeat] = {}
-        until, first = time.monotonic() + wait, None
-        while time.monotonic() < (until if first is None else first + listen):
+        heartbeats: dict[int, Any] = {}
+        until, is_first = time.monotonic() + wait, True
+        while time.monotonic() < until:
             for message in vehicle._arrived():
-                if message.get_type() == "HEARTBEAT":
-                    _note(heartbeats, message)
-            if first is None and heartbeats and (system is None or system in heartbeats):
-                first = time.monotonic()
-            if system in heartbeats and heartbeats[system].component == AUTOPILOT:
+                _note(heartbeats, message)
+            if is_first and heartbeats and system in (None, *heartbeats):
+                is_first, until = False, time.monotonic() + listen
+            if system in heartbeats and heartbeats[system].get_srcComponent() == AUTOPILOT:
                 break
         vehicle._choose(heartbeats, system)
         return vehicle
 
-    def _choose(self, heartbeats: dict[int, Heartbeat], system: int | None) -> None:
+    def _choose(self, heartbeats: dict[int, Any], system: int | None) -> None:
         """Settle on one of the vehicles that were heard."""
         systems = ", ".join(map(str, sorted(heartbeats)))
-        if not heartbeats or (system is not None and system not in heartbeats):
+        if not heartbeats or system not in (None, *heartbeats):
             only = f" of system {system} (there is {systems})" if heartbeats else ""
             raise LinkError(
-                f"no heartbeat{only} from {self._source.name}: see that the vehicle is on, that it sends MAVLink "
+                f"no heartbeat{only} from {self.source.name}: see that the vehicle is on, that it sends MAVLink "
                 "there, and that no ground station holds the port"
             )
         if system is None and len(heartbeats) > 1:
-            raise UsageError(f"{self._source.name} has several vehicles, systems {systems}: say which with --system")
-        self.system = sorted(heartbeats)[0] if system is None else system
+            raise UsageError(f"{self.source.name} has several vehicles, systems {systems}: say which with --system")
+        self.system = next(iter(heartbeats)) if system is None else system
         beat = heartbeats[self.system]
-        self.component, self.autopilot, self.armed = beat.component, beat.autopilot, beat.armed
+        self.component, self.autopilot, self.armed = beat.get_srcComponent(), beat.autopilot, _is_armed(beat)
         self._seen = time.monotonic()
         if self.autopilot not in AUTOPILOTS:
             raise NotSent(
-                f"system {self.system} on {self._source.name} is autopilot {self.autopilot}: parameters are known of "
+                f"system {self.system} on {self.source.name} is autopilot {self.autopilot}: parameters are known of "
                 "ArduPilot (3) and PX4 (12); write them with flinders export and set them by hand"
             )
 
@@ -214,11 +199,9 @@ class Vehicle:
         unknown: set[str] = set()
         for attempt in range(tries):
             for name in names:
-                self._send(
-                    self._dialect.MAVLink_param_request_read_message(self.system, self.component, name.encode(), -1)
-                )
+                self._ask("param_request_read", name.encode(), -1)
             for message in self.messages(self._patience(attempt)):
-                name = self._parameter_name(message, names)
+                name = _parameter_name(message, names)
                 if name and message.get_type() == "PARAM_VALUE":
                     return Parameter(name, self._decoded(message), message.param_type)
                 if name:
@@ -239,14 +222,9 @@ class Vehicle:
         """
         answered, others = None, 0
         for attempt in range(TRIES):
-            encoded = self._encoded(parameter)
-            self._send(
-                self._dialect.MAVLink_param_set_message(
-                    self.system, self.component, parameter.name.encode(), encoded, parameter.kind
-                )
-            )
+            self._ask("param_set", parameter.name.encode(), self._encoded(parameter), parameter.kind)
             for message in self.messages(self._patience(attempt)):
-                if not self._parameter_name(message, (parameter.name,)):
+                if not _parameter_name(message, (parameter.name,)):
                     continue
                 if message.get_type() == "PARAM_ERROR":
                     return answered
@@ -256,20 +234,29 @@ class Vehicle:
                 break
         return answered
 
+    def ask_for(self, message: int) -> None:
+        """Ask for a message `RATE_HZ` times a second, in the new way and in ArduPilot's old one; it may not be heard.
+
+        Raises
+        ------
+        LinkError
+            Where the link is lost.
+        """
+        self._ask("command_long", SET_MESSAGE_INTERVAL, 0, message, 1e6 / RATE_HZ, 0, 0, 0, 0, 0)
+        self._ask("request_data_stream", RAW_SENSORS, round(RATE_HZ), 1)
+
     def come_back(self, seconds: float) -> bool:
         """Wait for a vehicle whose link was lost, and tell whether it is heard again."""
         until, before = time.monotonic() + seconds, self._seen
-        while time.monotonic() < until:
+        while time.monotonic() < until and self._seen == before:
             try:
                 for _ in self._arrived(0.1):
                     pass
             except LinkError:
                 time.sleep(REOPEN_S)
                 with contextlib.suppress(LinkError):
-                    self._source.reopen()
-            if self._seen > before:
-                return True
-        return False
+                    self.source.reopen()
+        return self._seen > before
 
     def messages(self, seconds: float) -> Iterator[Any]:
         """Yield the messages of this vehicle for so long.
@@ -282,48 +269,32 @@ class Vehicle:
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             for message in self._arrived(max(min(0.05, until - time.monotonic()), 0.0)):
-                if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:
+                if self._is_from(message):
                     yield message
             if time.monotonic() - self._seen > self._silent:
-                raise LinkError(f"{self.name} on {self._source.name} has been silent for {self._silent:g} s")
-
-    def ask_for(self, message: int, rate_hz: float) -> None:
-        """Ask for a message so many times a second, in the new way and in ArduPilot's old one; it may not be heard.
-
-        Raises
-        ------
-        LinkError
-            Where the link is lost.
-        """
-        system, component, dialect = self.system, self.component, self._dialect
-        interval = [float(message), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0]
-        self._send(dialect.MAVLink_command_long_message(system, component, SET_MESSAGE_INTERVAL, 0, *interval))
-        self._send(dialect.MAVLink_request_data_stream_message(system, component, RAW_SENSORS, round(rate_hz), 1))
-
-    def _patience(self, attempt: int) -> float:
-        """Seconds that an answer is waited for: longer at first, as a slow link needs it."""
-        return self._answer * min(1 + attempt / 2, 2)
+                raise LinkError(f"{self.name} on {self.source.name} has been silent for {self._silent:g} s")
 
     def listen(self) -> None:
         """Take in what has arrived, so that `armed` is up to date."""
         for _ in range(BACKLOG):
-            content = self._source.read(0.0)
+            content = self.source.read(0.0)
             if not content:
                 return
             for _ in self._messages(content):
                 pass
 
-    def _parameter_name(self, message: Any, names: Sequence[str]) -> str:  # noqa: ANN401 - pymavlink has no types
-        """Which of these parameters a message is about; empty where it is about none."""
-        if message.get_type() not in ("PARAM_VALUE", "PARAM_ERROR"):
-            return ""
-        name = str(message.param_id).rstrip("\0")
-        return name if name in names else ""
+    def _ask(self, kind: str, *fields: float | bytes) -> None:
+        """Send a message that is addressed to the vehicle."""
+        make = getattr(self._dialect, f"MAVLink_{kind}_message")
+        self._send(make(self.system, self.component, *fields))
 
-    def _decoded(self, message: Any) -> float:  # noqa: ANN401
+    def _patience(self, attempt: int) -> float:
+        """Seconds that an answer is waited for: longer after the first time, as a slow link needs it."""
+        return self._answer * min(1 + attempt / 2, 2)
+
+    def _decoded(self, message: Any) -> float:  # noqa: ANN401 - pymavlink has no types
         if self.autopilot == PX4 and message.param_type in KINDS:
-            layout = KINDS[message.param_type]
-            return float(struct.unpack_from(layout, struct.pack("<f", message.param_value))[0])
+            return float(struct.unpack_from(KINDS[message.param_type], struct.pack("<f", message.param_value))[0])
         return float(message.param_value)
 
     def _encoded(self, parameter: Parameter) -> float:
@@ -340,29 +311,43 @@ class Vehicle:
         if time.monotonic() - self._beaten > 1.0:
             self._beaten = time.monotonic()
             self._send(self._dialect.MAVLink_heartbeat_message(GROUND_STATION, NO_AUTOPILOT, 0, 0, 4, 3))
-        yield from self._messages(self._source.read(timeout))
+        yield from self._messages(self.source.read(timeout))
 
     def _messages(self, content: bytes) -> Iterator[Any]:
         """Yield the messages in some bytes, and keep what they say of the vehicle."""
         for message in self._link.parse_buffer(content) or []:
             if message.get_type() == "BAD_DATA":
                 continue
-            if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:
+            if self._is_from(message):
                 self._seen = time.monotonic()
                 self._is_old = message.get_msgbuf()[0] == FIRST_VERSION  # answer in kind
                 if message.get_type() == "HEARTBEAT":
-                    self.armed = bool(message.base_mode & ARMED)
+                    self.armed = _is_armed(message)
             yield message
 
+    def _is_from(self, message: Any) -> bool:  # noqa: ANN401
+        return bool((message.get_srcSystem(), message.get_srcComponent()) == (self.system, self.component))
 
-def _note(heartbeats: dict[int, Heartbeat], message: Any) -> None:  # noqa: ANN401
+
+def _is_armed(heartbeat: Any) -> bool:  # noqa: ANN401
+    return bool(heartbeat.base_mode & ARMED)
+
+
+def _note(heartbeats: dict[int, Any], message: Any) -> None:  # noqa: ANN401
     """Keep the heartbeat of an autopilot, by its system; that of its own component before those of others."""
-    beat = Heartbeat(message.get_srcComponent(), message.autopilot, bool(message.base_mode & ARMED))
-    if beat.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
+    if message.get_type() != "HEARTBEAT" or message.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
         return
-    system = message.get_srcSystem()
-    if beat.component == AUTOPILOT or heartbeats.get(system, beat).component != AUTOPILOT:
-        heartbeats[system] = beat
+    before = heartbeats.get(message.get_srcSystem(), message)
+    if message.get_srcComponent() == AUTOPILOT or before.get_srcComponent() != AUTOPILOT:
+        heartbeats[message.get_srcSystem()] = message
+
+
+def _parameter_name(message: Any, names: Sequence[str]) -> str:  # noqa: ANN401
+    """Which of these parameters a message is about; empty where it is about none."""
+    if message.get_type() not in ("PARAM_VALUE", "PARAM_ERROR"):
+        return ""
+    name = str(message.param_id).rstrip("\0")
+    return name if name in names else ""
 
 
 def same(one: float, other: float) -> bool:
@@ -388,54 +373,32 @@ BACK_S: Final = 0.5
 
 
 class Telemetry:
-    """A compass of a vehicle on a link, as the vehicle sends it to a ground station: a `Feed`.
+    """A compass of a vehicle, as the vehicle sends it to a ground station: a `Feed`.
 
     RAW_IMU and SCALED_IMU hold the first compass, SCALED_IMU2 and SCALED_IMU3 the second and the third, in whole mG.
-    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and taken off, unless
-    `as_logged`. Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
+    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and taken off.
+    Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
     A RAW_IMU that is not ArduPilot's is in counts, as the protocol has it. Whether PX4's SCALED_IMU is corrected is
-    **unverified**. Sources and messages are those of `flinders.readers.tlog`.
+    **unverified**. Messages are those of `flinders.readers.tlog`.
 
     Parameters
     ----------
-    source : ByteSource
+    vehicle : Vehicle
     compass : int
         1 to 3, as ArduPilot counts.
-    system : int, optional
-        Which vehicle, where there are several.
-    as_logged : bool
-        Leave ArduPilot's correction on.
-    rate_hz : float
-        Readings a second to ask for.
-    vehicle : Vehicle, optional
-        A vehicle that has answered.
-
-    Attributes
-    ----------
-    name : str
 
     Raises
     ------
-    MissingExtra, LinkError, UsageError, NotSent
-        As `Vehicle.find`, and for another compass.
+    UsageError
+        For another compass.
     """
 
-    def __init__(
-        self,
-        source: ByteSource,
-        *,
-        compass: int = 1,
-        system: int | None = None,
-        as_logged: bool = False,
-        rate_hz: float = RATE_HZ,
-        vehicle: Vehicle | None = None,
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, compass: int = 1) -> None:
         if compass not in COMPASSES:
             raise UsageError(f"compass {compass}: MAVLink has messages for compass 1, 2 and 3")
-        self._source, self._compass, self._as_logged, self._rate = source, compass, as_logged, rate_hz
-        self._vehicle = Vehicle.find(source, system=system) if vehicle is None else vehicle
-        self.name = f"compass {compass} of {self._vehicle.name}"
-        self._messages = _ranked(self._vehicle.autopilot, compass)
+        self._vehicle, self._compass = vehicle, compass
+        self.name = f"compass {compass} of {vehicle.name}"
+        self._messages = _ranked(vehicle.autopilot, compass)
         self._start = self._heard = time.monotonic()
         self._parameters: ArduPilotParameters | None = None
         self._kinds: dict[int, float] = {}
@@ -468,7 +431,7 @@ class Telemetry:
     def close(self) -> None:
         """As `Feed.close`."""
         self._is_over = True
-        self._source.close()
+        self._vehicle.source.close()
 
     def _now(self) -> float:
         return time.monotonic() - self._start
@@ -477,8 +440,6 @@ class Telemetry:
         """Fetch the calibration that is in force, and say what becomes of the readings."""
         if self._vehicle.autopilot != ARDUPILOT:
             return "readings as they are sent; whether they are raw or corrected is not known for this autopilot"
-        if self._as_logged:
-            return "corrected readings, as they are sent"
         values: dict[str, float] = {}
         for name in (*REPORTED, "SCALE"):
             group, _, axis = name.partition("_")
@@ -496,7 +457,7 @@ class Telemetry:
         self._heard = time.monotonic()
         with contextlib.suppress(LinkError):
             for message in self._messages:
-                self._vehicle.ask_for(message, self._rate)
+                self._vehicle.ask_for(message)
 
     def _remind(self, has_readings: bool) -> None:
         """Ask again where nothing comes, and say so once."""
