@@ -68,15 +68,9 @@ TOKEN_BYTES: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """What is let through.
+    """What is let through to a port: requests that call the server by one of its names.
 
-    Attributes
-    ----------
-    port : int
-    names : frozenset of str
-        By which this server may be called, besides addresses in figures where it listens on all of them.
-    is_open : bool
-        It listens on addresses that other machines reach.
+    One that is open listens on addresses that other machines reach, and may be called by any address in figures.
     """
 
     port: int
@@ -93,14 +87,9 @@ class Gate:
         return cls(port, frozenset(names), is_open)
 
     def refusal(self, *, host: str | None, origin: str | None, needs_origin: bool) -> str | None:
-        """Say why a request is refused; None where it is let through.
+        """Say why a request with these headers is refused; None where it is let through.
 
-        Parameters
-        ----------
-        host, origin : str or None
-            Its headers.
-        needs_origin : bool
-            It changes something, or opens a socket: browsers then always say where they come from.
+        One that changes something, or opens a socket, needs an origin: browsers then always say where they come from.
         """
         if host is None or not self._is_own(host):
             return f"this server is not {host or 'without a name'}: open the address that flinders live prints"
@@ -167,13 +156,7 @@ def is_address(name: str) -> bool:
 
 @dataclass(slots=True)
 class Tokens:
-    """One-time tokens: the first browser that shows one gets a cookie, and the next one needs a new token.
-
-    Attributes
-    ----------
-    current : str
-        To be printed.
-    """
+    """One-time tokens: the first browser that shows the current one gets a cookie, and the next needs a new one."""
 
     current: str = field(default_factory=lambda: secrets.token_urlsafe(TOKEN_BYTES))
     _cookies: set[str] = field(default_factory=set)
@@ -219,14 +202,7 @@ def answer(words: str, status: int) -> Response:
 class Guard:
     """An application behind a gate, with `HEADERS` on every answer.
 
-    Parameters
-    ----------
-    app : ASGIApp
-    gate : Gate
-    tokens : Tokens, optional
-        Asked for by each browser, where given.
-    say : callable
-        Told the next token.
+    Each browser is asked for a token, where there are any; `say` is told the next one.
     """
 
     def __init__(self, app: ASGIApp, gate: Gate, tokens: Tokens | None, say: Callable[[str], None]) -> None:
@@ -295,13 +271,7 @@ MOST_CONNECTIONS: Final = 200
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Open the socket to listen on; port 0 takes any that is free.
-
-    Raises
-    ------
-    LinkError
-        Where it is taken, or the address is not one of this machine.
-    """
+    """Open the socket to listen on; port 0 takes any that is free. `LinkError` says why it cannot be."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:

@@ -46,25 +46,13 @@ def stride_for(total: int, most: int) -> int:
     >>> stride_for(40_000, 40_000), stride_for(40_001, 40_000)
     (1, 2)
     """
-    stride = 1
-    while -(-total // stride) > most:
-        stride *= 2
-    return stride
+    parts = -(-total // most)
+    return 1 << max(parts - 1, 0).bit_length()
 
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """Where a timeline has got to.
-
-    Attributes
-    ----------
-    last : float, s
-        Latest time of the source's own clock; NaN before the first.
-    shift : float, s
-        From there to the session's.
-    at : float, s
-        Latest time of the session.
-    """
+    """Where a timeline has got to: the source's clock `last` read, the session's time `at`, the shift between them."""
 
     last: float = np.nan
     shift: float = 0.0
@@ -75,8 +63,6 @@ class Timeline:
 
         A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
 
-        Examples
-        --------
         >>> times, clock = Timeline()(np.array([1.0, 1.5, 0.0, 0.5]))
         >>> times.tolist(), clock
         ([1.0, 1.5, 1.5, 2.0], Timeline(last=0.5, shift=1.5, at=2.0))
@@ -103,17 +89,9 @@ class _Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadingBuffer:
-    """Readings in the order in which they came.
+    """Readings in the order in which they came: of `total`, one of `stride` is in memory, and at most `most` are.
 
-    Attributes
-    ----------
-    total : int
-        Received.
-    stride : int
-        One of so many readings is in memory; reading j in memory is reading number j · `stride`.
-    has_acceleration : bool
-    most : int
-        Held, at most.
+    Reading j in memory is reading number j · `stride`.
     """
 
     total: int = 0
@@ -261,16 +239,8 @@ def without(spans: Iterable[Span], hole: Span) -> tuple[Span, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Exclusions:
-    """Excluded intervals of time, ascending and disjoint, with undo and redo.
+    """Excluded intervals of time, ascending and disjoint; the last of `past` and `future` is the nearest.
 
-    Attributes
-    ----------
-    spans : tuple of (start, end), s
-    past, future : tuple of such
-        The last is the nearest.
-
-    Examples
-    --------
     >>> exclusions = Exclusions().excluding((3.0, 5.0)).excluding((4.0, 8.0)).restoring((6.0, 7.0))
     >>> exclusions.spans
     ((3.0, 6.0), (7.0, 8.0))

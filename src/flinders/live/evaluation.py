@@ -269,21 +269,8 @@ SPEED_DEG: Final = 90.0
 
 
 def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
-    """Put the path from the newest reading into a view; no path is shown where it would gain nothing.
+    """Put the path from the newest reading into the view of a fit, which may be refused; not where it gains nothing.
 
-    Parameters
-    ----------
-    view : View
-        Of this fit.
-    fit : Fit
-        Also that of a `Refused`.
-    samples : Samples
-        All so far, the newest last.
-    goal, frame : str
-        As in `flinders.heading.guidance`.
-
-    Examples
-    --------
     >>> from flinders import simulate
     >>> samples = simulate.tumble(seed=1, motion="tilted").samples
     >>> fit = fit_samples(samples, target_deg=0.1)
@@ -316,14 +303,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
 
 
 def believe(fit: Fit | None, readings: ArrayLike) -> path_planning.Belief | None:
-    """What is known after a fit, also a refused one: what it claims where that makes sense, else a sphere.
-
-    Parameters
-    ----------
-    fit : Fit, optional
-    readings : (N, 3) array-like
-        Those that it was made of.
-    """
+    """What is known after a fit of (N, 3) readings, also a refused one: what it claims, or else a sphere."""
     if fit is None or fit.is_flat or fit.direction_error_deg.worst > KNOWN_DEG:
         return path_planning.rough(readings)
     return path_planning.Belief.of_fit(fit)
@@ -348,24 +328,9 @@ def _triple(vector: Floats) -> Triple:
     return x, y, z
 
 
-CHUNK: Final = 1 << 20
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
-    """What a session comes to.
-
-    Attributes
-    ----------
-    key : int
-        Of what was shown, as in `flinders.live.session`.
-    name : str
-        What it was made from.
-    recording : Recording
-        The readings.
-    outcome : Fit or FlindersError
-    files : tuple of SourceFile
-    """
+    """What a session comes to: the outcome of the readings that were shown under this key, and what they are from."""
 
     key: int
     name: str
@@ -375,13 +340,7 @@ class Finished:
 
     @property
     def fit(self) -> Fit:
-        """The fit, good or limited.
-
-        Raises
-        ------
-        FlindersError
-            Why there is none, or none that may be used.
-        """
+        """The fit, good or limited; raises why there is none, or none that may be used."""
         if isinstance(self.outcome, FlindersError):
             raise self.outcome
         return self.outcome
@@ -405,23 +364,8 @@ class Finished:
 def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Finished:
     """Fit all readings of what is shown, but for those taken out.
 
-    Parameters
-    ----------
-    session : Session
-    path : Path, optional
-        The file of the session; without it, and of a log, what is in memory is all.
-    reading : dict
-        How it is read, as `flinders.open_recording` takes it.
-
-    Examples
-    --------
-    >>> from flinders import simulate
-    >>> from flinders.core.units import Unit
-    >>> from flinders.live.buffer import rows_of
-    >>> from flinders.live.session import Arrived, Session, step
-    >>> session, _ = step(Session(), Arrived(0.0, rows_of(simulate.tumble(seed=1).samples), Unit.of("uT")))
-    >>> finished(session, None, {}).fit.verdict
-    'good'
+    They are in the file at `path`, which is read as `flinders.open_recording` takes `reading`; without it, and of a
+    log, what is in memory is all.
     """
     key, name = session.shown.key, session.opened_name or session.source.name
     if session.opened is not None or path is None:
@@ -454,9 +398,6 @@ def _outcome(session: Session, recording: Recording) -> Fit | FlindersError:
 
 def _source_file(path: Path, rows: int) -> SourceFile:
     """The file as it is now; of one that grows, its beginning."""
-    digest, size = hashlib.sha256(), 0
     with path.open("rb") as file:
-        while chunk := file.read(CHUNK):
-            digest.update(chunk)
-            size += len(chunk)
-    return SourceFile(name=path.name, sha256=digest.hexdigest(), bytes=size, rows=rows)
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return SourceFile(name=path.name, sha256=digest, bytes=file.tell(), rows=rows)

@@ -77,23 +77,7 @@ class Page:
 
 
 class Hub:
-    """The session, what goes into it, and the pages that look at it.
-
-    Parameters
-    ----------
-    session : Session
-        As it begins, or goes on.
-    supply : Supply
-    clock : callable
-        Seconds, ascending.
-
-    Attributes
-    ----------
-    session : Session
-    pages : set of Page
-    failure : Exception, optional
-        What has ended it.
-    """
+    """The session, what goes into it, and the pages that look at it; `failure` is what has ended it."""
 
     def __init__(self, session: Session, supply: Supply, clock: Callable[[], float] = time.monotonic) -> None:
         self.session, self.supply, self.pages = session, supply, set[Page]()

@@ -41,7 +41,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 import numpy as np
 
@@ -80,11 +80,6 @@ class Recorder:
     sink : Sink
     seconds, readings : float and int, optional
         When `run` stops, and after how many rows nothing more is taken.
-    columns, unit, scale : optional
-        For the readings that `next` hands on, where the lines do not tell; as `flinders.open_recording` takes them.
-        What is written does not depend on them.
-    pattern : str, optional
-        How a line with a reading is written, where that is not recognised.
     resumed : Resumed, optional
         The recording that is continued, of which `sink` is the file.
     stopped : callable
@@ -95,13 +90,9 @@ class Recorder:
         Called by `run` twice a second with what has been recorded.
     clock : callable
         Seconds, ascending.
-
-    Attributes
-    ----------
-    name : str
-        Of the source.
-    statistics : RecordingStatistics
-        What has been recorded so far.
+    **reading
+        ``columns``, ``unit``, ``scale`` and ``pattern``, where the lines do not tell, as `flinders.open_recording`
+        takes them. What is written depends on the pattern alone.
     """
 
     def __init__(
@@ -111,30 +102,18 @@ class Recorder:
         *,
         seconds: float | None = None,
         readings: int | None = None,
-        columns: str | None = None,
-        unit: str | None = None,
-        scale: float | None = None,
-        pattern: str | None = None,
         resumed: Resumed | None = None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
         watch: Callable[[RecordingStatistics], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        **reading: Any,
     ) -> None:
         self.name = source.name
         self._source, self._sink, self._clock = source, sink, clock
         self._seconds, self._stopped, self._say, self._watch = seconds, stopped, say, watch
-        self._transcript = Transcript(
-            source.name,
-            is_framed=source.is_framed,
-            columns=columns,
-            unit=unit,
-            scale=scale,
-            pattern=pattern,
-            most=readings,
-            header=resumed.header if resumed else None,
-            rows=resumed.rows if resumed else (),
-        )
+        before: dict[str, Any] = {} if resumed is None else {"header": resumed.header, "rows": resumed.rows}
+        self._transcript = Transcript(source.name, is_framed=source.is_framed, most=readings, **before, **reading)
         self._earlier = resumed.seconds if resumed else 0.0
         self._start = clock()
         self._title = title(source.name, is_new=resumed is None)
@@ -150,15 +129,7 @@ class Recorder:
         return self._transcript.statistics
 
     def next(self, timeout: float = WAIT_S) -> Received:
-        """Record what has come, and return it; None where nothing came within `timeout` seconds.
-
-        Each event is returned once, before the readings that came after it.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be written; what came before is saved.
-        """
+        """As `Feed.next`; `OutputError` where what has come cannot be written: what came before is saved."""
         if self._is_closed and not self._waiting:
             time.sleep(timeout)
         elif not self._waiting:
@@ -191,7 +162,7 @@ class Recorder:
             Where no line of numbers came at all.
         """
         while not self._is_over():
-            received = self.next(self._wait())
+            received = self.next(max(min(WAIT_S, self._left()), 0.0))
             if isinstance(received, FeedEvent):
                 self._announce(received)
             if self._watch and self._now() - self._watched >= WATCH_S:
@@ -207,13 +178,12 @@ class Recorder:
     def _now(self) -> float:
         return self._clock() - self._start + self._earlier
 
-    def _is_over(self) -> bool:
-        late = self._seconds is not None and self._now() - self._earlier >= self._seconds
-        return (late and not self._waiting) or self._transcript.is_full or self._stopped()
+    def _left(self) -> float:
+        """Seconds until it was told to stop."""
+        return math.inf if self._seconds is None else self._seconds + self._earlier - self._now()
 
-    def _wait(self) -> float:
-        left = WAIT_S if self._seconds is None else self._seconds - (self._now() - self._earlier)
-        return max(min(WAIT_S, left), 0.0)
+    def _is_over(self) -> bool:
+        return (self._left() <= 0.0 and not self._waiting) or self._transcript.is_full or self._stopped()
 
     def _announce(self, event: FeedEvent) -> None:
         """Say what a person at the bench should know."""
@@ -328,20 +298,13 @@ BEGUN: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTIL
 
 
 class Sink(Protocol):
-    """Where a recording goes."""
+    """Where a recording goes; `why` says why what comes cannot be written now, and nothing where it can."""
 
     name: str
     why: str
-    """Why what comes cannot be written now; nothing where it can."""
 
     def write(self, text: str) -> None:
-        """Hand text on at once.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be written.
-        """
+        """Hand text on at once; `OutputError` where that is impossible."""
 
     def sync(self) -> None:
         """See that it lasts, without waiting for it."""
@@ -351,14 +314,8 @@ class Sink(Protocol):
 class Resumed:
     """What has to be known of a recording to continue it.
 
-    Attributes
-    ----------
-    header : str, optional
-        What stands above its rows, which may be nothing; None where it has no rows.
-    rows : tuple of str
-        The first of them.
-    seconds : float
-        From its beginning to now, and no less than its last time where that is given by the recorder.
+    `header` stands above its rows, and may be empty; it is None where there are no `rows`, of which the first are kept.
+    `seconds` is from its beginning to now, and no less than its last time where the recorder gave that.
     """
 
     header: str | None
@@ -367,13 +324,7 @@ class Resumed:
 
     @classmethod
     def of(cls, path: str | os.PathLike[str]) -> Self:
-        """Look at a recording that `Recorder` has made, by whatever it was ended.
-
-        Raises
-        ------
-        OutputError
-            Where there is none, or it is something else.
-        """
+        """Look at a recording that `Recorder` has made; `OutputError` where there is none, or it is something else."""
         file = Path(path)
         try:
             with file.open("rb") as content:
@@ -557,9 +508,6 @@ class Patient:
 
     Attributes
     ----------
-    name : str
-    why : str
-        Why what comes cannot be written now; nothing where it can.
     missing : str
         Why something is not on the disk, also where what came later is; nothing where all is.
 
@@ -604,13 +552,7 @@ class Patient:
             self._fail(error)
 
     def close(self) -> None:
-        """Try a last time.
-
-        Raises
-        ------
-        OutputError
-            Where not all that came is in the file.
-        """
+        """Try a last time; `OutputError` where not all that came is in the file."""
         if self._waiting:
             self._try()
         self._sink.close()
@@ -652,13 +594,7 @@ def _last_time(tail: str) -> float:
 
 
 class ToStandardOutput:
-    """Standard output, for what follows in a pipe.
-
-    Raises
-    ------
-    OutputError
-        Where it is closed.
-    """
+    """Standard output, for what follows in a pipe; `OutputError` where it is closed."""
 
     name, why = "standard output", ""
 
@@ -718,13 +654,7 @@ class RecordedFeed:
         return self._feed.name
 
     def next(self, timeout: float) -> Received:
-        """As `Feed.next`.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be written, or has other columns than the recording that is continued.
-        """
+        """As `Feed.next`; `OutputError` where it has other columns than the recording that is continued."""
         received = self._feed.next(timeout)
         if isinstance(received, FeedEvent):
             self._write("".join(f"# {line}\n" for line in str(received).splitlines()))

@@ -49,17 +49,7 @@ CALIBRATION_BYTES: Final = 4 << 20
 
 
 def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callable[[str], None] = print) -> ASGIApp:
-    """Put routes and guard around a hub.
-
-    Parameters
-    ----------
-    hub : Hub
-    gate : Gate
-    tokens : Tokens, optional
-        Asked for by each browser, where given.
-    say : callable
-        Told the next token.
-    """
+    """Put routes and guard around a hub; the rest is as `Guard` takes it."""
 
     @contextlib.asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:

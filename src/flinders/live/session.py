@@ -85,20 +85,9 @@ Reply = FitMessage | Notice
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """Result of a fit, and what a page shows of it.
+    """Result of a fit, and what a page shows of it; where there is none, `refusal` says why.
 
-    Attributes
-    ----------
-    key : int
-    fit : Fit, optional
-        Good, limited or refused; None where there is none.
-    view : View, optional
-    refusal : str
-        Why there is no fit.
-    reasons : tuple of Reason
-    used, rejected : int
-        Readings.
-    previous : PreviousState, optional
+    `used` and `rejected` count readings, `key` is that of the series that was fitted.
     """
 
     key: int
@@ -188,9 +177,6 @@ class Series:
 
     Attributes
     ----------
-    buffer : ReadingBuffer
-    unit, axes, frame
-        Of its readings.
     exclusions : Exclusions
         What was taken out by hand.
     paused_at : float, s, optional
@@ -203,8 +189,6 @@ class Series:
         Changes with all that a fit depends on.
     since : int
         No fit with a smaller key is of these readings.
-    evaluated : Evaluated, optional
-        The newest fit.
     within : tuple of float, s
         When the fits in a row were done that are within the target: the first three of them.
     """
@@ -242,16 +226,10 @@ class Session:
 
     Attributes
     ----------
-    source : SourceState
-    live : Series
+    opened : Series, optional
+        A log, shown in place of `live`.
     timeline : Timeline
         Where the clock of the sensor has got to.
-    opened : Series, optional
-        Shown in its place, and by what name.
-    target_deg, dip_deg, goal
-        What the calibration is compared with.
-    previous : Fit, optional
-    recording : str
     unrecorded : str
         Why what arrives cannot be written down; nothing where it can.
     has_board : bool
@@ -260,7 +238,6 @@ class Session:
         Grows with each step that changes something.
     keys, generations : int
         Given out so far.
-    is_fitting : bool
     due_at : float, s
         No fit before.
     at, arrived_at : float, s
@@ -519,14 +496,7 @@ def begin_fit(session: Session) -> Session:
 
 
 def used_readings(session: Session, most: int | None = FITTED) -> tuple[Samples, NDArray[np.intp]]:
-    """Readings that are fitted, and which of the session each is: those not taken out, evenly spread over the session.
-
-    Parameters
-    ----------
-    session : Session
-    most : int, optional
-        Readings, at most; None for all in memory.
-    """
+    """Readings not taken out, at most so many or all, spread evenly; and (N,) which of the session each is."""
     shown = session.shown
     used = np.flatnonzero(~shown.buffer.within(shown.excluded))
     if most is not None and len(used) > most:

@@ -55,7 +55,7 @@ SLOWEST_BAUD, FASTEST_BAUD = 50, 20_000_000
 
 
 class ByteSource(Protocol):
-    """One end of a wire.
+    """One end of a wire; each method but `close` raises `LinkError` where the other end is gone.
 
     Attributes
     ----------
@@ -69,31 +69,13 @@ class ByteSource(Protocol):
     is_framed: bool
 
     def read(self, timeout: float) -> bytes:
-        """Return what has come in, waiting at most `timeout` seconds for it; nothing where nothing came.
-
-        Raises
-        ------
-        LinkError
-            Where the other end is gone.
-        """
+        """Return what has come in, waiting at most `timeout` seconds for it; nothing where nothing came."""
 
     def write(self, content: bytes) -> None:
-        """Send bytes, all of them.
-
-        Raises
-        ------
-        LinkError
-            Where the other end is gone or does not take them.
-        """
+        """Send bytes, all of them."""
 
     def reopen(self) -> None:
-        """Open again after a loss.
-
-        Raises
-        ------
-        LinkError
-            Where it is still gone.
-        """
+        """Open again after a loss."""
 
     def close(self) -> None:
         """Let go of it; closing twice does no harm."""
@@ -274,13 +256,7 @@ class Udp:
 
 
 class Tcp:
-    """A connection to a host.
-
-    Raises
-    ------
-    LinkError
-        Where the host is not known or does not answer.
-    """
+    """A connection to a host; `LinkError` where that is not known or does not answer."""
 
     is_framed = False
 
@@ -390,13 +366,7 @@ class Scripted:
 
 
 def ports() -> list[str]:
-    """Name the serial ports of this machine, those on USB first, each with what it says of itself.
-
-    Raises
-    ------
-    MissingExtra
-        Without serialx.
-    """
+    """Name the serial ports of this machine, those on USB first, each with what it says of itself."""
     serialx = needs("serialx", "serial", "a serial port")
     try:
         listed = serialx.list_serial_ports()
@@ -420,12 +390,7 @@ def ports_in_words() -> str:
 def only_port(*, is_asked: bool) -> str | None:
     """The one port that a board is plugged into; None where there is none and none was asked for.
 
-    Raises
-    ------
-    UsageError
-        If there are several, or none although one was asked for.
-    MissingExtra
-        If ports cannot be listed, and one was asked for.
+    Several are refused, and so is none, and a machine that cannot list its ports, where one was asked for.
     """
     try:
         names = ports()
@@ -446,15 +411,7 @@ def only_port(*, is_asked: bool) -> str | None:
 def opened_lines(
     *, port: str | None = None, baud: int = BAUD, udp: int | None = None, tcp: str | None = None
 ) -> Serial | Udp | Tcp:
-    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``.
-
-    Raises
-    ------
-    UsageError
-        For an address that is none.
-    LinkError
-        If it cannot be opened.
-    """
+    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``."""
     if udp is not None:
         return Udp(udp)
     if tcp is not None:
@@ -463,15 +420,7 @@ def opened_lines(
 
 
 def opened_link(address: str, baud: int = BAUD) -> Serial | Udp | Tcp:
-    """Open the link to a vehicle: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
-
-    Raises
-    ------
-    UsageError
-        For an address that is none.
-    LinkError
-        If it cannot be opened.
-    """
+    """Open the link to a vehicle: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port."""
     kind, colon, rest = address.partition(":")
     match kind.casefold() if colon else "":
         case "udp" | "udpin":
@@ -493,15 +442,8 @@ def opened_link(address: str, baud: int = BAUD) -> Serial | Udp | Tcp:
 
 
 def host_and_port(text: str, what: str) -> tuple[str, int]:
-    """Take ``HOST:PORT`` apart; without a host it is this machine.
+    """Take ``HOST:PORT`` apart; without a host it is this machine. `what` names the option in a refusal.
 
-    Raises
-    ------
-    UsageError
-        For what is none; `what` names the option.
-
-    Examples
-    --------
     >>> host_and_port("boat.local:5760", "--tcp"), host_and_port(":5760", "--tcp")
     (('boat.local', 5760), ('127.0.0.1', 5760))
     """
