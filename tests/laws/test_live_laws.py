@@ -16,7 +16,7 @@ from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.live.buffer import SHOWN, Exclusions, ReadingBuffer, Timeline, rows_of, stride_for
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import Clear, Exclude, FitMessage, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
+from flinders.live.messages import Clear, Exclude, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
 from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (
     SHARE,
@@ -50,9 +50,9 @@ def arriving(places: list[int]) -> list[Event]:
     return [Arrived(ROWS[b - 1, 0], ROWS[a:b], UT) for a, b in itertools.pairwise(places) if b > a]
 
 
-def replayed(events: list[Event], session: Session) -> tuple[Session, list[FitMessage | Notice]]:
+def replayed(events: list[Event], session: Session) -> tuple[Session, list[Notice]]:
     """Take a list of events in, one after the other."""
-    replies: list[FitMessage | Notice] = []
+    replies: list[Notice] = []
     for event in events:
         session, more = step(session, event)
         replies += more

@@ -24,7 +24,7 @@ import numpy as np
 from flinders.core.units import Unit
 from flinders.live.buffer import rows_of
 from flinders.live.feeds import FeedEvent, FeedThread
-from flinders.live.messages import FitMessage, Hello, Limits, Notice, TargetInfo
+from flinders.live.messages import Hello, Limits, Notice, TargetInfo
 from flinders.live.page_state import Cursor, session_state
 from flinders.live.session import (
     Arrived,
@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from flinders.live.messages import Link
     from flinders.live.session import Evaluated
     from flinders.live.session_file import Supply
+    from flinders.report.view import View
 
 SOONEST_S: Final = 0.04
 LATEST_S: Final = 0.1
@@ -71,7 +72,7 @@ class Page:
     notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
     cursor: Cursor = field(default_factory=Cursor)
     state_revision: int = -1
-    fit_revision: int = -1
+    view: View | None = None
     stated_at: float = -1.0
     is_urgent: bool = False
 
@@ -83,7 +84,6 @@ class Hub:
         self.session, self.supply, self.pages = session, supply, set[Page]()
         self.failure: Exception | None = None
         self.name = secrets.token_hex(4)
-        self.fit_message = FitMessage(0, None)
         self._clock, self._start = clock, clock()
         self._feed_thread = FeedThread(supply.feed)
         self._edits = Edits.of(session)
@@ -120,12 +120,9 @@ class Hub:
     def take(self, event: Event) -> None:
         """Take one event into the session, and tell all pages what follows from it."""
         before = self.session
-        self.session, replies = step(self.session, event)
-        for message in replies:
-            if isinstance(message, FitMessage):
-                self.fit_message = message
-            else:
-                self._tell(message)
+        self.session, notices = step(self.session, event)
+        for notice in notices:
+            self._tell(notice)
         if isinstance(event, Arrived | Ticked):
             return
         if self.session is not before:

@@ -24,7 +24,7 @@ from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, LinkError, NotSent, OutputError, UsageError
 from flinders.live.access import Gate, Guard, Tokens, answer, shown_name
 from flinders.live.hub import UPLOAD_BYTES, Hub, Page
-from flinders.live.messages import Notice, encode, parse
+from flinders.live.messages import FitMessage, Notice, encode, parse
 from flinders.live.page_state import points, session_state
 from flinders.live.session import GotPrevious, Opened, Requested, Session
 from flinders.report.html_file import joined
@@ -295,14 +295,14 @@ async def _listen(socket: WebSocket, hub: Hub, page: Page) -> None:
 async def _tell(socket: WebSocket, hub: Hub, page: Page) -> None:
     """Send a page what is new: notices, fit, state and points, the newest of each."""
     hello = hub.hello()
-    page.fit_revision, page.state_revision = hub.fit_message.revision, hello.state.revision
+    page.view, page.state_revision = hello.view, hello.state.revision
     await socket.send_text(encode(hello))
     while True:
         while page.notices:
             await socket.send_text(encode(page.notices.popleft()))
-        if hub.fit_message.revision != page.fit_revision:
-            page.fit_revision = hub.fit_message.revision
-            await socket.send_text(encode(hub.fit_message))
+        if hub.session.view is not page.view:
+            page.view = hub.session.view
+            await socket.send_text(encode(FitMessage(hub.session.revision, page.view)))
         if _is_state_due(hub, page):
             page.is_urgent, page.stated_at = False, hub.now
             newest = session_state(hub.session)

@@ -1,6 +1,6 @@
 """A live session: a pure reducer of readings and of a person's commands.
 
-`step` makes of a session and an event the next session and the messages for its pages. It knows no clock, socket or
+`step` makes of a session and an event the next session and notices for its pages. It knows no clock, socket or
 thread: each event carries its time, so that a recorded list of events is a test and a demo.
 
 >>> from flinders import simulate
@@ -42,7 +42,6 @@ from flinders.live.messages import (
     Clear,
     Command,
     Exclude,
-    FitMessage,
     Notice,
     Pause,
     PreviousClear,
@@ -78,9 +77,6 @@ ENOUGH_FITS: Final = 3
 SURE_S: Final = 1.0
 """Or two of them, so many seconds apart; or one, after which nothing has come for as long."""
 NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
-
-Reply = FitMessage | Notice
-"""Messages of a step to all pages; the state is sent apart from them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -283,11 +279,11 @@ class Session:
         return None if self.shown.evaluated is None else self.shown.evaluated.view
 
 
-Stepped = tuple[Session, list[Reply]]
+Stepped = tuple[Session, list[Notice]]
 
 
-def step(session: Session, event: Event) -> tuple[Session, list[Reply]]:
-    """Take one event in."""
+def step(session: Session, event: Event) -> Stepped:
+    """Take one event in; the notices are for all pages, and what else they show follows from the session."""
     return _STEPS[type(event)](replace(session, at=event.at), event)
 
 
@@ -421,7 +417,7 @@ def _cleared(session: Session) -> Stepped:
         since=keys,
     )
     session = _changed(session, live=live, generations=number, keys=keys, arrivals=())
-    return session, [FitMessage(session.revision, None), Notice("info", "begun anew; what was recorded before is kept")]
+    return session, [Notice("info", "begun anew; what was recorded before is kept")]
 
 
 def _back_to_live(session: Session) -> Stepped:
@@ -430,8 +426,7 @@ def _back_to_live(session: Session) -> Stepped:
         return session, []
     number = session.generations + 1
     live = replace(session.live, generation=number)
-    session = _alone(_changed(session, opened=None, opened_name="", live=live, generations=number))
-    return session, [FitMessage(session.revision, session.view)]
+    return _alone(_changed(session, opened=None, opened_name="", live=live, generations=number)), []
 
 
 def _opened(session: Session, event: Opened) -> Stepped:
@@ -439,7 +434,7 @@ def _opened(session: Session, event: Opened) -> Stepped:
     number = session.generations + 1
     series = replace(event.series, generation=number)
     session = _alone(_changed(session, opened=series, opened_name=event.name, generations=number))
-    return session, [FitMessage(session.revision, None), Notice("info", event.words)]
+    return session, [Notice("info", event.words)]
 
 
 def _fitted(session: Session, event: FitDone) -> Stepped:
@@ -451,8 +446,7 @@ def _fitted(session: Session, event: FitDone) -> Stepped:
         return session, []
     shown = replace(shown, evaluated=event.evaluated)
     within = (*shown.within, event.at)[:ENOUGH_FITS] if _is_within(session, event.evaluated) else ()
-    session = _with_shown(session, replace(shown, within=within))
-    return session, [FitMessage(session.revision, event.evaluated.view)]
+    return _with_shown(session, replace(shown, within=within)), []
 
 
 _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {

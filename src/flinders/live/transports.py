@@ -263,15 +263,15 @@ class Tcp:
     def __init__(self, host: str, port: int) -> None:
         self.name = f"TCP {host}:{port}"
         self._address = (host, port)
-        self._socket: socket.socket | None = None
+        self._socket = socket.socket()
         self.reopen()
 
     def read(self, timeout: float) -> bytes:
         """As `ByteSource.read`."""
         try:
-            if not select.select([self._opened()], [], [], timeout)[0]:
+            if not select.select([self._socket], [], [], timeout)[0]:
                 return b""
-            content = self._opened().recv(CHUNK)
+            content = self._socket.recv(CHUNK)
         except (OSError, ValueError):
             content = b""
         if not content:
@@ -282,7 +282,7 @@ class Tcp:
     def write(self, content: bytes) -> None:
         """As `ByteSource.write`."""
         try:
-            self._opened().sendall(content)
+            self._socket.sendall(content)
         except (OSError, ValueError) as error:
             self.close()
             raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
@@ -298,14 +298,7 @@ class Tcp:
 
     def close(self) -> None:
         """As `ByteSource.close`."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-
-    def _opened(self) -> socket.socket:
-        if self._socket is None:
-            raise LinkError(f"{self.name} is closed")
-        return self._socket
+        self._socket.close()
 
 
 @dataclass(frozen=True, slots=True)
