@@ -93,11 +93,7 @@ class Bench:
 
 
 def has_fit(session: Session) -> bool:
-    return (
-        session.view is not None
-        and session.shown.evaluated is not None
-        and session.shown.evaluated.key == session.shown.key
-    )
+    return session.view is not None and session.shown.evaluated.key == session.shown.key
 
 
 def has_all(session: Session) -> bool:

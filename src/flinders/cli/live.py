@@ -245,13 +245,13 @@ def _as_dict(session: Session, recording: str | None) -> dict[str, Any]:
     """JSON-ready: what there was when the page was closed, that is the recording, how far it had come, and the fit."""
     from flinders.live.page_state import session_state
 
-    evaluated, shown = session.shown.evaluated, session_state(session)
+    fit, shown = session.shown.evaluated.fit, session_state(session)
     return {
         "recording": recording,
         "readings": shown.readings,
         "phase": shown.phase,
         "words": shown.words,
-        "fit": None if evaluated is None or evaluated.fit is None else evaluated.fit.as_dict(),
+        "fit": None if fit is None else fit.as_dict(),
     }
 
 

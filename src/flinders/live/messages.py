@@ -113,7 +113,6 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     can_undo: bool
     can_redo: bool
     stride: int
-    has_acceleration: bool
     paused: bool
     recording: str | None
     previous: PreviousState | None

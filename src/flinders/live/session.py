@@ -95,6 +95,14 @@ class Evaluated:
     rejected: int = 0
     previous: PreviousState | None = None
 
+    @property
+    def is_usable(self) -> bool:
+        """Whether it gives a calibration."""
+        return self.fit is not None and self.fit.verdict != "refused"
+
+
+NO_FIT: Final = Evaluated(key=-1)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrived:
@@ -199,7 +207,7 @@ class Series:
     generation: int = 1
     key: int = 0
     since: int = 0
-    evaluated: Evaluated | None = None
+    evaluated: Evaluated = NO_FIT
     within: tuple[float, ...] = ()
 
     @property
@@ -276,7 +284,7 @@ class Session:
     @property
     def view(self) -> View | None:
         """Its newest fit."""
-        return None if self.shown.evaluated is None else self.shown.evaluated.view
+        return self.shown.evaluated.view
 
 
 Stepped = tuple[Session, list[Notice]]
@@ -441,8 +449,7 @@ def _fitted(session: Session, event: FitDone) -> Stepped:
     """Take a fit over, unless it is of another series than the shown one."""
     session = replace(session, is_fitting=False, due_at=event.at + max(event.seconds / SHARE, FASTEST_S))
     shown, key = session.shown, event.evaluated.key
-    newest = -1 if shown.evaluated is None else shown.evaluated.key
-    if not max(shown.since, newest + 1) <= key <= shown.key:
+    if not max(shown.since, shown.evaluated.key + 1) <= key <= shown.key:
         return session, []
     shown = replace(shown, evaluated=event.evaluated)
     within = (*shown.within, event.at)[:ENOUGH_FITS] if _is_within(session, event.evaluated) else ()
@@ -479,7 +486,7 @@ _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
 def wants_fit(session: Session, at: float) -> bool:
     """Whether something changed since the last fit, none is running, and one is due, or the source has ended."""
     shown = session.shown
-    is_new = bool(shown.buffer.total) and (shown.evaluated is None or shown.evaluated.key != shown.key)
+    is_new = bool(shown.buffer.total) and shown.evaluated.key != shown.key
     is_due = at >= session.due_at or session.source.link == "ended"
     return is_new and not session.is_fitting and is_due
 
@@ -507,11 +514,6 @@ def used_readings(session: Session, most: int | None = FITTED) -> tuple[Samples,
     return samples, used * shown.buffer.stride
 
 
-def is_usable(evaluated: Evaluated | None) -> bool:
-    """Whether a fit gives a calibration."""
-    return evaluated is not None and evaluated.fit is not None and evaluated.fit.verdict != "refused"
-
-
 def worst_deg(session: Session, view: View) -> float | None:
     """The error that is compared with the target; None where it is not known."""
     error = view.heading_error_deg
@@ -524,4 +526,4 @@ def _is_within(session: Session, evaluated: Evaluated) -> bool:
     """Whether a fit says that the target is reached, and nothing that speaks against it."""
     worst = None if evaluated.view is None else worst_deg(session, evaluated.view)
     is_clean = all(reason.severity != "warning" for reason in evaluated.reasons)
-    return worst is not None and worst <= session.target_deg and is_clean and is_usable(evaluated)
+    return worst is not None and worst <= session.target_deg and is_clean and evaluated.is_usable

@@ -60,6 +60,7 @@ const connection = new Connection(address.href, {
         store.take(message);
         if (message.type === "hello") {
             finish.setTargets(message.targets);
+            setText(byId("about", HTMLElement), `Flinders ${message.version}`);
             sceneFrom = 0;
             dirty.points = true;
             dirty.now = true;
