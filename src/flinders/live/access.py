@@ -61,8 +61,7 @@ HEADERS: Final = {
     "Cache-Control": "no-store",
 }
 """On every answer."""
-LONGEST_NAME: Final = 100
-"""Letters of a file's name that are shown."""
+LONGEST_NAME: Final = 100  # Letters of a file's name that are shown
 TOKEN_BYTES: Final = 16
 
 
@@ -262,12 +261,10 @@ def _with_headers(send: Send) -> Send:
     return sending
 
 
-STOPPING_S: Final = 1
-"""Seconds that pages have to let go, when the server stops."""
-HEAD_S: Final = 10.0
-"""Seconds that the head of a request may take to come."""
-MOST_CONNECTIONS: Final = 200
-"""Open at one time; a further one is closed."""
+SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+STOPPING_S: Final = 1  # Seconds that pages have to let go, when the server stops
+HEAD_S: Final = 10.0  # Seconds that the head of a request may take to come
+MOST_CONNECTIONS: Final = 200  # Open at one time; a further one is closed
 
 
 def listening(host: str, port: int) -> socket.socket:
@@ -305,15 +302,11 @@ class _Server(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-        before = {}
-        with contextlib.suppress(ValueError):  # not the main thread, which alone gets signals
-            before = {name: signal.signal(getattr(signal, name), self._stop) for name in names}
-        try:
+        with contextlib.ExitStack() as before:
+            with contextlib.suppress(ValueError):  # not the main thread, which alone gets signals
+                for number in SIGNALS:
+                    before.callback(signal.signal, number, signal.signal(number, self._stop))
             yield
-        finally:
-            for name, handler in before.items():
-                signal.signal(getattr(signal, name), handler)
 
     def _stop(self, _number: int, _frame: object) -> None:
         self.force_exit = self.should_exit

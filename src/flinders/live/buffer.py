@@ -29,14 +29,10 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.samples import Samples
 
-CAPACITY: Final = 1 << 20
-"""Readings in memory, at most: 59 MB, and as much again for a moment while they are moved."""
-SHOWN: Final = 40_000
-"""Readings shown, at most; when there are more, every second one, which leaves half as many."""
-COLUMNS: Final = 7
-"""Time in s, field and acceleration."""
-GAP: Final = (np.nan, np.nan, np.nan)
-"""What stands for an acceleration that is not there."""
+CAPACITY: Final = 1 << 20  # Readings in memory, at most: 59 MB, and as much again for a moment while they are moved
+SHOWN: Final = 40_000  # Readings shown, at most; when there are more, every second one, which leaves half as many
+COLUMNS: Final = 7  # Time in s, field and acceleration
+GAP: Final = (np.nan, np.nan, np.nan)  # What stands for an acceleration that is not there
 FIRST_ROOM: Final = 4096
 
 
@@ -214,10 +210,8 @@ def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
 
 Span = tuple[float, float]
 
-REMEMBERED: Final = 200
-"""Steps that can be undone."""
-MOST: Final = 1000
-"""Spans, at most: nobody takes out more by hand."""
+REMEMBERED: Final = 200  # Steps that can be undone
+MOST: Final = 1000  # Spans, at most: nobody takes out more by hand
 
 
 def merged(spans: Iterable[Span]) -> tuple[Span, ...]:

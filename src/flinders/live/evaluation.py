@@ -55,27 +55,19 @@ if TYPE_CHECKING:
     from flinders.live.session import Session
     from flinders.report.view import Triple, View
 
-STALE_S: Final = 2.0
-"""Seconds of equal readings after which a sensor is said to have stopped."""
+STALE_S: Final = 2.0  # Seconds of equal readings after which a sensor is said to have stopped
 STALE_ROWS: Final = 10
 FROZEN_ROWS: Final = 20
 FROZEN_S: Final = 2.0
 """Readings and seconds in which one axis stays as it is and the others do not, after which that is said."""
-LIVELY: Final = 0.9
-"""Of its steps before, so many have to be changes: a coarse axis is equal for a while by itself."""
-MOVING: Final = 0.1
-"""Of their range so far, that the other axes move by meanwhile."""
-CONVERGED: Final = 5.0
-"""A fit has converged, and its findings are shown, once its error is below so many targets, …"""
-CONVERGED_FRACTION: Final = 0.7
-"""… or so much of the sphere has been seen, …"""
-CONVERGED_S: Final = 30.0
-"""… or so many seconds of readings are there: more of the same would not help."""
-STILL_S: Final = 6.0
-"""Seconds without a turn after which somebody is reminded."""
+LIVELY: Final = 0.9  # Of its steps before, so many have to be changes: a coarse axis is equal for a while by itself
+MOVING: Final = 0.1  # Of their range so far, that the other axes move by meanwhile
+CONVERGED: Final = 5.0  # A fit has converged, and its findings are shown, once its error is below so many targets, …
+CONVERGED_FRACTION: Final = 0.7  # … or so much of the sphere has been seen, …
+CONVERGED_S: Final = 30.0  # … or so many seconds of readings are there: more of the same would not help
+STILL_S: Final = 6.0  # Seconds without a turn after which somebody is reminded
 STILL_DEG: Final = 5.0
-LEAST_DEG: Final = 0.001
-"""A smaller difference is not shown as a number."""
+LEAST_DEG: Final = 0.001  # A smaller difference is not shown as a number
 OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
 
@@ -262,10 +254,8 @@ def _compared(fit: Fit | None, session: Session) -> PreviousState | None:
     return PreviousState(previous.name, worst, f"{meaning} ({difference} of heading at the worst)")
 
 
-KNOWN_DEG: Final = 10.0
-"""A fit that is farther off than this in some direction is asked for none."""
-SPEED_DEG: Final = 90.0
-"""Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""
+KNOWN_DEG: Final = 10.0  # A fit that is farther off than this in some direction is asked for none
+SPEED_DEG: Final = 90.0  # Degrees a second that a hand turns a sensor by, for what its readings along the way are worth
 
 
 def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:

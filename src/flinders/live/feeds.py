@@ -35,14 +35,10 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
 
-AT_ONCE: Final = 500
-"""Readings handed on together at most."""
-ASSUMED_HZ: Final = 50.0
-"""Readings a second of a recording without times."""
-LONGEST_GAP_S: Final = 2.0
-"""Seconds that a pause of a recording takes when it is played back, at most."""
-SHORTEST_S: Final = 1e-4
-"""Least wait."""
+AT_ONCE: Final = 500  # Readings handed on together at most
+ASSUMED_HZ: Final = 50.0  # Readings a second of a recording without times
+LONGEST_GAP_S: Final = 2.0  # Seconds that a pause of a recording takes when it is played back, at most
+SHORTEST_S: Final = 1e-4  # Least wait
 
 Kind: TypeAlias = Literal["connected", "settled", "unclear", "nothing", "garbage", "lost", "gone", "back", "ended"]
 """It is there; how its lines are written is known; which of their numbers are the field is not; nothing usable has come
@@ -195,8 +191,7 @@ class Replay:
 
 Result = TypeVar("Result")
 
-ASK_S: Final = 0.05
-"""Longest wait of one question."""
+ASK_S: Final = 0.05  # Longest wait of one question
 REST_S: Final = 0.045
 """From an answer to the next question, where little came: what comes meanwhile is then read in one go. A little below a
 twentieth of a second, so that pages get twenty updates in each."""
@@ -205,8 +200,7 @@ LITTLE: Final = 40
 FULL: Final = 250_000
 """Readings that wait to be taken, at most: a recording played back as fast as possible waits for the server then."""
 FULL_S: Final = 0.01
-STOPPING_S: Final = 10.0
-"""Seconds that a feed has to let go: longer than any of them waits for a host."""
+STOPPING_S: Final = 10.0  # Seconds that a feed has to let go: longer than any of them waits for a host
 
 
 class FeedThread(threading.Thread):
@@ -250,12 +244,10 @@ class FeedThread(threading.Thread):
                     self._stopping.wait(FULL_S)
                 else:
                     self._ask()
-        except FlindersError as error:
-            self._queue.append(FeedEvent("gone", 0.0, str(error)))
         except Exception as error:  # noqa: BLE001 - a thread that ends without a word would look like a silent sensor
-            self._queue.append(
-                FeedEvent("gone", 0.0, f"internal error: {type(error).__name__}: {error}; please report it")
-            )
+            is_ours = isinstance(error, FlindersError)
+            words = str(error) if is_ours else f"internal error: {type(error).__name__}: {error}; please report it"
+            self._queue.append(FeedEvent("gone", 0.0, words))
         finally:
             self._is_over = True
             self._do_jobs()

@@ -54,8 +54,7 @@ if TYPE_CHECKING:
 SOONEST_S: Final = 0.04
 LATEST_S: Final = 0.1
 """From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
-MOST_NOTICES: Final = 50
-"""Notices that wait for a page, at most; older ones go."""
+MOST_NOTICES: Final = 50  # Notices that wait for a page, at most; older ones go
 UPLOAD_BYTES: Final = 64 << 20
 LINKS: Final[dict[str, Link]] = {
     "connected": "connected", "back": "connected", "nothing": "waiting", "unclear": "waiting", "gone": "gone",

@@ -38,38 +38,26 @@ if TYPE_CHECKING:
     from flinders.live.feeds import Received
     from flinders.live.transports import ByteSource
 
-ARDUPILOT, PX4 = 3, 12
-"""MAV_AUTOPILOT in a vehicle's HEARTBEAT."""
+ARDUPILOT, PX4 = 3, 12  # MAV_AUTOPILOT in a vehicle's HEARTBEAT
 AUTOPILOTS: Final = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
-NO_AUTOPILOT: Final = 8
-"""MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a companion computer."""
+NO_AUTOPILOT: Final = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a companion computer
 AUTOPILOT: Final = 1
 """MAV_COMP_ID_AUTOPILOT1, the component that is asked where others of the vehicle have heartbeats too."""
-SET_MESSAGE_INTERVAL, RAW_SENSORS = 511, 1
-"""MAV_CMD, and MAV_DATA_STREAM of RAW_IMU and SCALED_IMU."""
-FIRST_VERSION: Final = 0xFE
-"""First byte of a packet of MAVLink 1."""
-ARMED: Final = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED."""
-GROUND_STATION: Final = 6
-"""MAV_TYPE_GCS, what we say we are."""
+SET_MESSAGE_INTERVAL, RAW_SENSORS = 511, 1  # MAV_CMD, and MAV_DATA_STREAM of RAW_IMU and SCALED_IMU
+FIRST_VERSION: Final = 0xFE  # First byte of a packet of MAVLink 1
+ARMED: Final = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+GROUND_STATION: Final = 6  # MAV_TYPE_GCS, what we say we are
 OUR_SYSTEM, OUR_COMPONENT = 255, 190
 
-HEARTBEAT_S: Final = 6.0
-"""Seconds that a vehicle has to show itself; they do once a second."""
-LISTEN_S: Final = 1.5
-"""Seconds that further vehicles on the same link are listened for."""
-SILENT_S: Final = 5.0
-"""Seconds without a heartbeat after which the link is lost."""
+HEARTBEAT_S: Final = 6.0  # Seconds that a vehicle has to show itself; they do once a second
+LISTEN_S: Final = 1.5  # Seconds that further vehicles on the same link are listened for
+SILENT_S: Final = 5.0  # Seconds without a heartbeat after which the link is lost
 ANSWER_S: Final = 0.8
 TRIES: Final = 10
 """Questions before it is given up: where three of ten packets are lost each way, one in a thousand goes unanswered."""
-MOST_OTHERS: Final = 4
-"""Answers with another value, after which the vehicle is taken to keep it."""
-REOPEN_S: Final = 0.2
-"""Seconds between tries to open a lost link again."""
-BACKLOG: Final = 1000
-"""Datagrams that are taken in before anything is set, at most."""
+MOST_OTHERS: Final = 4  # Answers with another value, after which the vehicle is taken to keep it
+REOPEN_S: Final = 0.2  # Seconds between tries to open a lost link again
+BACKLOG: Final = 1000  # Datagrams that are taken in before anything is set, at most
 KINDS: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as `struct` packs them."""
 REAL32: Final = 9
@@ -121,20 +109,13 @@ class Vehicle:
         answer: float = ANSWER_S,
         silent: float = SILENT_S,
     ) -> Self:
-        """Wait for a vehicle.
+        """Wait for a vehicle, the one of this MAVLink system where there are several.
 
-        Parameters
-        ----------
-        source : ByteSource
-        system : int, optional
-            Its MAVLink system number, where there are several.
-        wait, listen, answer, silent : float, s
-            How long for the first heartbeat, for those of others, for an answer, and until the link counts as lost.
+        Seconds are those to `wait` for the first heartbeat, to `listen` for those of others, for an `answer`, and until
+        a `silent` link counts as lost.
 
         Raises
         ------
-        MissingExtra
-            Without pymavlink.
         LinkError
             Where none is heard.
         UsageError
@@ -182,19 +163,9 @@ class Vehicle:
         return f"{AUTOPILOTS.get(self.autopilot, 'vehicle')}, system {self.system}"
 
     def get(self, *names: str, tries: int = TRIES) -> Parameter | None:
-        """Ask for a parameter; None where the vehicle has none of this name, or does not answer.
+        """Ask for a parameter by the names it may have; None where the vehicle has none of them, or does not answer.
 
-        Parameters
-        ----------
-        *names : str
-            What it may be called; the first that is answered counts.
-        tries : int
-            How often it is asked.
-
-        Raises
-        ------
-        LinkError
-            Where the link is lost.
+        `LinkError` where the link is lost.
         """
         unknown: set[str] = set()
         for attempt in range(tries):
@@ -214,11 +185,7 @@ class Vehicle:
         """Set a parameter, and return the value that the vehicle answers with; None where it does not.
 
         It is asked again while it answers with another value, since that may be late and to an earlier question.
-
-        Raises
-        ------
-        LinkError
-            Where the link is lost.
+        `LinkError` where the link is lost.
         """
         answered, others = None, 0
         for attempt in range(TRIES):
@@ -235,13 +202,7 @@ class Vehicle:
         return answered
 
     def ask_for(self, message: int) -> None:
-        """Ask for a message `RATE_HZ` times a second, in the new way and in ArduPilot's old one; it may not be heard.
-
-        Raises
-        ------
-        LinkError
-            Where the link is lost.
-        """
+        """Ask for a message `RATE_HZ` times a second, by MAV_CMD and as old ArduPilots have it; it may not be heard."""
         self._ask("command_long", SET_MESSAGE_INTERVAL, 0, message, 1e6 / RATE_HZ, 0, 0, 0, 0, 0)
         self._ask("request_data_stream", RAW_SENSORS, round(RATE_HZ), 1)
 
@@ -259,13 +220,7 @@ class Vehicle:
         return self._seen > before
 
     def messages(self, seconds: float) -> Iterator[Any]:
-        """Yield the messages of this vehicle for so long.
-
-        Raises
-        ------
-        LinkError
-            Where its heartbeats have ended.
-        """
+        """Yield the messages of this vehicle for so long; `LinkError` where its heartbeats have ended."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             for message in self._arrived(max(min(0.05, until - time.monotonic()), 0.0)):
@@ -355,21 +310,15 @@ def same(one: float, other: float) -> bool:
     return bool(np.array_equal(np.float32(one), np.float32(other), equal_nan=True))
 
 
-RATE_HZ: Final = 20.0
-"""Readings a second that the vehicle is asked for."""
-ASK_AGAIN_S: Final = 3.0
-"""Seconds without a reading after which it is asked again, and advice is given."""
-TOGETHER_S: Final = 0.03
-"""Seconds of readings that are handed on together."""
-FETCH_TRIES: Final = 4
-"""Questions for each parameter."""
+RATE_HZ: Final = 20.0  # Readings a second that the vehicle is asked for
+ASK_AGAIN_S: Final = 3.0  # Seconds without a reading after which it is asked again, and advice is given
+TOGETHER_S: Final = 0.03  # Seconds of readings that are handed on together
+FETCH_TRIES: Final = 4  # Questions for each parameter
 REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
 """Of the calibration in force; SCALE came later."""
-LOOK_S: Final = 1.0
-"""Seconds that a better message is waited for."""
+LOOK_S: Final = 1.0  # Seconds that a better message is waited for
 GRAVITY: Final = 9.80665
-BACK_S: Final = 0.5
-"""Seconds that a lost vehicle is waited for at a time."""
+BACK_S: Final = 0.5  # Seconds that a lost vehicle is waited for at a time
 
 
 class Telemetry:
@@ -386,11 +335,6 @@ class Telemetry:
     vehicle : Vehicle
     compass : int
         1 to 3, as ArduPilot counts.
-
-    Raises
-    ------
-    UsageError
-        For another compass.
     """
 
     def __init__(self, vehicle: Vehicle, compass: int = 1) -> None:

@@ -31,12 +31,9 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
 
-COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}
-"""How they number them."""
-READS: Final = 4
-"""How often a value is read back that is not the one that was set."""
-BACK_S: Final = 30.0
-"""Seconds that a lost vehicle is waited for, to put the values from before back."""
+COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}  # How they number them
+READS: Final = 4  # How often a value is read back that is not the one that was set
+BACK_S: Final = 30.0  # Seconds that a lost vehicle is waited for, to put the values from before back
 AXES: Final = {
     ARDUPILOT: "it acts after COMPASS_ORIENT: the recording must be in the axes of the vehicle, as its logs are",
     PX4: "it acts before CAL_MAGn_ROT: the recording must be in the axes of the sensor, as sensor_mag of its logs is",
@@ -116,19 +113,7 @@ class ParameterPlan:
         notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, number, present, wanted))
         changes = []
         for names, value in _wanted(vehicle.autopilot, calibration, number):
-            old = vehicle.get(names[scheme])
-            if old is None:
-                raise NotSent(
-                    f"{vehicle.name} does not know {names[scheme]}, nothing was changed: its firmware is older than "
-                    "this parameter, or keeps compass numbers otherwise; update it, or set what it has by hand "
-                    "(flinders export)"
-                )
-            if old.kind in KINDS:
-                raise NotSent(
-                    f"{vehicle.name} keeps {old.name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
-                    f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the "
-                    "values by hand (flinders export)"
-                )
+            old = _held(vehicle, names[scheme], value)
             changes.append(ParameterChange(old, replace(old, value=value)))
         return cls(vehicle, number, present, tuple(changes), notes)
 
@@ -250,6 +235,23 @@ def _wanted(autopilot: int, calibration: Calibration, compass: int) -> list[tupl
     parameters = ardupilot.ArduPilotParameters.of(ardupilot.in_vehicle_axes(calibration), compass=compass)
     rows = zip(parameters.rows("COMPASS_OFS2_X"), parameters.rows("COMPASS2_OFS_X"), strict=True)
     return [((name, other), value) for (name, value), (other, _) in rows]
+
+
+def _held(vehicle: Vehicle, name: str, value: float) -> Parameter:
+    """A parameter that can take a value, as the vehicle holds it."""
+    old = vehicle.get(name)
+    if old is None:
+        raise NotSent(
+            f"{vehicle.name} does not know {name}, nothing was changed: its firmware is older than this parameter, or "
+            "keeps compass numbers otherwise; update it, or set what it has by hand (flinders export)"
+        )
+    if old.kind in KINDS:
+        raise NotSent(
+            f"{vehicle.name} keeps {name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
+            f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the values by "
+            "hand (flinders export)"
+        )
+    return old
 
 
 def _identity(autopilot: int, compass: int) -> Sequence[str]:

@@ -35,8 +35,7 @@ Phase = Literal["collecting", "good", "limited", "wrong"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 
-LONGEST: Final = 65_536
-"""Bytes of a message from a page."""
+LONGEST: Final = 65_536  # Bytes of a message from a page
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
 HAS_ACCELERATION: Final = 1

@@ -35,20 +35,16 @@ if TYPE_CHECKING:
     from flinders.live.transports import ByteSource
 
 TRIES: Final = 3
-ANSWER_S: Final = 3.0
-"""Seconds that the echo of a packet is waited for; sketches print it once in a second or so."""
-BOOT_S: Final = 4.0
-"""Seconds that a board is waited for that starts anew when its port is opened, as many do."""
+ANSWER_S: Final = 3.0  # Seconds that the echo of a packet is waited for; sketches print it once in a second or so
+BOOT_S: Final = 4.0  # Seconds that a board is waited for that starts anew when its port is opened, as many do
 PIECE, PAUSE_S = 16, 0.01
 """From the second time on bytes are sent in pieces, for boards whose buffer is shorter than a packet."""
 LONGEST: Final = 4096
 MOTIONCAL_SLACK, MOTIONCAL_SHARE = 0.0001, 0.00003
 FEWEST_PLACES: Final = 2
 """Decimals that an echo is taken to have: what it prints with fewer has to agree with that many."""
-EITHER: Final = "the board may hold the old values or the new ones"
-"""What is known where the packet was on its way."""
-REOPEN_S: Final = 0.1
-"""Seconds between tries to open a port again."""
+EITHER: Final = "the board may hold the old values or the new ones"  # What is known where the packet was on its way
+REOPEN_S: Final = 0.1  # Seconds between tries to open a port again
 NUMBER: Final = re.compile(r"[-+]?\d+(?:\.(\d*))?")
 NUMBERS: Final = {"Cal1": 10, "Cal2": 9}
 

@@ -20,13 +20,10 @@ if TYPE_CHECKING:
     from flinders.live.session import Session
     from flinders.report.view import View
 
-SILENT_S: Final = 3.0
-"""Seconds without a reading after which that is said; or so many usual steps of a slow sensor."""
+SILENT_S: Final = 3.0  # Seconds without a reading after which that is said; or so many usual steps of a slow sensor
 SILENT_STEPS: Final = 5.0
-FRAME_POINTS: Final = 20_000
-"""Points in one frame, at most: a page that comes late gets them in two."""
-LEVEL_DEG: Final = 89.0
-"""A calibration that is good to so much tilt needs no word about tilt."""
+FRAME_POINTS: Final = 20_000  # Points in one frame, at most: a page that comes late gets them in two
+LEVEL_DEG: Final = 89.0  # A calibration that is good to so much tilt needs no word about tilt
 
 
 def session_state(session: Session) -> SessionState:

@@ -60,13 +60,10 @@ if TYPE_CHECKING:
     from flinders.live.feeds import Feed, Received
     from flinders.live.transports import ByteSource
 
-SYNC_S: Final = 1.0
-"""Seconds after which what was received is forced to the disk."""
-WAIT_S: Final = 0.1
-"""Longest wait for bytes: how soon the end of a recording is noticed."""
+SYNC_S: Final = 1.0  # Seconds after which what was received is forced to the disk
+WAIT_S: Final = 0.1  # Longest wait for bytes: how soon the end of a recording is noticed
 WATCH_S: Final = 0.5
-TOGETHER: Final = 5000
-"""Datagrams that are taken together, at most."""
+TOGETHER: Final = 5000  # Datagrams that are taken together, at most
 FIRST_RETRY_S, LAST_RETRY_S = 0.1, 2.0
 """Seconds between tries to open a lost port again: each twice the one before, up to the last."""
 
@@ -282,18 +279,12 @@ class Recorder:
         self._sink.sync()
 
 
-ROWS: Final = 20
-"""Rows by which a recording is recognised that is continued."""
-GAP_S: Final = 0.001
-"""Seconds between its last row and the next, at least."""
-TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')
-"""What a row begins with whose time was put in front."""
-AGAIN_S: Final = 3.0
-"""Seconds after which what could not be written is tried again."""
-MOST_WAITING: Final = 64 << 20
-"""Characters that wait meanwhile, at most."""
-TAIL: Final = 1 << 16
-"""Bytes that are looked at for the end of the last whole line."""
+ROWS: Final = 20  # Rows by which a recording is recognised that is continued
+GAP_S: Final = 0.001  # Seconds between its last row and the next, at least
+TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')  # What a row begins with whose time was put in front
+AGAIN_S: Final = 3.0  # Seconds after which what could not be written is tried again
+MOST_WAITING: Final = 64 << 20  # Characters that wait meanwhile, at most
+TAIL: Final = 1 << 16  # Bytes that are looked at for the end of the last whole line
 BEGUN: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
 
 

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
 SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"app.js": (), "views/scene.js": ("Scene",)}
 """Modules that are sent with all that they import, and what they export: two answers instead of twenty-five."""
-STATE_S: Final = 0.2
-"""From one state to the next, unless something was asked for."""
+STATE_S: Final = 0.2  # From one state to the next, unless something was asked for
 MOST_PAGES: Final = 20
 CALIBRATION_BYTES: Final = 4 << 20
 

@@ -65,17 +65,13 @@ if TYPE_CHECKING:
     from flinders.live.messages import Link, PreviousState, Reason
     from flinders.report.view import View
 
-FITTED: Final = 20_000
-"""Readings of a live fit, at most; of more, every second one, every third …"""
-SHARE: Final = 0.03
-"""Of a core, that fits take."""
-FASTEST_S: Final = 0.25
-"""From one fit to the next, at the least."""
+FITTED: Final = 20_000  # Readings of a live fit, at most; of more, every second one, every third …
+SHARE: Final = 0.03  # Of a core, that fits take
+FASTEST_S: Final = 0.25  # From one fit to the next, at the least
 RATE_S: Final = 2.0
 ENOUGH_FITS: Final = 3
 """Fits in a row that have to be within the target before that is said: the first may be so by chance."""
-SURE_S: Final = 1.0
-"""Or two of them, so many seconds apart; or one, after which nothing has come for as long."""
+SURE_S: Final = 1.0  # Or two of them, so many seconds apart; or one, after which nothing has come for as long
 NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
 
 

@@ -91,14 +91,8 @@ def begun(
 ) -> Iterator[tuple[Supply, Session]]:
     """Begin a session, or continue the one that a file holds, and close its file at the end.
 
-    Parameters
-    ----------
-    source : Source
-    axes : Axes
-    output, resume : str, optional
-        The file that is recorded into: a new one, or that of an earlier session. Without both it is named by the date.
-    say : callable
-        Takes what a person should know.
+    It is recorded into a new file, `output`, or goes on with one to `resume`; without both the file is named by the
+    date. What a person should know goes to `say`.
 
     Raises
     ------
@@ -238,20 +232,7 @@ class TrimmedRecording(Wrapped):
 def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Series, str, Timeline]:
     """Read a recording as a series of readings, as many as a buffer holds, how it was read, and where its time ends.
 
-    Parameters
-    ----------
-    path : Path
-    name : str
-        For messages, in place of its own.
-    spans : tuple of (start, end), s
-        Stretches of time to leave out.
-    **reading
-        As `flinders.open_recording` takes it.
-
-    Raises
-    ------
-    InputError
-        For what cannot be read.
+    It is called by a name in messages, spans of time are left out, and it is read as `flinders.open_recording` does.
     """
     recording = open_recording(path, **reading)
     trimmed = TrimmedRecording(recording, spans)

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 RATE_HZ: Final = 50.0
 FIELD_UT: Final = 50.0
 DIP_DEG: Final = 60.0
-TUMBLE_S: Final = 60.0
-"""Seconds of tumbling that are drawn, and gone through again and again, forwards and backwards."""
+TUMBLE_S: Final = 60.0  # Seconds of tumbling that are drawn, and gone through again and again, forwards and backwards
 
 
 class SimulatedFeed(Replay):
@@ -89,8 +88,8 @@ class _EndlessTumble:
     def blocks(self) -> Iterator[Samples]:
         imu, count = Imu(), len(self.path.attitudes)
         for turn in itertools.count():
-            way = -1 if turn % 2 else 1
-            attitudes, rate = self.path.attitudes[::way], way * self.path.rate[::way]
+            sign = -1 if turn % 2 else 1
+            attitudes, rate = self.path.attitudes[::sign], sign * self.path.rate[::sign]
             field = FIELD_UT * seen_from(attitudes, north_and_down(DIP_DEG))
             yield Samples.of(
                 self.sensor.read(field, self.noise),

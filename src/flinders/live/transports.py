@@ -33,14 +33,10 @@ from flinders.readers._extras import needs
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-CHUNK: Final = 1 << 16
-"""Bytes taken at a time; no datagram is longer."""
-BAUD: Final = 115200
-"""What MotionCal and most sketches use."""
-WRITE_S: Final = 2.0
-"""Seconds that the other end has to take what is written."""
-CONNECT_S: Final = 5.0
-"""Seconds that a host has to answer."""
+CHUNK: Final = 1 << 16  # Bytes taken at a time; no datagram is longer
+BAUD: Final = 115200  # What MotionCal and most sketches use
+WRITE_S: Final = 2.0  # Seconds that the other end has to take what is written
+CONNECT_S: Final = 5.0  # Seconds that a host has to answer
 WAITING_BYTES: Final = 8 << 20
 """Room that is asked for what arrives while this program is busy; the system may grant less."""
 SO_RCVBUFFORCE: Final = 33
@@ -49,8 +45,7 @@ SO_RXQ_OVFL: Final = 40
 AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0)
 """Where there is one, a datagram is taken without asking first whether there is one."""
 COUNT: Final = struct.Struct("=I")
-MOST_PEERS: Final = 16
-"""Senders that are answered over UDP; further ones are heard and not answered."""
+MOST_PEERS: Final = 16  # Senders that are answered over UDP; further ones are heard and not answered
 SLOWEST_BAUD, FASTEST_BAUD = 50, 20_000_000
 
 
