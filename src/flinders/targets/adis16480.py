@@ -96,8 +96,8 @@ class Register:
 
     def as_row(self) -> str:
         """A line of columns, as `HEADING` names them."""
-        value = f"{self.value:+.{1 if self.unit == 'mG' else 3}f} {self.unit}"
-        return f"{self.name:<17}{self.page:>2}  {f'0x{self.address:02X}':>7}  {self.code:>6}  0x{self.word:04X}  {value:>9}"
+        value, address = f"{self.value:+.{1 if self.unit == 'mG' else 3}f} {self.unit}", f"0x{self.address:02X}"
+        return f"{self.name:<17}{self.page:>2}  {address:>7}  {self.code:>6}  0x{self.word:04X}  {value:>9}"
 
     def as_dict(self) -> dict[str, int | float | str]:
         """JSON-ready."""
