@@ -204,7 +204,7 @@ class CompassParameters:
         """(3,) µT by which raw readings are off for each A, or at full throttle."""
         raise NotImplementedError
 
-    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
+    def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
         """The calibration that the parameters stand for, without a mounting, with motors if `has_disturbances`.
 
         They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given;
@@ -212,7 +212,7 @@ class CompassParameters:
         readings raises `ArrayError`.
         """
         raw = Unit.of(self.unit)
-        plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, sensor=sensor, frame=self.frame)
+        plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, frame=self.frame)
         if not self.has_disturbances:
             return plain
         name = next(name for name, number in MOTORS.items() if number == self.motor_by)

@@ -172,7 +172,7 @@ class Registers:
         corrected: Floats = vectors(field, finite=False) @ (np.eye(3) + self.soft_iron).T + self.hard_iron
         return corrected
 
-    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
+    def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
         """The calibration that the codes stand for, in the axes of the device.
 
         They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given.
@@ -184,7 +184,7 @@ class Registers:
         except np.linalg.LinAlgError:
             raise ArrayError(f"(I + S) of the codes {self.codes} is singular: it cannot be undone") from None
         rotation: Rotation = "symmetric" if np.array_equal(matrix, matrix.T) else "composed"
-        return Calibration(matrix, offset, field_strength, known, rotation, raw=Unit.of("mG"), sensor=sensor)
+        return Calibration(matrix, offset, field_strength, known, rotation, raw=Unit.of("mG"))
 
 
 def _wanted(calibration: Calibration) -> Floats:
