@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
 from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Parameter, Vehicle, same
 from flinders.targets import ardupilot, px4
-from flinders.targets._affine import refuse_mounted
+from flinders.targets._target import refuse_mounted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
