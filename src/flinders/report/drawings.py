@@ -195,7 +195,8 @@ def _side(
     """Points, and the ellipse or circle that they lie on; of what is loaded, the long axis and the offset."""
     plot, grid = _polar(x, np.concatenate([points, outline]), plane, unit)
     size = 4.0 if len(points) <= 72 else 2.5
-    marks = "".join(circle(f"point {kind}", *place, size) for place in plot.places(*points.T[::-1]).tolist())
+    places = plot.places(*points.T[::-1]).tolist()
+    marks = "".join(circle(f"point {kind}", right, down, size) for right, down in places)
     edge = plot.line(f"outline {kind}", *outline.T[::-1], is_closed=True)
     if loaded is None:
         return grid + edge + marks
