@@ -216,17 +216,17 @@ static void end_of_fit(const fl_fit *fit, const real sums[55], real prior_gradie
 static int run(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, const real bent[9],
                model *models, int *best)
 {
-    real ratio[FL_LANES], memory[FL_LANES], log_determinant[FL_LANES], sums[55][FL_LANES];
+    real ratio[FL_LANES], log_determinant[FL_LANES], sums[55][FL_LANES];
     int n = 0;
     *best = 0;
     for (int lane = 0; lane < FL_LANES; lane++) ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)lane);
     for (int k = 0; k < over->memories; k++) {
-        for (int lane = 0; lane < FL_LANES; lane++) memory[lane] = over->memory * fl_pow(over->memory_step, (real)k);
+        const real memory = over->memory * fl_pow(over->memory_step, (real)k);
         kernels->filter(series, is_vector, ratio, memory, log_determinant, sums);
         for (int lane = 0; lane < FL_LANES; lane++) {
             model *const one = models + n;
             for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
-            one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane];
+            one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory;
             take_off(bent, one->sums);
             if (judge(one, log_determinant[lane], (real)series->n - 9)) continue;
             if (one->likelihood > models[*best].likelihood) *best = n;
