@@ -25,9 +25,8 @@ from flinders.diagnostics.nonlinearity import BY_CHANCE
 from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
-from flinders.estimators.auto import FEWEST_LEFT, THICK, trimmed_covariance
-from flinders.estimators.level import is_level
-from flinders.estimators.likelihood import ENOUGH, Likelihood
+from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
+from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
@@ -53,6 +52,12 @@ UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 """Columns of so many numbers."""
+
+LOOKED: Final = 1_000
+"""Readings that show whether a unit with outliers has to be looked at closely for a turn in one plane."""
+
+MAY_BE_FLAT: Final = 0.3
+"""Thickness over width of what may be one: `flinders.estimators.auto` takes up to 0.2 of all readings for flat."""
 
 DIAGONAL: Final = slice(0, 81, 10)
 """Of a flat covariance."""
@@ -208,7 +213,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
-            known[at] = not _may_be_level(_inliers(records[at], units[places[at]]))
+            known[at] = not _may_be_level(records[at], units[places[at]])
         table = _Table.of(records[known], _Chosen(units, places[known]), whole.unit.inside, target_deg)
         _fill(columns, places[known], table)
     for place in np.flatnonzero(~columns.by_record).tolist():
@@ -335,10 +340,13 @@ def _inliers(record: Records, one: Samples) -> Samples:
     return one[np.abs(distances(one.field, surface)) <= record["rejected_beyond"]]
 
 
-def _may_be_level(inliers: Samples) -> bool:
-    """Whether a unit with outliers may have been turned in one plane, which a few of them hide."""
-    field = inliers.field[:: max(1, -(-len(inliers) // ENOUGH))]
-    return len(field) >= FEWEST_LEFT and is_level(trimmed_covariance(field), THICK)
+def _may_be_level(record: Records, one: Samples) -> bool:
+    """Whether a unit with outliers may have been turned in one plane, which a few of them hide: a look at some."""
+    field = _inliers(record, one[:: max(1, len(one) // LOOKED)]).field
+    if len(field) < FEWEST_LEFT:
+        return False
+    variances = np.linalg.eigvalsh(trimmed_covariance(field))
+    return bool(variances[0] < MAY_BE_FLAT**2 * variances[2])
 
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:
