@@ -114,22 +114,12 @@ static void draw_points(fl_random *random, size_t n, uint32_t chosen[POINTS])
     memcpy(chosen, places, POINTS * sizeof *chosen);
 }
 
-/* The median of absolute distances, where it is below a limit; else the limit. */
-static real median_below(real limit, const real *distances, size_t n, real *room)
-{
-    size_t below = 0;
-    for (size_t i = 0; i < n; i++) below += fl_abs(distances[i]) < limit;
-    if (below <= n / 2) return limit;
-    for (size_t i = 0; i < n; i++) room[i] = fl_abs(distances[i]);
-    return fl_select(room, n, n / 2);
-}
-
 /* Least median of squares: the best of many ellipsoids through twelve readings each; nonzero if there is none. */
 static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n, fl_random *random, int draws,
                         size_t scored, const fl_room *room, fl_surface *surface)
 {
     static const real ORIGIN[3] = {0, 0, 0};
-    real local[3 * SCORED], distances[SCORED], sorted[SCORED], middle[3], scale, best = FL_HUGE, quadric[10], axes[3];
+    real local[3 * SCORED], middle[3], scale, distances[SCORED], best = FL_HUGE, quadric[10], axes[3];
     uint32_t order[POINTS];
     fl_surface tried, winner;
     if (n < POINTS) return 1;
@@ -141,8 +131,8 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (quadric_of(local, order, quadric) || fl_surface_of_quadric(quadric, ORIGIN, 1, &tried)) continue;
         fl_sym3_values(tried.shape, axes);
         if (!(axes[2] < 5 * axes[0])) continue;
-        kernels->distances(&points, &tried, distances);
-        const real score = median_below(best, distances, chosen, sorted);
+        absolute(kernels, &points, &tried, distances);
+        const real score = fl_select(distances, chosen, chosen / 2);
         if (!(score < best)) continue;
         best = score;
         winner = tried;
