@@ -72,15 +72,6 @@ class Lined:
 
     A sequence of `Samples`, of which each is made when it is asked for.
 
-    Attributes
-    ----------
-    whole : Samples
-        The readings of all.
-    ends : (U,) int
-        Where those of each end.
-    sources : sequence of str
-        Where each came from, for messages.
-
     Examples
     --------
     >>> lined = Lined(Samples.of(np.arange(18.0).reshape(6, 3)), np.array([2, 6]), ["A17", "B02"])
@@ -88,9 +79,9 @@ class Lined:
     ('B02', 4)
     """
 
-    whole: Samples
-    ends: NDArray[np.int64]
-    sources: Sequence[str]
+    whole: Samples  # the readings of all
+    ends: NDArray[np.int64]  # (U,) where those of each end
+    sources: Sequence[str]  # where each came from, for messages
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -225,17 +216,10 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
 
 @dataclass(frozen=True, slots=True)
 class _Chosen:
-    """Some of many units, each made when it is asked for.
-
-    Attributes
-    ----------
-    units : sequence of Samples, or Lined
-    places : (K,) int
-        Of those that are chosen.
-    """
+    """Some of many units, each made when it is asked for."""
 
     units: Sequence[Samples] | Lined
-    places: NDArray[np.intp]
+    places: NDArray[np.intp]  # (K,) of those that are chosen
 
     def __getitem__(self, at: int) -> Samples:
         return self.units[int(self.places[at])]
@@ -272,23 +256,12 @@ def _is_plain(one: Samples) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """What records say of U units, column by column.
+    """What records say of U units, column by column."""
 
-    Attributes
-    ----------
-    records : (U,) of `flinders.native.engine.RECORD`
-    quantities : mapping of (U,)
-        What the rules of the catalogue compare, by name.
-    covariance : (U, 81)
-        With what repeated and few readings add.
-    inside : str
-        Unit of the readings: ``uT`` or ``counts``.
-    """
-
-    records: Records
-    quantities: dict[str, Any]
-    covariance: Floats
-    inside: str
+    records: Records  # (U,)
+    quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
+    covariance: Floats  # (U, 81) with what repeated and few readings add
+    inside: str  # unit of the readings: ``uT`` or ``counts``
 
     @classmethod
     def of(cls, records: Records, units: _Chosen, inside: str, target_deg: float) -> Self:

@@ -49,49 +49,23 @@ EACH: Final = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChangePoint:
-    """A change point.
+    """A change point."""
 
-    Attributes
-    ----------
-    after : int
-        The recording before it, in `OffsetSeries`.
-    moved : (3,) float
-        Change of the offset, as a fraction of the field.
-    p_value : float
-        Of the test of this interval.
-    """
-
-    after: int
-    moved: Floats
-    p_value: float
+    after: int  # the recording before it, in `OffsetSeries`
+    moved: Floats  # (3,) change of the offset, as a fraction of the field
+    p_value: float  # of the test of this interval
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntervalTests:
-    """Test of each of G intervals.
+    """Test of each of G intervals."""
 
-    Attributes
-    ----------
-    segment : (G,) int
-        Its segment of recordings.
-    after : (G,) int
-        The recording before it.
-    moved : (G, 3) float
-        The step.
-    p_value : (G,) float
-        Probability that chance makes as large a step.
-    chi_square : (G,) float
-        Of the step.
-    square : (G,) float
-        Squared random walk for this interval.
-    """
-
-    segment: Places
-    after: Places
-    moved: Floats
-    p_value: Floats
-    chi_square: Floats
-    square: Floats
+    segment: Places  # (G,) its segment of recordings
+    after: Places  # (G,) the recording before it
+    moved: Floats  # (G, 3) the step
+    p_value: Floats  # (G,) probability that chance makes as large a step
+    chi_square: Floats  # (G,) of the step
+    square: Floats  # (G,) squared random walk for this interval
 
     def best(self, chance: float) -> Places:
         """(B,) the most significant interval of each segment, if it is significant at `chance`."""

@@ -40,12 +40,7 @@ OURS: Final = (DONE, PLAN, TABLE, ".flinders-*.tmp")
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """The folder of finished partitions.
-
-    Attributes
-    ----------
-    folder : Path
-    """
+    """The folder of finished partitions."""
 
     folder: Path
 

@@ -122,26 +122,14 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class TableFile:
-    """An open file of rows.
+    """An open file of rows."""
 
-    Attributes
-    ----------
-    name, kind : str
-        For messages.
-    schema : pyarrow.Schema
-    groups : tuple of int
-        Rows of each row group or record batch.
-    batches : callable
-        Yields record batches of some groups and columns, of up to so many rows.
-    extents : callable
-        Least and greatest value of a column in each group, None if the file does not say.
-    """
-
-    name: str
+    name: str  # for messages
     kind: str
     schema: Any
-    groups: tuple[int, ...]
-    batches: Callable[..., Iterator[Any]]
+    groups: tuple[int, ...]  # rows of each row group or record batch
+    batches: Callable[..., Iterator[Any]]  # yields record batches of some groups and columns, of up to so many rows
+    # least and greatest value of a column in each group, None if the file does not say
     extents: Callable[[str], list[tuple[str, str] | None]]
 
     @property
@@ -254,22 +242,14 @@ def _rows_of(file: Any, only: Callable[[Sequence[int]], Any]) -> tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class KeyColumns:
-    """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row.
+    """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row."""
 
-    Attributes
-    ----------
-    unit, recording, batch : str
-        Columns; empty if the path holds the value, or nothing does.
-    unit_value, recording_value, batch_value : str
-        Values in the path.
-    """
-
-    unit: str = ""
+    unit: str = ""  # columns; empty if the path holds the value, or nothing does
     recording: str = ""
-    unit_value: str = ""
+    unit_value: str = ""  # values in the path
     recording_value: str = ""
-    batch: str = ""
-    batch_value: str = ""
+    batch: str = ""  # columns; empty if the path holds the value, or nothing does
+    batch_value: str = ""  # values in the path
 
     @classmethod
     def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
@@ -394,19 +374,11 @@ def _key(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyedTable:
-    """A table of readings of units.
-
-    Attributes
-    ----------
-    file : TableFile
-    keys : KeyColumns
-    recording : TableRecording
-        Its columns, unit of field and axes.
-    """
+    """A table of readings of units."""
 
     file: TableFile
     keys: KeyColumns
-    recording: TableRecording
+    recording: TableRecording  # its columns, unit of field and axes
 
     @classmethod
     def of(cls, file: TableFile, options: Options) -> Self:
@@ -539,16 +511,10 @@ class Runs:
 
     >>> Runs(np.array([7, 4]), np.array([2, 1])).rows
     array([7, 7, 4])
-
-    Attributes
-    ----------
-    numbers : (R,) int
-    lengths : (R,) int
-        Rows of each run.
     """
 
-    numbers: NDArray[np.int64]
-    lengths: NDArray[np.int64]
+    numbers: NDArray[np.int64]  # (R,)
+    lengths: NDArray[np.int64]  # (R,) rows of each run
 
     @property
     def rows(self) -> NDArray[np.int64]:

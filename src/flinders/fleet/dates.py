@@ -89,21 +89,11 @@ def _seconds(text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Arrangement:
-    """Order of the recordings of one unit.
+    """Order of the recordings of one unit."""
 
-    Attributes
-    ----------
-    places : list of int
-        Indices of the recordings in order; by name if the order is not known.
-    date_s : list of float, s
-        Of each, in that order; NaN if it is not known.
-    is_known : bool
-        Whether the order is known.
-    """
-
-    places: list[int]
-    date_s: list[float]
-    is_known: bool
+    places: list[int]  # indices of the recordings in order; by name if the order is not known
+    date_s: list[float]  # s, of each, in that order; NaN if it is not known
+    is_known: bool  # whether the order is known
 
     @property
     def is_dated(self) -> bool:

@@ -151,26 +151,13 @@ def _is_cut(path: str | os.PathLike[str]) -> bool:
 
 @dataclass(slots=True)
 class Progress:
-    """State of a run so far, and who is notified.
+    """State of a run so far, and who is notified."""
 
-    Attributes
-    ----------
-    watch : callable, optional
-        A `ProgressCallback`.
-    notice : callable
-        Called with a line for the person who started the run.
-    workers_lost : int
-    retried : set of Partition
-        Partitions that were run again because their worker died.
-    unread : int
-        Recordings that could not be read.
-    """
-
-    watch: ProgressCallback | None = None
-    notice: Callable[[str], None] = lambda _: None
+    watch: ProgressCallback | None = None  # called as each partition is done
+    notice: Callable[[str], None] = lambda _: None  # called with a line for the person who started the run
     workers_lost: int = 0
-    retried: set[Partition] = field(default_factory=set)
-    unread: int = 0
+    retried: set[Partition] = field(default_factory=set)  # partitions that were run again because their worker died
+    unread: int = 0  # recordings that could not be read
     _checkpoint: Checkpoint | None = None
     _partitions: int = 0
     _done: int = 0
@@ -383,46 +370,25 @@ def _is_among(batch: Any, verdicts: Sequence[str]) -> NDArray[np.bool_]:  # noqa
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """Summary of a fleet run: rows written, units refused, files left out, duration.
-
-    Attributes
-    ----------
-    output : str
-    files, partitions : int
-    units, rows, readings : int
-        Units, their recordings, which are the rows of the table, and readings.
-    failed_readings : int
-        Readings of recordings that failed; an unreadable one has as many as its footer says.
-    verdicts, codes, findings, units_of_field : dict
-        Rows of each verdict, error code, finding and unit of field.
-    worst_deg : dict
-        ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited.
-    left_out : dict
-        Files of other kinds, by their suffix.
-    resumed : int
-        Partitions that an earlier run had done.
-    workers_lost : int
-        Workers that died, or left the cluster.
-    retried : int
-        Partitions that were run again because their worker died; a cluster reports only those that it gave up.
-    seconds : float
-    """
+    """Summary of a fleet run: rows written, units refused, files left out, duration."""
 
     output: str
     files: int
     partitions: int
-    units: int
+    units: int  # units, their recordings, which are the rows of the table, and readings
     rows: int
     readings: int
-    failed_readings: int
-    verdicts: dict[str, int]
+    failed_readings: int  # readings of recordings that failed; an unreadable one has as many as its footer says
+    verdicts: dict[str, int]  # rows of each verdict, error code, finding and unit of field
     codes: dict[str, int]
     findings: dict[str, int]
     units_of_field: dict[str, int]
+    # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
-    left_out: dict[str, int]
-    resumed: int
-    workers_lost: int
+    left_out: dict[str, int]  # files of other kinds, by their suffix
+    resumed: int  # partitions that an earlier run had done
+    workers_lost: int  # workers that died, or left the cluster
+    # partitions that were run again because their worker died; a cluster reports only those that it gave up
     retried: int
     seconds: float
 

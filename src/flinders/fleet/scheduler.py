@@ -56,21 +56,11 @@ class Abandoned:
 
 @dataclass(frozen=True, slots=True)
 class WorkerDeath:
-    """A worker that died, or left a cluster.
+    """A worker that died, or left a cluster."""
 
-    Attributes
-    ----------
-    worker : str
-        The number of its process, or its address.
-    place : int, optional
-        Index of its unit, which is run again; a cluster does not say.
-    attempts : int
-        Workers that this unit has cost so far.
-    """
-
-    worker: str
-    place: int | None = None
-    attempts: int = 0
+    worker: str  # the number of its process, or its address
+    place: int | None = None  # index of its unit, which is run again; a cluster does not say
+    attempts: int = 0  # workers that this unit has cost so far
 
 
 def cores() -> int:

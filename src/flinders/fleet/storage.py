@@ -49,26 +49,13 @@ NAMED_BY: Final = ("AWS_", "AZURE_", "GOOGLE_")
 
 @dataclass(frozen=True, slots=True, order=True)
 class StoredFile:
-    """A file or object.
+    """A file or object."""
 
-    Attributes
-    ----------
-    name : str
-        Path below the folder that was given, with slashes.
-    where : str
-        Its path or URL.
-    size : int, bytes
-    stamp : str
-        Changes when it does.
-    kind : str
-        If it is no file, what it is, such as ``pipe``: it is never opened, since that may block.
-    """
-
-    name: str
-    where: str
-    size: int
-    stamp: str = ""
-    kind: str = ""
+    name: str  # path below the folder that was given, with slashes
+    where: str  # its path or URL
+    size: int  # bytes
+    stamp: str = ""  # changes when it does
+    kind: str = ""  # if it is no file, what it is, such as ``pipe``: it is never opened, since that may block
 
 
 def is_remote(where: str) -> bool:

@@ -42,21 +42,12 @@ DAY: Final = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Variance:
-    """Variance of offsets between recordings.
+    """Variance of offsets between recordings."""
 
-    Attributes
-    ----------
-    factor : float
-        λ, by which claimed variances are too small; 1 if they are not.
-    random_walk : float, per root second
-        q of each axis, as a fraction of the field; per root recording if dates are not known.
-    pairs : int
-        Number of pairs.
-    """
-
-    factor: float = 1.0
+    factor: float = 1.0  # λ, by which claimed variances are too small; 1 if they are not
+    # per root second, q of each axis, as a fraction of the field; per root recording if dates are not known
     random_walk: float = 0.0
-    pairs: int = 0
+    pairs: int = 0  # number of pairs
 
     def heading_deg(self, seconds: float, *, dip_deg: float = 60.0) -> float:
         """Worst 1 σ of the heading of a level vehicle, in degrees, that the random walk makes in a time.
