@@ -72,6 +72,8 @@ BATCH: Final = 131_072
 """Rows that are converted at a time."""
 PREVIEW: Final = 1_024
 """Rows from which columns are recognised."""
+AS_THEY_ARE: Final = "x,y,z"
+"""Axes of a sensor that are not exchanged."""
 USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
 """Kinds of columns that a fit without aiding sensors uses; others are not read."""
 
@@ -98,7 +100,7 @@ class Options:
     columns: str | None = None
     unit: str | None = None
     scale: float | None = None
-    axes: str = "x,y,z"
+    axes: str = AS_THEY_ARE
     sensor: str | None = None
     as_logged: bool = False
     unit_column: str | None = None
@@ -114,8 +116,10 @@ class Options:
         ------
         UsageError
         """
-        Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
-        Axes.of(self.axes)
+        if self.unit is not None or self.scale is not None:
+            Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
+        if self.axes != AS_THEY_ARE:
+            Axes.of(self.axes)
         if self.columns is not None:
             asked_columns(self.columns)
 
