@@ -388,13 +388,14 @@ static inline void follow_vector(real value, real decay, const real normal[3], c
                                  lanes *restrict state, real *restrict innovation)
 {
     const real nx = normal[0], ny = normal[1], nz = normal[2];
+    real *restrict const along_x = state[0], *restrict const along_y = state[1], *restrict const along_z = state[2];
     for (int lane = 0; lane < FL_LANES; lane++) {
-        const real x = state[0][lane] * decay, y = state[1][lane] * decay, z = state[2][lane] * decay;
+        const real x = along_x[lane] * decay, y = along_y[lane] * decay, z = along_z[lane] * decay;
         const real error = value - (nx * x + ny * y + nz * z);
         innovation[lane] = error;
-        state[0][lane] = x + at->gain[0][lane] * error;
-        state[1][lane] = y + at->gain[1][lane] * error;
-        state[2][lane] = z + at->gain[2][lane] * error;
+        along_x[lane] = x + at->gain[0][lane] * error;
+        along_y[lane] = y + at->gain[1][lane] * error;
+        along_z[lane] = z + at->gain[2][lane] * error;
     }
 }
 
