@@ -59,6 +59,9 @@ LOOKED: Final = 1_000
 MAY_BE_FLAT: Final = 0.3
 """Thickness over width of what may be one: `flinders.estimators.auto` takes up to 0.2 of all readings for flat."""
 
+NEVER_FLAT: Final = 0.6
+"""Thickness over width of readings that are no plane and a few outliers."""
+
 DIAGONAL: Final = slice(0, 81, 10)
 """Of a flat covariance."""
 
@@ -318,8 +321,13 @@ def _may_be_level(record: Records, one: Samples) -> bool:
     field = _inliers(record, one[:: max(1, len(one) // LOOKED)]).field
     if len(field) < FEWEST_LEFT:
         return False
-    variances = np.linalg.eigvalsh(trimmed_covariance(field))
-    return bool(variances[0] < MAY_BE_FLAT**2 * variances[2])
+    return _thickness(np.cov(field.T)) < NEVER_FLAT and _thickness(trimmed_covariance(field)) < MAY_BE_FLAT
+
+
+def _thickness(covariance: Floats) -> float:
+    """Thickness over width of readings with a (3, 3) covariance."""
+    thinnest, _, widest = np.sqrt(np.linalg.eigvalsh(covariance).clip(min=0.0)).tolist()
+    return float(thinnest / widest) if widest > 0.0 else 1.0
 
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:
