@@ -208,7 +208,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         known = _tells_all(records, whole.unit.inside)
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
             known[at] = not _may_be_level(records[at], units[places[at]])
-        table = _Table.of(records[known], _Chosen(units, places[known]), whole.unit.inside, target_deg)
+        table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
         _fill(columns, places[known], table)
     for place in np.flatnonzero(~columns.by_record).tolist():
         one = units[place]
@@ -217,22 +217,13 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     return columns
 
 
-@dataclass(frozen=True, slots=True)
-class _Chosen:
-    """Some of many units, each made when it is asked for."""
-
-    units: Sequence[Samples] | Lined
-    places: NDArray[np.intp]  # (K,) of those that are chosen
-
-    def __getitem__(self, at: int) -> Samples:
-        return self.units[int(self.places[at])]
-
-    @property
-    def disturbed(self) -> Iterator[int]:
-        """Those with currents, throttles or temperatures."""
-        if isinstance(self.units, Lined):
-            return iter(range(len(self.places)) if self.units.whole.disturbances else ())
-        return (at for at in range(len(self.places)) if self[at].disturbances)
+def _disturbed(units: Sequence[Samples] | Lined, places: NDArray[np.intp]) -> Iterator[tuple[int, Samples]]:
+    """Those of some units that have currents, throttles or temperatures, with their numbers among these."""
+    if isinstance(units, Lined) and not units.whole.disturbances:
+        return
+    for number, place in enumerate(places.tolist()):
+        if (one := units[place]).disturbances:
+            yield number, one
 
 
 def _groups(units: Sequence[Samples] | Lined) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
@@ -267,8 +258,8 @@ class _Table:
     inside: str  # unit of the readings: ``uT`` or ``counts``
 
     @classmethod
-    def of(cls, records: Records, units: _Chosen, inside: str, target_deg: float) -> Self:
-        """Take those records that tell all, and work out what rules compare."""
+    def of(cls, records: Records, disturbed: Iterator[tuple[int, Samples]], inside: str, target_deg: float) -> Self:
+        """Work out what rules compare, from records and those units that something disturbs."""
         repetition, factor = _repetition(records)
         quantities = {
             "target_deg": np.full(len(records), target_deg),
@@ -277,7 +268,7 @@ class _Table:
             **_of_accuracy(records, np.sqrt(factor)),
             **_of_evidence(records, repetition),
             **_of_the_recording(records),
-            **_changes(records, units),
+            **_changes(records, disturbed),
             **{name: np.full(len(records), value) for name, value in NOT_ASKED.items()},
         }
         return cls(records, quantities, records["covariance"] * factor[:, np.newaxis], inside)
@@ -417,13 +408,13 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     }
 
 
-def _changes(records: Records, units: _Chosen) -> dict[str, Floats]:
+def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict[str, Floats]:
     """Whether something changed within a recording, or follows what was recorded beside it."""
     unmodelled_deg, shapes = np.full(len(records), np.nan), _shapes(records)
-    for place in units.disturbed:
+    for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        surface, inliers = Ellipsoid(record["centre"], shapes[place]), _inliers(record, units[place])
+        surface, inliers = Ellipsoid(record["centre"], shapes[place]), _inliers(record, one)
         unmodelled = unmodelled_of(inliers, surface, dip_deg=float(record["dip_deg"]), time=time)
         unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
     return {

@@ -76,21 +76,7 @@ class IntervalTests:
 
 
 def change_points(series: OffsetSeries, variance: Variance, *, chance: float) -> list[ChangePoint]:
-    """Find change points; a unit with one is searched again on either side of it.
-
-    Parameters
-    ----------
-    series : OffsetSeries
-    variance : Variance
-        Of the fleet.
-    chance : float
-        Significance level of each interval.
-
-    Returns
-    -------
-    list of ChangePoint
-        In the order of recordings.
-    """
+    """Change points in the order of recordings, significant at `chance`; each side of one is searched again."""
     cuts: list[Places] = []
     begin, end = series.first[:-1], series.first[1:]
     while len(begin):
@@ -119,15 +105,7 @@ def _tested_again(series: OffsetSeries, cuts: Places, variance: Variance, chance
 
 
 def interval_tests(series: OffsetSeries, begin: Places, end: Places, variance: Variance) -> IntervalTests:
-    """Test each interval: the offset after it against the offset before it.
-
-    Parameters
-    ----------
-    series : OffsetSeries
-    begin, end : (S,) int
-        Segments of recordings.
-    variance : Variance
-    """
+    """Test each interval of segments of recordings (S,) to (S,): the offset after it against the offset before it."""
     count = np.maximum(end - begin - 1, 0)
     segment = np.repeat(np.arange(len(begin)), count)
     after = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count) + begin[segment]

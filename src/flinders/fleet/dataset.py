@@ -144,13 +144,7 @@ class TableFile:
 
 @contextlib.contextmanager
 def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
-    """Open a Parquet or Arrow file, of this machine or in a store.
-
-    Raises
-    ------
-    UnreadableInput
-        If it is gone, broken or truncated.
-    """
+    """Open a Parquet or Arrow file, of this machine or in a store; raises UnreadableInput if it is broken or gone."""
     needs_arrow()
     with storage.opened(file) as where:
         if file.name.lower().endswith(PARQUET):
@@ -259,13 +253,8 @@ class KeyColumns:
     def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
         """Find them among columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
 
-        Raises
-        ------
-        UsageError
-            If one that the options name is in neither.
+        Raises UsageError if one that the options name is in neither.
 
-        Examples
-        --------
         >>> KeyColumns.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Options())
         KeyColumns(unit='', recording='', unit_value='7', recording_value='2026-11-21', batch='', batch_value='')
         """
@@ -281,12 +270,8 @@ class KeyColumns:
     def of_schema(cls, name: str, schema: Any, options: Options) -> Self | None:  # noqa: ANN401
         """Find them as `of`; a nested column is no batch, and a table may lack the batch that the options name.
 
-        Raises
-        ------
-        UsageError
-            If the unit or the recording that the options name is nowhere.
-        UnreadableInput
-            If the column of units, or one that the options name, is nested or duplicate.
+        Raises UsageError if the unit or the recording that the options name is nowhere, UnreadableInput if a column of
+        keys is nested or duplicate.
         """
         own = (options.recording_column, RECORDING_COLUMNS), (options.batch_column, BATCH_COLUMNS)
         guessed = {column for named, usual in own if named is None for column in usual}
@@ -388,12 +373,8 @@ class KeyedTable:
     def of(cls, file: TableFile, options: Options) -> Self:
         """Recognise the columns.
 
-        Raises
-        ------
-        NoMagnetometer
-            If none, or not clearly three, are the magnetometer.
-        UsageError
-            If there is no column of units, and for options that the file does not fit.
+        Raises NoMagnetometer if none, or not clearly three, are the magnetometer, UsageError if there is no column of
+        units, and for options that the file does not fit.
         """
         names = list(file.schema.names)
         keys = KeyColumns.of_schema(file.name, file.schema, options)

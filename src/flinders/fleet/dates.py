@@ -102,18 +102,10 @@ class Arrangement:
 
 
 def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
-    """Order the recordings of one unit.
+    """Order the recordings of one unit, of n names, (n,) starts of their clocks, and numbers of their tables.
 
     By their clocks if all know the date, else by the dates in their names if all have one, else by name if none has a
     date. Recordings of one date are ordered by name, and equal names by their tables. Otherwise the order is not known.
-
-    Parameters
-    ----------
-    names : n str
-    start_s : (n,) float
-        Of their clocks, from any origin.
-    tables : n int, optional
-        Number of the table of each.
     """
     keys = list(zip(map(_natural, names), tables or [0] * len(names), strict=True))
     has_clock = is_date(start_s)

@@ -162,21 +162,9 @@ def _ordered(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray[np
 def histories(
     paths: Sequence[str | os.PathLike[str]], *, rule: BatchRule | None = None, rows: int = ROWS
 ) -> Iterator[Histories]:
-    """Read tables of a fleet, whole units at a time.
+    """Read Parquet tables of a fleet, whole units at a time, so many rows of all tables together.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        Parquet files as `flinders fleet` writes them; a unit may be in several.
-    rule : BatchRule, optional
-        Of the hardware batch.
-    rows : int
-        Rows that are read at a time, of all tables together.
-
-    Raises
-    ------
-    DocumentError
-        For a file that is no table of a fleet, or is not sorted by unit.
+    Raises DocumentError for a file that is no table of a fleet, or is not sorted by unit.
     """
     columns = (*COLUMNS, rule.column) if rule and rule.column else COLUMNS
     for table in _side_by_side(paths, columns, rows=rows):
@@ -369,20 +357,10 @@ class BatchRule:
 
 
 def batch_rule(paths: Paths, text: str | None) -> BatchRule:
-    """Choose the rule for hardware batches.
+    """Rule for hardware batches: a column of a table, or a regular expression for a part of the unit's name.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        Tables of `flinders fleet`.
-    text : str, optional
-        A column of one of them, or a regular expression for a part of the unit's name. By default the column ``batch``
-        if it is not empty, else all but the last part of the name.
-
-    Raises
-    ------
-    UsageError
-        For a column or an expression that gives no batch.
+    By default the column ``batch`` if it is not empty, else all but the last part of the name. Raises UsageError for a
+    text that gives no batch.
     """
     columns = _columns(paths)
     if columns is None:
@@ -403,12 +381,7 @@ def batch_rule(paths: Paths, text: str | None) -> BatchRule:
 
 
 def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
-    """Compile a regular expression for the batch.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Compile a regular expression for the batch; raises UsageError."""
     try:
         return re.compile(text)
     except re.error as error:

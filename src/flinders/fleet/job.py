@@ -154,12 +154,7 @@ def run(
 
 
 def refuse_output(out: str | os.PathLike[str], *, force: bool) -> None:
-    """Refuse a table that could not be written at the end, or whose name does not end as one of Parquet.
-
-    Raises
-    ------
-    UsageError, OutputError
-    """
+    """Refuse a table that could not be written, or is not named as Parquet: raises UsageError or OutputError."""
     name = os.fspath(out)
     if is_remote(name):
         refuse_object(name, force=force)
@@ -273,13 +268,8 @@ class Checkpoint:
     def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Checkpoint:
         """Create the folder, or open that of an earlier run.
 
-        Raises
-        ------
-        UsageError
-            If it holds partitions and neither `resume` nor `force` is given; if they belong to another plan; if it
-            holds other files.
-        OutputError
-            If it cannot be created.
+        Raises UsageError if it holds partitions and neither `resume` nor `force` is given, if they are of another
+        plan, or if it holds other files; OutputError if it cannot be created.
         """
         table = os.fspath(out)
         checkpoint = cls(Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts"))
@@ -344,13 +334,7 @@ class Checkpoint:
         return self.folder / f"part-{place:07d}-{len(content)}-{zlib.crc32(content):08x}.arrow"
 
     def commit(self, place: int, content: bytes) -> Path:
-        """Write the rows of a partition, all or none, and return the file.
-
-        Raises
-        ------
-        OutputError
-            If they cannot be written.
-        """
+        """Write the rows of a partition, all or none, and return the file; raises OutputError."""
         path = self._path(place, content)
         temporary = self.folder / f".flinders-{secrets.token_hex(8)}.tmp"
         try:
@@ -372,13 +356,7 @@ class Checkpoint:
 
 @contextlib.contextmanager
 def log_to(path: str | os.PathLike[str] | None) -> Iterator[None]:
-    """Append the events of runs within the block to a file, which a resumed run continues; to none for None.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Append the events of runs within the block to a file, which a resumed run continues; raises OutputError."""
     if path is None:
         yield
         return
@@ -394,13 +372,7 @@ def log_to(path: str | os.PathLike[str] | None) -> Iterator[None]:
 
 
 def log_event(event: str, **fields: object) -> None:
-    """Log what happened, and its fields.
-
-    Raises
-    ------
-    OutputError
-        If the file of `log_to` cannot be written.
-    """
+    """Log what happened, and its fields; raises OutputError if the file of `log_to` cannot be written."""
     LOGGER.info(event, extra={"fields": fields})
 
 
@@ -529,10 +501,7 @@ class Progress:
     def ending(self) -> Iterator[None]:
         """Log how a run ends that does not finish, and say how many of its partitions are done.
 
-        Raises
-        ------
-        OutputError
-            In place of another one, with that added.
+        An OutputError is raised with that added.
         """
         try:
             yield

@@ -152,12 +152,7 @@ class _TableSlice:
 def plan_of(where: str, options: Options) -> Plan:
     """List the input, and split it into partitions.
 
-    Raises
-    ------
-    UnreadableInput
-        If there is nothing that can be read.
-    UsageError
-        If no file has the columns that the options name.
+    Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name.
     """
     files = listed(where)
     taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]

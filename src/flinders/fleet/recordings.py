@@ -110,21 +110,7 @@ class RecordingSet:
 
 
 class RowFilter:
-    """Which rows of a table are taken, by the number of their recording.
-
-    Parameters
-    ----------
-    partition : Partition
-        Says which units are taken.
-    selected : container of (str, str), optional
-        Which of their recordings; by default all.
-
-    Attributes
-    ----------
-    names : Interner
-    nameless : int
-        Rows of no unit so far, which are never taken.
-    """
+    """Which rows of a table are taken, of a partition or of `selected` recordings, and how many name no unit."""
 
     def __init__(self, partition: Partition, selected: Container[Pair] | None = None) -> None:
         self.names = Interner()
@@ -240,12 +226,7 @@ def delayed(samples: Samples, seconds: float) -> Samples:
 
 
 def refuse_other_unit(file: str, unit: Unit, first: str, known: Unit) -> None:
-    """Refuse readings in another unit of field than those of the first file.
-
-    Raises
-    ------
-    UnitError
-    """
+    """Refuse readings in another unit of field than those of the first file: raises UnitError."""
     if unit.inside != known.inside:
         raise UnitError(
             f"its readings are in {known.inside} in {first} and in {unit.inside} in {file}: give --unit (and --scale "
@@ -352,17 +333,6 @@ def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
 class Unreadable:
     """Unreadable groups of the slices of a partition.
 
-    Parameters
-    ----------
-    partition : Partition
-    options : Options
-
-    Attributes
-    ----------
-    all : list of UnreadableGroups
-
-    Examples
-    --------
     >>> import tempfile
     >>> from pathlib import Path
     >>> import pyarrow

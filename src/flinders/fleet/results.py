@@ -275,13 +275,7 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 
 
 def needs_arrow() -> Any:  # noqa: ANN401
-    """Import pyarrow, which writes the table of a fleet.
-
-    Raises
-    ------
-    MissingExtra
-        If it is not installed.
-    """
+    """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
     try:
         import pyarrow
         import pyarrow.ipc
@@ -291,12 +285,7 @@ def needs_arrow() -> Any:  # noqa: ANN401
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
-    """Refuse a table that lacks columns of `flinders fleet`; those `LATER` may be missing.
-
-    Raises
-    ------
-    DocumentError
-    """
+    """Refuse a table that lacks columns of `flinders fleet`, but for those `LATER`: raises DocumentError."""
     missing = [name for name in needed if name in NAMES and name not in names and name not in LATER]
     if missing:
         where = f"{path}: " if path else ""
@@ -419,24 +408,11 @@ def texts(column: Any) -> list[str]:  # noqa: ANN401
 
 
 def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
-    """Merge files of rows, in the order of `KEY`, into a Parquet file that appears when it is complete.
+    """Merge Arrow files of rows, each sorted by `KEY`, into a Parquet file; of equal rows the first come first.
 
     A file is opened when its first row comes next, and a row group is taken from a few files, so that memory is that of
-    a row group.
+    a row group. Raises OutputError.
 
-    Parameters
-    ----------
-    parts : sequence of Path
-        Arrow files, each sorted by `KEY`. Of equal rows those of the first file come first.
-    out : str or path
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-
-    Examples
-    --------
     >>> import tempfile
     >>> from pathlib import Path
     >>> folder = Path(tempfile.mkdtemp())
@@ -515,7 +491,7 @@ COUNTED: Final = {
 
 
 def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Units, rows and readings of a table sorted by unit, and counts of verdicts; memory is that of a batch and all errors.
+    """Units, rows and readings of a table sorted by unit, and counts of verdicts; memory is that of a batch.
 
     >>> import tempfile
     >>> from pathlib import Path

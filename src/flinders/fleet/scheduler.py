@@ -79,28 +79,10 @@ def map_units(
 ) -> Iterator[tuple[int, Result | Abandoned]]:
     """Run a function over units, and yield the index of each and its result, in the order in which they are done.
 
-    Parameters
-    ----------
-    work : callable
-        Must be picklable, and so must units and results.
-    units : sequence
-    workers : int, optional
-        Processes of this machine, by default one for each core; 0 runs everything in this process.
-    scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``, instead of processes.
-    notice : callable, optional
-        Called with the reason if the work cannot go on: a cluster without workers.
-    died : callable, optional
-        Called with each worker that died; with those of a cluster up to `RECOUNT_S` later.
-
-    Raises
-    ------
-    LinkError
-        If there is no scheduler, or it goes away.
-    MissingExtra
-        If Dask is not installed.
-    Exception
-        Whatever `work` raises.
+    In this process for no `workers`, in so many processes (by default one for each core), or on the Dask cluster of a
+    `scheduler`; function, units and results have to be picklable. `notice` is called with the reason if the work cannot
+    go on, `died` with each worker that died. Raises LinkError if there is no scheduler, or it goes away, and whatever
+    `work` raises.
     """
     if scheduler is not None:
         yield from _on_cluster(work, units, scheduler, notice, died)
@@ -111,15 +93,7 @@ def map_units(
 
 
 def reach(scheduler: str) -> None:
-    """Check that a scheduler answers, before anything is done for it.
-
-    Raises
-    ------
-    LinkError
-        If it does not.
-    MissingExtra
-        If Dask is not installed.
-    """
+    """Check that a scheduler answers: raises LinkError, or MissingExtra without Dask."""
     with _quiet(), _client(scheduler):
         pass
 

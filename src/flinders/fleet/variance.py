@@ -59,16 +59,9 @@ class Variance:
 
 
 def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Variance:
-    """Estimate both from pairs of recordings.
+    """Estimate both from pairs: (n, 3) changes as fractions of the field, (n, 3, 3) P + P′ in its square, (n,) times.
 
-    Parameters
-    ----------
-    changes : (n, 3) float
-        Changes of the offset, as fractions of the field.
-    claimed : (n, 3, 3) float
-        P + P′, in the square of that.
-    seconds : (n,) float
-        Time between them, or the number of recordings if dates are not known; pairs with NaN are left out.
+    Pairs with a time of NaN are left out; without dates a time is a number of recordings.
     """
     known = np.isfinite(seconds) & np.isfinite(changes).all(axis=1)
     if np.count_nonzero(known) < FEWEST:
