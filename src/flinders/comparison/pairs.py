@@ -203,8 +203,8 @@ SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma
 def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float | Floats = 60.0) -> Differences:
     """Compare n pairs of ellipsoids in one unit and axes, as `flinders.compare` does without a field strength.
 
-    `dip_deg` is the inclination of the field, of all or (n,) of each; its sign says which way up the sensor sits. Raises
-    UsageError for a dip within a degree of the poles.
+    `dip_deg` is the inclination of the field, of all or (n,) of each; its sign says which way up the sensor sits.
+    Raises UsageError for a dip within a degree of the poles.
     """
     chunks = list(_chunks(len(first), dip_deg))
     parts = (_differences(Pairs.of(first[rows], second[rows]), dip) for rows, dip in chunks)
