@@ -12,19 +12,23 @@ import os
 import shutil
 import stat
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
-from flinders.errors import UsageError
+from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from rich.console import RenderableType
 
+    from flinders.core.calibration import Calibration
+    from flinders.core.compensation import Compensator
+    from flinders.core.disturbance import Disturbance
+    from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
 
 WORTH_A_BAR: Final = 4_000_000
@@ -361,3 +365,68 @@ def bias_words(bias: Iterable[float]) -> str:
     """
     x, y, z = (f"{round(value, 3) + 0.0:.3f}".replace("-", "−") for value in bias)
     return f"the accelerometer reads {x}, {y} and {z} m/s² too much along x, y and z"
+
+
+def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
+    """Draw a fit in a few lines, where it is printed on a terminal that can."""
+    stream = sys.stderr if err else sys.stdout
+    if not stream.isatty() or os.environ.get("TERM") == "dumb":
+        return
+    from flinders.report.figure_data import FigureData
+    from flinders.report.terminal import DRAWN, plot
+
+    is_plain = not can_show(stream.encoding or "ascii", DRAWN)
+    width = shutil.get_terminal_size().columns
+    click.echo("", err=err)
+    click.echo(drawn(plot(FigureData.of(fit, recording), fit, is_plain=is_plain, width=width), stream), err=err)
+
+
+def can_show(encoding: str, text: str) -> bool:
+    """Whether a stream of this encoding has these letters.
+
+    >>> can_show("utf-8", "⣿█"), can_show("latin-1", "⣿█"), can_show("no such", "a")
+    (True, False, False)
+    """
+    try:
+        text.encode(encoding)
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True
+
+
+def cost_words(calibration: Calibration, disturbance: Disturbance) -> str:
+    """Heading error that a disturbance makes at the far end of its range, at a dip of 60°."""
+    cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
+    return f"up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
+
+
+def say_references(fit: Fit) -> None:
+    """Say where a calibration is taken that follows something, for a command that looks at offset and matrix only."""
+    for disturbance in fit.calibration.disturbances:
+        say(
+            f"{fit.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
+            f"what it follows is {cost_words(fit.calibration, disturbance)}"
+        )
+
+
+def say_difference(a: Fit, b: Fit) -> None:
+    """Say where two calibrations are compared that follow something, and how far apart what they follow is."""
+    for fit in (a, b):
+        say_references(fit)
+    theirs = {disturbance.name: disturbance for disturbance in b.calibration.disturbances}
+    for disturbance in a.calibration.disturbances:
+        if other := theirs.get(disturbance.name):
+            between = replace(disturbance, per_unit=other.per_unit - disturbance.per_unit)
+            say(f"what both follow of {disturbance.name} differs by {cost_words(a.calibration, between)}")
+
+
+def say_beyond(compensator: Compensator) -> dict[str, Any]:
+    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are any."""
+    from flinders.fitting.verdict import of_extrapolation
+
+    if not compensator.calibration.disturbances:
+        return {}
+    findings = list(of_extrapolation(compensator.calibration, compensator.beyond))
+    for finding in findings:
+        say(f"! {finding.advice}")
+    return {"findings": [finding.as_dict() for finding in findings]}

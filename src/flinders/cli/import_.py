@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._disturbances import cost_words
 from flinders.cli._inputs import provenance
-from flinders.cli._output import Outputs, print_json, say
+from flinders.cli._output import Outputs, cost_words, print_json, say
 from flinders.cli.targets import NamingTargets
 from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, UsageError, figures

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import calibration_or_hint, provenance
+from flinders.cli._inputs import load, provenance
 from flinders.cli._output import Outputs
 from flinders.cli._program import EXITS
 from flinders.errors import UsageError
@@ -53,7 +53,7 @@ def command(options: Merge) -> int:
     outputs.check(options.calibrations)
     if "-" in options.calibrations:
         raise UsageError("calibrations are told from each other by their names: give files, not -")
-    parts = [calibration_or_hint(path) for path in options.calibrations]
+    parts = [load("merge", path) for path in options.calibrations]
     merged = merge(parts, target_deg=options.target_deg, dip_deg=options.dip_deg)
     outputs.write(dumps(merged.to_document(provenance(files=source_files(parts)))), options.output)
     outputs.print(merged.as_dict, lambda: of_fit(merged))
