@@ -127,7 +127,7 @@ class Group:
         for each in vars(cls).values():
             if isinstance(each, DataclassField) and heading:
                 each.metadata["attributes"].setdefault("heading", heading)
-        dataclass(frozen=True)(cls)
+        dataclass(frozen=True, eq=False, repr=False)(cls)
 
     @classmethod
     def parameters(cls) -> Iterator[click.Parameter]:

@@ -9,7 +9,6 @@ import contextlib
 import io
 import math
 import os
-import shutil
 import stat
 import sys
 from dataclasses import dataclass, replace
@@ -85,10 +84,17 @@ def drawn(content: RenderableType, stream: IO[str]) -> str:
 
     terminal = stream.isatty()
     page = io.StringIO()
-    width = min(max(shutil.get_terminal_size((WIDTH, 24)).columns, NARROWEST), WIDEST) if terminal else WIDTH
+    width = min(max(_columns(), NARROWEST), WIDEST) if terminal else WIDTH
     console = Console(file=page, width=width, force_terminal=terminal and _coloured(), highlight=False, emoji=False)
     console.print(content, markup=False, crop=False)
     return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
+
+
+def _columns() -> int:
+    """Width of the terminal."""
+    import shutil
+
+    return shutil.get_terminal_size((WIDTH, 24)).columns
 
 
 def plain(value: object) -> object:
@@ -376,9 +382,8 @@ def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
     from flinders.report.terminal import DRAWN, plot
 
     is_plain = not can_show(stream.encoding or "ascii", DRAWN)
-    width = shutil.get_terminal_size().columns
     click.echo("", err=err)
-    click.echo(drawn(plot(FigureData.of(fit, recording), fit, is_plain=is_plain, width=width), stream), err=err)
+    click.echo(drawn(plot(FigureData.of(fit, recording), fit, is_plain=is_plain, width=_columns()), stream), err=err)
 
 
 def can_show(encoding: str, text: str) -> bool:

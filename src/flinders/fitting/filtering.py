@@ -20,7 +20,6 @@ from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import upper
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import level_error
-from flinders.heading.smoothing import filtered
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -137,6 +136,8 @@ def _effect(fit: Fit, plain: Fit) -> tuple[float, str]:
 
 def through(parts: Sequence[Recording], by: Filter) -> Recording:
     """Recordings as one, their readings filtered."""
+    from flinders.heading.smoothing import filtered
+
     return _joined([filtered(_within_range(part), by) for part in parts])
 
 
