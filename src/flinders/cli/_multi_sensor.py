@@ -12,7 +12,7 @@ from flinders.cli._program import EXITS
 from flinders.errors import FitError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from rich.console import RenderableType
 
@@ -110,13 +110,7 @@ class MultiSensor:
                 raise UsageError(f"{option} is for one magnetometer by itself: leave it out with --joint")
 
     def _fitted_jointly(self, log: Log, parts: dict[str, Counted], options: dict[str, Any]) -> Together:
-        """Fit all magnetometers of a log jointly.
-
-        Raises
-        ------
-        UsageError
-            For a reference that there is not, or a log with just one.
-        """
+        """Fit all magnetometers of a log jointly."""
         from flinders.comparison.multi_sensor import fit_multi
 
         chosen = None if self.reference is None else log.sensor(self.reference).name
@@ -138,7 +132,7 @@ class MultiSensor:
             yield name, outcome
 
     def _saved(
-        self, outcomes: Iterator[tuple[str, Outcome]], parts: Iterator[Counted], paths: Sequence[str | None]
+        self, outcomes: Iterator[tuple[str, Outcome]], parts: Iterable[Counted], paths: Sequence[str | None]
     ) -> Iterator[tuple[str, Outcome]]:
         """Write the calibrations that were not refused."""
         for (name, outcome), part, path in zip(outcomes, parts, paths, strict=True):

@@ -331,6 +331,16 @@ def baud() -> Field:
     )  # fmt: skip
 
 
+def udp() -> Field:
+    """``--udp``."""
+    return member("--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port.")
+
+
+def tcp() -> Field:
+    """``--tcp``."""
+    return member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+
+
 def fixed() -> Field:
     """``--fix``."""
     return member(

@@ -170,13 +170,7 @@ def magnet(options: Magnet) -> None:
 
 
 def _read(options: option.Group) -> dict[str, UnitValue]:
-    """Read what was typed, in the order of the options.
-
-    Raises
-    ------
-    UsageError
-        For what is no number with a unit.
-    """
+    """Read what was typed, in the order of the options."""
     from flinders.heading.budget import QUANTITIES, UnitValue
 
     given = {}

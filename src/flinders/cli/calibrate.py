@@ -26,7 +26,7 @@ from flinders.cli.methods import SITE
 from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Recording
@@ -163,7 +163,7 @@ class Estimation(option.Group, heading=option.METHOD):
         method(**typed)
         return own | typed
 
-    def _refuse_of_others(self, methods: dict[str, Any]) -> None:
+    def _refuse_of_others(self, methods: Mapping[str, object]) -> None:
         """Refuse options that go with another method."""
         if self.robust and self.method != "auto":
             raise UsageError(

@@ -28,15 +28,14 @@ class ExportCommand(option.Group):
     target: str | None = option.member(
         "--to", metavar="TARGET", help="What to write it for, one of those of `flinders targets`."
     )
-    listed: bool = option.member("--list", is_flag=True, help="List the targets, as `flinders targets` does.")
+    listed: bool = option.flag("--list", "List the targets, as `flinders targets` does.")
     compass: int | None = option.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
         help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
     )  # fmt: skip
-    lossy: bool = option.member(
-        "--lossy", is_flag=True,
-        help="Write it also where what the target cannot hold costs more than 1° of heading.",
-    )  # fmt: skip
+    lossy: bool = option.flag(
+        "--lossy", "Write it also where what the target cannot hold costs more than 1° of heading."
+    )
     name: str | None = option.member(
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",

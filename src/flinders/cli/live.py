@@ -39,10 +39,8 @@ class LiveSource(option.Group):
         help="A serial port: /dev/ttyACM0, COM3; without a name the one that is plugged in.",
     )  # fmt: skip
     baud: int = option.baud()
-    udp: int | None = option.member(
-        "--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port."
-    )
-    tcp: str | None = option.member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+    udp: int | None = option.udp()
+    tcp: str | None = option.tcp()
     mavlink: str | None = option.member(
         "--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port."
     )
@@ -55,9 +53,7 @@ class LiveSource(option.Group):
     speed: float | None = option.member(
         "--speed", type=option.positive, metavar="X", help="So many times as fast [default: 1]."
     )
-    simulate: bool = option.member(
-        "--simulate", is_flag=True, help="A simulated sensor; also where nothing is plugged in."
-    )
+    simulate: bool = option.flag("--simulate", "A simulated sensor; also where nothing is plugged in.")
     lines: LineOptions = option.group(LineOptions)
 
     def check(self) -> None:
@@ -88,7 +84,7 @@ class LiveSource(option.Group):
     def opened(self, stack: contextlib.ExitStack) -> Source:
         """Open what is named; a port where one is plugged in, and else the simulation, where nothing is."""
         from flinders.live.opening import Source
-        from flinders.live.transports import only_port, opened_lines, opened_link
+        from flinders.live.transports import opened_link
         from flinders.readers import open_recording
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
@@ -99,22 +95,22 @@ class LiveSource(option.Group):
         if self.mavlink is not None:
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud)))
             return Source.of_vehicle(link, compass=self.compass)
-        if self.simulate:
-            return Source.simulated()
+        return Source.simulated() if self.simulate else self._wire(stack, reading)
+
+    def _wire(self, stack: contextlib.ExitStack, reading: dict[str, Any]) -> Source:
+        """Open what sends lines; where nothing is named, the only port."""
+        from flinders.live.opening import Source
+        from flinders.live.transports import only_port, opened_lines
+
         port = self.port
-        if port in (None, ANY_PORT) and self.udp is None and self.tcp is None:
+        kind: Any = "udp" if self.udp is not None else "tcp" if self.tcp is not None else "serial"
+        if kind == "serial" and port in (None, ANY_PORT):
             port = only_port(is_asked=port is not None)
             if port is None:
-                say(
-                    "nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there "
-                    "are"
-                )
+                say("nothing is plugged in: this is a simulated sensor; flinders live --help names other sources")
                 return Source.simulated()
-        wire = stack.enter_context(
-            contextlib.closing(opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp))
-        )
-        kind: Any = "udp" if self.udp is not None else "tcp" if self.tcp is not None else "serial"
-        return Source.of_lines(kind, wire, reading)
+        lines = opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp)
+        return Source.of_lines(kind, stack.enter_context(contextlib.closing(lines)), reading)
 
 
 class Live(option.Group):

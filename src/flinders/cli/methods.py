@@ -106,13 +106,7 @@ def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
 
 
 def _value(word: str, text: str, default: object) -> object:
-    """Read a value of the kind that the default is of.
-
-    Raises
-    ------
-    UsageError
-        For one of another kind.
-    """
+    """Read a value of the kind that the default is of."""
     if isinstance(default, str):
         return text
     if isinstance(default, bool):

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from typing import TYPE_CHECKING
 
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._output import Outputs, print_json, say
+from flinders.cli._output import Outputs, print_json, say, working
 from flinders.cli._program import stopping
 from flinders.errors import UsageError, counted
 
@@ -24,10 +23,8 @@ class Wire(option.Group):
 
     port: str | None = option.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
     baud: int = option.baud()
-    udp: int | None = option.member(
-        "--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port."
-    )
-    tcp: str | None = option.member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+    udp: int | None = option.udp()
+    tcp: str | None = option.tcp()
 
 
 class Record(option.Group):
@@ -43,10 +40,9 @@ class Record(option.Group):
     )
     pattern: str | None = option.same_as(option.ColumnsOptions, "pattern")
     force: bool = option.force()
-    resume: bool = option.member(
-        "--resume", heading=option.OUTPUT, is_flag=True,
-        help="Go on with the recording in the output file, which a crash has ended.",
-    )  # fmt: skip
+    resume: bool = option.flag(
+        "--resume", "Go on with the recording in the output file, which a crash has ended.", heading=option.OUTPUT
+    )
     as_json: bool = option.as_json()
 
     def check(self) -> None:
@@ -115,7 +111,7 @@ def command(options: Record) -> None:
             else stack.enter_context(ToFile(path, force=options.force, resume=is_resumed))
         )
         stopped = stack.enter_context(stopping(patient=False))
-        watch = stack.enter_context(_status())
+        status = stack.enter_context(working())
         say(f"recording {source.name}{'' if options.seconds or options.readings else '; Ctrl-C ends it'}")
         statistics = Recorder(
             source,
@@ -125,8 +121,8 @@ def command(options: Record) -> None:
             pattern=options.pattern,
             resumed=resumed,
             stopped=stopped,
-            say=watch.say,
-            watch=watch.show,
+            say=say,
+            watch=None if status is None else lambda statistics: status(statistics.brief),
         ).run()
     say(str(statistics))
     for line in _remarks(statistics, path):
@@ -151,42 +147,3 @@ def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
     else:
         unit = "" if record.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
         yield f"next: flinders calibrate {output}{unit}"
-
-
-class _Status:
-    """A line on a terminal that tells how it goes; what is said in between stands above it."""
-
-    def __init__(self, *, is_shown: bool) -> None:
-        self._is_shown, self._width = is_shown, 0
-
-    def show(self, record: RecordingStatistics) -> None:
-        """Write the line anew."""
-        if self._is_shown:
-            text = record.brief
-            self._put(f"\r{text.ljust(self._width)}")
-            self._width = len(text)
-
-    def say(self, message: str) -> None:
-        """Say something in a line of its own."""
-        self.clear()
-        say(message)
-
-    def clear(self) -> None:
-        """Take the line away."""
-        if self._width:
-            self._put("\r" + " " * self._width + "\r")
-            self._width = 0
-
-    def _put(self, text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            click.echo(text, nl=False, err=True)
-
-
-@contextlib.contextmanager
-def _status() -> Iterator[_Status]:
-    """Show how it goes where somebody watches."""
-    status = _Status(is_shown=sys.stderr.isatty())
-    try:
-        yield status
-    finally:
-        status.clear()

@@ -47,9 +47,7 @@ class Send(option.Group):
         "--backup", metavar="FILE",
         help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
     )  # fmt: skip
-    dry_run: bool = option.member(
-        "--dry-run", is_flag=True, help="Show what would be sent or changed, and change nothing."
-    )
+    dry_run: bool = option.flag("--dry-run", "Show what would be sent or changed, and change nothing.")
     as_json: bool = option.as_json()
 
     def check(self) -> None:
@@ -209,12 +207,7 @@ def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
 
 
 def _refuse_backup(path: str) -> None:
-    """See that the values from before have a place of their own, which lasts.
-
-    Raises
-    ------
-    UsageError, OutputError
-    """
+    """See that the values from before have a place of their own, which lasts."""
     from flinders.core.files import refuse_existing
 
     if path in ("", "-"):
@@ -228,12 +221,7 @@ def _refuse_backup(path: str) -> None:
 
 
 def _carry_out(plan: ParameterPlan, vehicle: Vehicle, path: str) -> None:
-    """Change the vehicle; where that fails, say where the old values are.
-
-    Raises
-    ------
-    NotConfirmed
-    """
+    """Change the vehicle; where that fails, say where the old values are."""
     with stopping(patient=True) as stopped:
         try:
             plan.carry_out(vehicle, stopped=stopped, say=say)

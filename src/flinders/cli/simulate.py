@@ -186,6 +186,8 @@ class ThreeAxis(Simulation):
 
     def simulated(self) -> Simulated:
         """Record, with what the options ask for."""
+        import numpy as np
+
         from flinders.simulate import FieldStep, Imu, MotorCurrent, PassingMagnet, Step, ThermalDrift, tumble
 
         kinds: dict[str, Callable[[float], Perturbation]] = {
@@ -207,7 +209,7 @@ class ThreeAxis(Simulation):
             dip_deg=self.dip_deg,
             outliers=self.outliers,
             disturbances=[kind(value) for name, kind in kinds.items() if (value := getattr(self, name))],
-            imu=None if self.gyro_bias is None else Imu(gyro_bias=self.gyro_bias),
+            imu=None if self.gyro_bias is None else Imu(gyro_bias=np.array(self.gyro_bias)),
         )
 
     def simulated_sensor(self) -> Sensor:
@@ -251,11 +253,11 @@ class TwoAxis(Simulation):
         "--points", type=click.IntRange(min=6), default=36, show_default=True,
         help="Headings, equally spaced from north on.",
     )  # fmt: skip
-    scale: tuple[float, ...] = option.member(
+    scale: tuple[float, float] = option.member(
         "--scale", type=_several(2, "two numbers, such as 1.1,0.9"), default="1.1,0.9", show_default=True,
         metavar="X,Y", help="Scale of each axis.",
     )  # fmt: skip
-    offset: tuple[float, ...] = option.member(
+    offset: tuple[float, float] = option.member(
         "--offset", type=_several(2, "two numbers, such as 10,-5"), default="10,-5", show_default=True, metavar="X,Y",
         help="Offset of each axis in µT.",
     )  # fmt: skip

@@ -171,13 +171,7 @@ def command(options: SwingOptions) -> int:
 
 
 def _of_table(path: str, sigma_deg: float | None, place: option.Place) -> Swing:
-    """Fit a table.
-
-    Raises
-    ------
-    UsageError
-        Where true headings come without a place, or a place without true headings.
-    """
+    """Fit a table."""
     from flinders.geometry.angles import folded, wrapped
     from flinders.heading.deviation import fit
     from flinders.readers.swing import read_swing
@@ -212,13 +206,7 @@ def _site_of_table(path: str, place: option.Place, *, is_true: bool) -> SiteFiel
 
 
 def _of_log(calibration: str, recording: str, options: SwingOptions) -> Swing:
-    """Find the rests of a recording, fit their deviations where headings are known, and pair them.
-
-    Raises
-    ------
-    FitError
-        Where there are not as many rests as headings, or neither headings nor half turns.
-    """
+    """Find the rests of a recording, fit their deviations where headings are known, and pair them."""
     from flinders.heading.stationary import half_turns
 
     known = None if options.known.headings is None else _known(options.known.headings)

@@ -163,15 +163,7 @@ def command(options: TwoAxis) -> int:
 
 
 def _opened(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # noqa: ANN401 - progress
-    """Open the recording, in the unit of what was loaded.
-
-    Raises
-    ------
-    UnitError
-        Where the two are not of one kind.
-    UsageError
-        Where the calibration was made from this very recording.
-    """
+    """Open the recording, in the unit of what was loaded."""
     from flinders.readers import holds_log, open_recording
 
     reading = options.reading
@@ -192,13 +184,7 @@ def _opened(options: TwoAxis, first: Fit | None, watch: Any) -> Recording:  # no
 
 
 def _turn(source: Recording, options: TwoAxis) -> Turn:
-    """Go through the points of the plane, and the ellipse through them; of a long recording through some of them.
-
-    Raises
-    ------
-    FitError
-        Where no ellipse goes through them.
-    """
+    """Go through the points of the plane, and the ellipse through them; of a long recording through some of them."""
     from flinders.estimators import Readings, within_range
     from flinders.estimators.ellipse import Ellipse
     from flinders.estimators.in_plane import require_turn
@@ -232,19 +218,12 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - one of the p
 
 
 def _fit(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
-    """Fit by the method that was asked for; where that is refused, say how the points are spaced.
-
-    Raises
-    ------
-    FitError
-        As `flinders.fit`.
-    """
+    """Fit by the method that was asked for; where that is refused, say how the points are spaced."""
     from flinders.fitting.calibrate import fit
     from flinders.readers import Instrument
     from flinders.report.turn import spacing_words
 
     target_deg = options.judgement.target_deg
-    is_of_log = isinstance(source.recording, Instrument)
     try:
         result = fit(
             source,
@@ -253,7 +232,7 @@ def _fit(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options
             field_strength=options.field_strength if first is None else first.calibration.field_strength,
             target_deg=target_deg,
             dip_deg=dip_deg,
-            sensor=source.recording.name if is_of_log else options.sensor,
+            sensor=source.recording.name if isinstance(source.recording, Instrument) else options.sensor,
         )
     except FitError:
         if not options.as_json:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -117,7 +117,7 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
-    options = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
+    options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
     selection = _Selection(samples, partial(solve, samples, site=site, **options), site, dip_deg, is_auto=is_auto)
     selection.look_for_mistakes(wanted, of_gaps)
     for name in wanted:
@@ -332,7 +332,7 @@ class _AidTrial(NamedTuple):
         before, after = self._missed(self.standing).height, self._missed(self.candidate).height
         if not after < before:
             return ""
-        turned, sigma = np.linalg.norm(angle), np.sqrt(np.trace(covariance) / 3.0)
+        turned, sigma = float(np.linalg.norm(angle)), float(np.sqrt(np.trace(covariance) / 3.0))
         return (
             f"the magnetometer is turned against it by {_degrees(turned)}° (± {_degrees(sigma)}°); sine of the dip "
             f"spreads by {_degrees(after)}° so, and by {_degrees(before)}° without, where it was left out; offset and "

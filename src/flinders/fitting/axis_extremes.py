@@ -146,13 +146,7 @@ def from_extremes(
 
 
 def _pairs(numbers: ArrayLike) -> Floats:
-    """(3, 2) smallest and largest of each axis.
-
-    Raises
-    ------
-    UsageError
-        For anything else.
-    """
+    """(3, 2) smallest and largest of each axis."""
     values = floats(numbers, "extremes")
     if values.shape != (6,):
         raise UsageError(f"extremes are {values.size} numbers: need six, smallest and largest of x, of y and of z")
@@ -167,11 +161,7 @@ def _pairs(numbers: ArrayLike) -> Floats:
 
 
 def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
-    """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends.
-
-    With the gains alike every half-range would be the largest, and the middle of an axis with a shorter one is off by
-    up to the difference: half of a range that is short by twice as much at one end.
-    """
+    """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends."""
     half = extremes.ellipsoid.shape.diagonal()
     short = half.max() - half
     if not short.any():
