@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Joined, Recording, Samples, Skipped
     from flinders.fitting.result import Fit
+    from flinders.heading.smoothing import Filter
     from flinders.readers._source import File
 
 
@@ -163,6 +164,17 @@ def joined(parts: Sequence[Recording]) -> Recording:
     return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
 
 
+def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
+    """Fit recordings together, filtered where that was asked for."""
+    if by is not None:
+        from flinders.fitting.filtering import fit_filtered
+
+        return fit_filtered(parts, by, notice=say, **options)
+    from flinders.fitting.calibrate import fit
+
+    return fit(joined(parts), **options)
+
+
 def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
     """Open recordings of one sensor, of several the one that ``--sensor`` says; and what it is called.
 
@@ -246,15 +258,11 @@ def open_with(calibration: Calibration, recording: str, *, sensor: str | None = 
 
     Raises
     ------
-    UsageError
-        Where it is a calibration.
     UnitError
         Where it states another kind of unit.
     """
     from flinders.readers import Choice, open_recording
 
-    if is_calibration(recording):
-        raise UsageError(f"{recording} is a calibration too: give a recording; flinders compare compares calibrations")
     choice = Choice(sensor, calibration.sensor)
     opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
     agree(calibration, opened)
@@ -276,6 +284,7 @@ def open_all_with(
     from flinders.core.samples import Joined
 
     refuse_twice(recordings)
+    refuse_calibrations(recordings)
     parts = [open_with(calibration, each, sensor=sensor, **reading) for each in recordings]
     for part in parts:
         say_sensor(path, calibration, part, sensor)
@@ -350,6 +359,12 @@ def is_recording(path: str) -> bool:
         return path != "-" and bool(open_recording(path))
     except FlindersError:
         return False
+
+
+def refuse_calibrations(paths: Iterable[str]) -> None:
+    """Refuse a calibration in the place of a recording."""
+    for path in filter(is_calibration, paths):
+        raise UsageError(f"{path} is a calibration too: give a recording; flinders compare compares calibrations")
 
 
 def say_sensor(path: str, calibration: Calibration, recording: Recording, asked: str | None) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
-from flinders.cli._inputs import Counted, provenance, saying_what_was_skipped
+from flinders.cli._inputs import Counted, fitted, provenance, saying_what_was_skipped
 from flinders.cli._output import Outputs, print_result, progress, say
 from flinders.cli._program import EXITS
 from flinders.errors import FitError, FlindersError, InputError, UsageError
@@ -121,12 +121,10 @@ class MultiSensor:
 
     def _each(self, parts: Mapping[str, Counted], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:
         """Fit one magnetometer after the other; a refusal is a result like any other, and so is a dead one."""
-        from flinders.fitting.filtering import fit_through
-
         for name, part in parts.items():
             try:
                 with saying_what_was_skipped([part]):
-                    outcome: Outcome = fit_through([part], self.by, notice=say, **{**options, "sensor": name})
+                    outcome: Outcome = fitted([part], self.by, {**options, "sensor": name})
             except (FitError, InputError) as refusal:
                 outcome = refusal
             yield name, outcome

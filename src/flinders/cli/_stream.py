@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.cli._inputs import in_use, open_with, read_and_left_out, site_of
+from flinders.cli._inputs import in_use, open_with, read_and_left_out, refuse_calibrations, site_of
 from flinders.cli._output import bias_words, say, say_beyond
 from flinders.errors import InputError, UsageError, counted
 
@@ -292,6 +292,7 @@ def open_log(
     if place.place is not None and place.date is not None:
         site_of(place.place, place.date)  # what is wrong with them is said before anything is read
     fit, compensator = in_use(command, calibration, [recording], fixed)
+    refuse_calibrations([recording])
     opened = open_with(fit.calibration, recording, once=True, **reading)
     if accelerometer.acceleration is not None:
         _name_acceleration(opened, accelerometer.acceleration)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, joined, opened, provenance, saying_what_was_skipped, site_of
+from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_of
 from flinders.cli._output import (
     Outputs,
     plot_fit,
@@ -22,7 +22,6 @@ from flinders.cli._output import (
     say,
 )
 from flinders.cli._program import GOOD, LIMITED
-from flinders.cli.methods import SITE
 from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Recording
+    from flinders.estimators import Estimator
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
 
@@ -148,7 +148,6 @@ class Estimation(option.Group, heading=option.METHOD):
             For a method that is not known, options that go with another one, values that it cannot take, or what
             another option says already.
         """
-        from flinders.cli.methods import parsed
         from flinders.estimators import METHODS, method_of
 
         method = method_of(self.method)
@@ -156,12 +155,17 @@ class Estimation(option.Group, heading=option.METHOD):
         own: dict[str, Any] = {"robust": True} if self.robust else {}
         if self.prior is not None:
             own["prior"] = None if self.prior == "none" else self.prior
+        return own | (self._typed(method, {*taken, *own}) if self.method_options else {})
+
+    def _typed(self, method: type[Estimator], taken: set[str]) -> dict[str, Any]:
+        """Read ``--option``."""
+        from flinders.cli.methods import parsed
+
         typed = parsed(self.method_options, method)
-        for name in typed:
-            if name in own or name in taken:
-                raise UsageError(f"--{name} and --option {name} say the same: give one of them")
+        for name in taken.intersection(typed):
+            raise UsageError(f"--{name} and --option {name} say the same: give one of them")
         method(**typed)
-        return own | typed
+        return typed
 
     def _refuse_of_others(self, methods: Mapping[str, object]) -> None:
         """Refuse options that go with another method."""
@@ -517,11 +521,9 @@ class _Run:
         FitError
             Where no calibration can be given.
         """
-        from flinders.fitting.filtering import fit_through
-
         try:
             with saying_what_was_skipped(self.parts):
-                return fit_through(self.parts, self.options.by, notice=say, **self.asked)
+                return fitted(self.parts, self.options.by, self.asked)
         except FitError as refusal:
             self._report(refusal)
             self._trace()
@@ -557,6 +559,7 @@ class _Run:
         path = self.files.convergence
         if path is None:
             return
+        from flinders.cli.methods import SITE
         from flinders.report.convergence import Trace, drawing, table
 
         site = {name: self.asked[name] for name in SITE}

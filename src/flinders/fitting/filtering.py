@@ -46,10 +46,10 @@ OF_SINGLE_READINGS: Final = ("saturated", "stale-repeats")
 """Findings that a filter blurs, and a median invents: they are those of the readings as recorded."""
 
 
-def fit_through(
-    parts: Sequence[Recording], by: Filter | None, *, notice: Callable[[str], None] = print, **options: Any
+def fit_filtered(
+    parts: Sequence[Recording], by: Filter, *, notice: Callable[[str], None] = print, **options: Any
 ) -> Fit:
-    """Fit recordings together, through a filter if there is one; a finding says what the filter did.
+    """Fit recordings together, their readings filtered; a finding says what the filter did.
 
     Readings at a rail are left out before the filter could blur them.
 
@@ -57,7 +57,7 @@ def fit_through(
     ----------
     parts : sequence of Recording
         Of one sensor.
-    by : Filter, optional
+    by : Filter
     notice : callable
         Takes a line of advice where the filter alone is why there is no calibration.
     options
@@ -68,8 +68,6 @@ def fit_through(
     FitError
         If there is no calibration with the filter; `Refused` says what the filter did, too.
     """
-    if by is None:
-        return fit(_joined(parts), **options)
     plain, _ = _tried(_joined(parts), options)
     passed = through(parts, by)
     result, refusal = _tried(passed, options)
