@@ -10,15 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli._output import refuse_twice, say
-from flinders.errors import (
-    DocumentError,
-    FlindersError,
-    TooFewSamples,
-    UnitError,
-    UsageError,
-    counted,
-    figures,
-)
+from flinders.errors import DocumentError, FlindersError, TooFewSamples, UnitError, UsageError, counted, figures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -50,13 +42,7 @@ def file_of(recording: Recording) -> File:
 
 @contextlib.contextmanager
 def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
-    """Where readings are too few, say what was left out of these recordings: it may be the reason.
-
-    Raises
-    ------
-    TooFewSamples
-        Again, with that.
-    """
+    """Where readings are too few, say what was left out of these recordings: it may be the reason."""
     try:
         yield
     except TooFewSamples as error:
@@ -67,15 +53,7 @@ def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
 
 
 class Counted:
-    """A recording that knows how many rows its last pass gave, and says once what was read.
-
-    Attributes
-    ----------
-    recording : Recording
-    file : File
-        That it was read from.
-    rows : int
-    """
+    """A recording that knows how many rows its last pass gave, and says once what was read."""
 
     def __init__(self, recording: Recording) -> None:
         from flinders.core.samples import frame_of
@@ -176,13 +154,7 @@ def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any
 
 
 def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
-    """Open recordings of one sensor, of several the one that ``--sensor`` says; and what it is called.
-
-    Raises
-    ------
-    UsageError
-        For a magnetometer that there is not, and for columns that are one in one file and another in the next.
-    """
+    """Open recordings of one sensor, of several the one that ``--sensor`` says; and what it is called."""
     from flinders.core.samples import singles
     from flinders.readers import Choice, open_recording
 
@@ -205,11 +177,6 @@ def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[s
     """Load the calibration that recordings are read with: of compensated readings, and what compensates them.
 
     Where ``--fix`` gives values, they are taken for those of the recording, and what that costs is said.
-
-    Raises
-    ------
-    UsageError, DocumentError
-        As `load`.
     """
     from flinders.core.compensation import Compensator
 
@@ -254,13 +221,7 @@ def fixed_values(fixed: Iterable[str]) -> dict[str, float]:
 
 
 def open_with(calibration: Calibration, recording: str, *, sensor: str | None = None, **reading: Any) -> Recording:
-    """Open a recording in the unit and axes of a calibration: of several magnetometers the one that it is for.
-
-    Raises
-    ------
-    UnitError
-        Where it states another kind of unit.
-    """
+    """Open a recording in the unit and axes of a calibration: of several magnetometers the one that it is for."""
     from flinders.readers import Choice, open_recording
 
     choice = Choice(sensor, calibration.sensor)
@@ -272,15 +233,7 @@ def open_with(calibration: Calibration, recording: str, *, sensor: str | None = 
 def open_all_with(
     path: str, calibration: Calibration, recordings: Sequence[str], *, sensor: str | None, **reading: Any
 ) -> Joined:
-    """Open recordings as `open_with`, as one; says which magnetometer was taken.
-
-    Raises
-    ------
-    UsageError
-        For a recording that is given twice, or is a calibration.
-    UnitError
-        For one that states another kind of unit.
-    """
+    """Open recordings as `open_with`, as one; says which magnetometer was taken."""
     from flinders.core.samples import Joined
 
     refuse_twice(recordings)
@@ -292,15 +245,7 @@ def open_all_with(
 
 
 def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
-    """Load a calibration, and see whether the files were given the other way round.
-
-    Raises
-    ------
-    UsageError
-        For a recording in its place, or where it would come from standard input.
-    DocumentError
-        For what is no calibration file.
-    """
+    """Load a calibration, and see whether the files were given the other way round."""
     from flinders.fitting.result import Fit
 
     if path == "-":
@@ -326,15 +271,7 @@ def say_exact(*fits: Fit) -> None:
 
 
 def for_use(command: str, path: str) -> Fit:
-    """Load a calibration that is about to be used.
-
-    Raises
-    ------
-    UsageError, DocumentError
-        As `load`.
-    NotExportable
-        For one that was refused.
-    """
+    """Load a calibration that is about to be used."""
     from flinders.fitting.export import refuse_unfit
 
     fit = load(command, path)
@@ -388,13 +325,7 @@ def made_from(calibration: str, recordings: Iterable[Recording]) -> list[str]:
 
 
 def agree(calibration: Calibration, recording: Recording) -> None:
-    """Give a recording the calibration's unit, or refuse where it states another kind.
-
-    Raises
-    ------
-    UnitError
-        If one is in counts and the other in microtesla.
-    """
+    """Give a recording the calibration's unit, or refuse where it states another kind."""
     from flinders.readers import TableRecording, TextRecording
 
     if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
@@ -408,13 +339,7 @@ def agree(calibration: Calibration, recording: Recording) -> None:
 
 
 def site_of(place: str, date: str | None, recording: Recording | None = None) -> SiteField:
-    """The field at a place on a day that is given, or that the clock of the recording tells.
-
-    Raises
-    ------
-    UsageError
-        For no place, no day, or one without a model.
-    """
+    """The field at a place on a day that is given, or that the clock of the recording tells."""
     from flinders.core.geomag import place_of, site_field, year_of
 
     where = place_of(place)

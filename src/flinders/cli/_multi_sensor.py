@@ -32,37 +32,18 @@ OF_JOINT_FITS: Final = ("target_deg", "dip_deg", "field_strength", "prior", "aid
 
 @dataclass(frozen=True, slots=True)
 class MultiSensor:
-    """A log or table of several magnetometers, how they are fitted, and where their calibrations go.
-
-    Attributes
-    ----------
-    path : str
-    output : str, optional
-        Name of the calibrations, with ``{sensor}`` for the number of the magnetometer.
-    force, as_json : bool
-    is_joint : bool
-        All are fitted jointly.
-    reference : str, optional
-        The one into whose axes the others are then turned.
-    by : Filter, optional
-    """
+    """A log or table of several magnetometers, how they are fitted, and where their calibrations go."""
 
     path: str
-    output: str | None
+    output: str | None  # {sensor} stands for the number of the magnetometer
     force: bool
     as_json: bool
-    is_joint: bool
-    reference: str | None
+    is_joint: bool  # all are fitted jointly
+    reference: str | None  # the one into whose axes the others are then turned
     by: Filter | None
 
     def calibrate(self, reading: dict[str, Any], options: dict[str, Any]) -> int:
-        """Calibrate each magnetometer, or all of them jointly, and print a table of the results.
-
-        Returns
-        -------
-        int
-            The exit code: that of the worst.
-        """
+        """Calibrate each magnetometer, or all of them jointly, and print a table of the results."""
         from flinders.readers import open_log
 
         self._refuse(options)

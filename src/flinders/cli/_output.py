@@ -176,21 +176,11 @@ class Output(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where each result of a command goes.
+    """Where each result of a command goes."""
 
-    Attributes
-    ----------
-    files : tuple of Output
-        Those without a path are not written.
-    force : bool
-        Write over what is there.
-    as_json : bool
-        The result goes to standard output as JSON.
-    """
-
-    files: tuple[Output, ...]
-    force: bool = False
-    as_json: bool = False
+    files: tuple[Output, ...]  # those without a path are not written
+    force: bool = False  # write over what is there
+    as_json: bool = False  # the result goes to standard output as JSON
 
     @classmethod
     def of(
@@ -205,15 +195,7 @@ class Outputs:
         return any(file.path == "-" for file in self.files)
 
     def check(self, inputs: Iterable[str] = ()) -> None:
-        """Find what could not be written before any work is done.
-
-        Raises
-        ------
-        UsageError
-            Where two results would go to one place, or over one of the inputs.
-        OutputError
-            Where a file is in the way, or could not be written.
-        """
+        """Find what could not be written before any work is done."""
         from flinders.core.files import refuse_existing
 
         printed = [file for file in self.files if file.path == "-"]
@@ -264,13 +246,7 @@ class Outputs:
 
 
 def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
-    """Keep what is read from being written over, also with ``--force`` and through ``>``.
-
-    Raises
-    ------
-    UsageError
-        Where the output is one of the inputs.
-    """
+    """Keep what is read from being written over, also with ``--force`` and through ``>``."""
     target = _identity(sys.stdout if output == "-" else output)
     for path in inputs:
         if path != "-" and target is not None and target == _identity(path):
@@ -278,13 +254,7 @@ def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
 
 
 def refuse_twice(paths: Iterable[str]) -> None:
-    """Take a recording once: counted twice it would seem better than it is.
-
-    Raises
-    ------
-    UsageError
-        Where a file is named twice.
-    """
+    """Take a recording once: counted twice it would seem better than it is."""
     seen = set()
     for path in paths:
         file = path if path == "-" else _identity(path)
@@ -318,13 +288,7 @@ def written(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> I
 
 
 def refuse_report(path: str | None, option: str) -> None:
-    """Refuse a name that is not one of an HTML file.
-
-    Raises
-    ------
-    UsageError
-        For PDF, and for standard output where that belongs to other results.
-    """
+    """Refuse a name that is not one of an HTML file."""
     if path == "-":
         raise UsageError(f"{option} -: a report is a megabyte of HTML, name a file such as report.html")
     if path is not None and Path(path).suffix.lower() == ".pdf":

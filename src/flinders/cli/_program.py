@@ -52,8 +52,6 @@ class Commands(Mapping[str, "click.Command"]):
     modules : str
         ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
 
-    Examples
-    --------
     >>> commands = Commands("info", "import_", "two_axis")
     >>> list(commands), commands["two-axis"].name
     (['info', 'import', 'two-axis'], 'two-axis')
@@ -192,18 +190,7 @@ def _stopped_cleanly() -> contextlib.AbstractContextManager[None]:
 
 @contextlib.contextmanager
 def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C, and what ends a program from outside, as a wish.
-
-    Parameters
-    ----------
-    patient : bool
-        However often it is pressed; otherwise the second time ends the program at once.
-
-    Yields
-    ------
-    callable
-        Says whether it was asked for.
-    """
+    """Take Ctrl-C, and what ends a program from outside, as a wish."""
     asked = False
 
     def ask(number: int, _: object) -> None:

@@ -104,13 +104,7 @@ class Corrector:
         self.strength: Strength = Strength()
 
     def __call__(self, readings: Floats) -> Floats:
-        """Correct (N, 3) readings.
-
-        Raises
-        ------
-        InputError
-            If the first of them come out with a length that the calibration contradicts.
-        """
+        """Correct (N, 3) readings."""
         import numpy as np
 
         from flinders.comparison.comparison import Strength
@@ -137,40 +131,22 @@ class Corrector:
         return read_and_left_out(self.strength.readings, getattr(recording, "skipped", ()))
 
 
+@dataclass(eq=False)
 class HeadingLog:
-    """A recording that is turned into headings, and whether its sensors and the calibration suit each other.
+    """A recording that is turned into headings, and whether its sensors and the calibration suit each other."""
 
-    Attributes
-    ----------
-    fit : Fit
-        The calibration and what it claims.
-    recording : Recording
-        In its unit and axes.
-    compass : Compass
-    preparation : Preparation
-    site : SiteField, optional
-    dip_deg : float, optional
-        As it was given.
-    corrector : Corrector
-        Watches the length of the corrected readings.
-    voyage : Voyage
-        What was read so far.
-    """
+    fit: Fit
+    recording: Recording
+    compass: Compass
+    preparation: Preparation
+    site: SiteField | None
+    dip_deg: float | None  # as it was given
 
-    def __init__(
-        self,
-        fit: Fit,
-        recording: Recording,
-        compass: Compass,
-        preparation: Preparation,
-        site: SiteField | None,
-        dip_deg: float | None,
-    ) -> None:
+    def __post_init__(self) -> None:
         from flinders.heading.compass import Voyage
 
-        self.fit, self.recording, self.compass, self.preparation = fit, recording, compass, preparation
-        self.site, self.dip_deg = site, dip_deg
-        self.corrector, self.voyage = Corrector(fit.calibration, recording.source), Voyage()
+        self.corrector = Corrector(self.fit.calibration, self.recording.source)
+        self.voyage = Voyage()  # what was read so far
 
     def __str__(self) -> str:
         """What was recognised, and which columns are taken for the accelerometer."""
@@ -182,13 +158,7 @@ class HeadingLog:
         return str(self.recording) + ("" if column is None else f"; acceleration {', '.join(column.names)}")
 
     def headings(self) -> Iterator[tuple[Floats, Samples, Headings]]:
-        """Yield the numbers of the readings, the readings, and their headings, block by block.
-
-        Raises
-        ------
-        InputError
-            Where the readings are of another sensor, or the accelerometer is missing or has other axes.
-        """
+        """Yield the numbers of the readings, the readings, and their headings, block by block."""
         from flinders.heading.compass import Voyage
 
         judged_next = ENOUGH_TO_JUDGE
@@ -275,15 +245,7 @@ def open_log(
     by: Filter | None = None,
     **reading: Any,
 ) -> HeadingLog:
-    """Open a recording with a calibration, and find out where it was made.
-
-    Raises
-    ------
-    UsageError
-        For options that contradict each other, or a recording that is a calibration.
-    InputError
-        For what cannot be read.
-    """
+    """Open a recording with a calibration, and find out where it was made."""
     from flinders.core.axes import Axes
     from flinders.heading.compass import LEVEL, Compass
 

@@ -23,15 +23,7 @@ if TYPE_CHECKING:
 def typed(
     numbers: str, method_options: Iterable[str], reading: option.ReadingOptions, outputs: Outputs, asked: dict[str, Any]
 ) -> int:
-    """``--minmax``: calibrate from six typed numbers, write it and say what is known of it.
-
-    Raises
-    ------
-    UsageError
-        For anything but six numbers, or an option that needs readings.
-    OutputError
-        Where the file is in the way, or cannot be written.
-    """
+    """``--minmax``: calibrate from six typed numbers, write it and say what is known of it."""
     from flinders.cli.methods import parsed
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import dumps
@@ -61,15 +53,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: str, outputs: Outputs) -> int:
-    """Find the disturbances of a sensor that was not turned, and put them onto a calibration of that sensor.
-
-    Raises
-    ------
-    NotTurned
-        Where no disturbance changed, so that there is nothing to find.
-    UsageError
-        For a calibration of another unit or other axes.
-    """
+    """Find the disturbances of a sensor that was not turned, and put them onto a calibration of that sensor."""
     from flinders.core.units import label
     from flinders.errors import NotTurned
     from flinders.estimators.static_bench import described, still

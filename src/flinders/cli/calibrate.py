@@ -11,16 +11,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_of
-from flinders.cli._output import (
-    Outputs,
-    plot_fit,
-    print_fit,
-    print_json,
-    progress,
-    refuse_report,
-    refuse_twice,
-    say,
-)
+from flinders.cli._output import Outputs, plot_fit, print_fit, print_json, progress, refuse_report, refuse_twice, say
 from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import FitError, NotTurned, UsageError
 
@@ -140,14 +131,7 @@ class Estimation(option.Group, heading=option.METHOD):
     )  # fmt: skip
 
     def own_options(self, taken: Iterable[str]) -> dict[str, Any]:
-        """Options that the method has and others have not; none of those that are `taken`.
-
-        Raises
-        ------
-        UsageError
-            For a method that is not known, options that go with another one, values that it cannot take, or what
-            another option says already.
-        """
+        """Options that the method has and others have not; none of those that are `taken`."""
         from flinders.estimators import METHODS, method_of
 
         method = method_of(self.method)
@@ -196,13 +180,7 @@ class Sensors(option.Group):
     )  # fmt: skip
 
     def are_all(self, recordings: Sequence[str]) -> bool:
-        """Whether each of several magnetometers is calibrated.
-
-        Raises
-        ------
-        UsageError
-            Where several files are to be, or options go with that which was not asked for.
-        """
+        """Whether each of several magnetometers is calibrated."""
         is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
         if is_all and len(recordings) > 1:
             raise UsageError("--sensor all goes with one file of several magnetometers: give one, or leave it out")
@@ -230,11 +208,6 @@ class SiteOptions(option.Group, heading=option.SITE):
         """Options of `flinders.fit`: the dip is that of the site, unless ``--dip`` was given.
 
         Axes that were typed are those of the vehicle, z down.
-
-        Raises
-        ------
-        UsageError
-            For a site without a date or beyond what the model holds, and for what goes with a site where there is none.
         """
         if self.place is None:
             if self.date is not None:
@@ -279,13 +252,7 @@ class AidingOptions(option.Group, heading=option.AIDING):
     )  # fmt: skip
 
     def as_options(self) -> dict[str, Any]:
-        """Options of `flinders.fit`.
-
-        Raises
-        ------
-        UsageError
-            For what nothing is known of, or what goes with a sensor or disturbance that does not count.
-        """
+        """Options of `flinders.fit`."""
         aiding, disturbances = recorded(self.names)
         if self.gyro_scale is not None and not {"rate", "auto"} & set(aiding):
             raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
@@ -309,13 +276,6 @@ class AidingOptions(option.Group, heading=option.AIDING):
 def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Split what stands after ``--with`` into aiding sensors and disturbances.
 
-    Raises
-    ------
-    UsageError
-        Where ``auto`` stands with other aiding sensors, nothing stands there, or something that nothing is known of.
-
-    Examples
-    --------
     >>> recorded(["rate,dip", "current"])
     (('rate', 'dip'), ('current',))
     """
@@ -359,21 +319,12 @@ class Calibrate(option.Group):
     @property
     def common(self) -> dict[str, Any]:
         """Options of every fit."""
-        return {
-            "field_strength": self.field_strength,
-            "sensor": self.sensors.sensor,
-            **self.judgement.as_dict(),
-        }
+        return {"field_strength": self.field_strength, "sensor": self.sensors.sensor, **self.judgement.as_dict()}
 
     def of_fit(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """All options of `flinders.fit`, and those of them that only this method has.
 
         The recording may be long, or still be on its way: what cannot work is found before it is read.
-
-        Raises
-        ------
-        UsageError
-            For what is not known, or does not go together.
         """
         from flinders.core.units import Unit
 
@@ -482,15 +433,7 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
 
 
 class _Run:
-    """A fit of one sensor, from its recordings to its files.
-
-    Attributes
-    ----------
-    parts : list of Counted
-        The recordings.
-    asked, own : dict
-        Options of `flinders.fit`, and those of them that only this method has.
-    """
+    """A fit of one sensor, from its recordings to its files; `asked` and `own` as `Calibrate.of_fit` gives them."""
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any], own: dict[str, Any]) -> None:
         from flinders.core.samples import singles
@@ -514,13 +457,7 @@ class _Run:
         return through(self.parts, self.options.by)
 
     def fitted(self) -> Fit:
-        """Fit the recordings; of a refusal, write the reports and how far the estimate came.
-
-        Raises
-        ------
-        FitError
-            Where no calibration can be given.
-        """
+        """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
         try:
             with saying_what_was_skipped(self.parts):
                 return fitted(self.parts, self.options.by, self.asked)

@@ -118,13 +118,6 @@ def _taking(name: str, options: ExportCommand) -> Target:
 def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Split the values of ``calibrate --export``: targets, and their files, which have the target's name by default.
 
-    Raises
-    ------
-    UsageError
-        For a target that there is not.
-
-    Examples
-    --------
     >>> named(["ardupilot", "c:mag.h"]), named([])
     ((('ardupilot', 'ardupilot.param'), ('c', 'mag.h')), ())
     """
@@ -143,14 +136,7 @@ def write_exports(
     files: Sequence[SourceFile],
     calibration: str | None,
 ) -> None:
-    """Write a fit for targets, after its `calibration` file; `files` are what it was made from.
-
-    Raises
-    ------
-    FlindersError
-        Where a target cannot hold it, nobody knows for which compass it is, or it cannot be written; the gravest, once
-        all were tried. What has become of the calibration, which is written by then, is said before.
-    """
+    """Write a fit for targets, after its `calibration` file; `files` are what it was made from."""
     fit = replace(fit, name=", ".join(file.name for file in files), provenance=provenance(files=files))
     failed: list[FlindersError] = []
     for target, path in exports:

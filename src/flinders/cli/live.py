@@ -57,12 +57,7 @@ class LiveSource(option.Group):
     lines: LineOptions = option.group(LineOptions)
 
     def check(self) -> None:
-        """See that one source is named, and that options go with it.
-
-        Raises
-        ------
-        UsageError
-        """
+        """See that one source is named, and that options go with it."""
         sources = {
             "--serial": self.port, "--udp": self.udp, "--tcp": self.tcp, "--mavlink": self.mavlink,
             "--replay": self.replay, "--simulate": self.simulate,
@@ -141,14 +136,7 @@ class Live(option.Group):
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that one source is named, and that the recording can go where it shall.
-
-        Raises
-        ------
-        UsageError
-        OutputError
-            Where a file is in the way.
-        """
+        """See that one source is named, and that the recording can go where it shall."""
         self.source.check()
         if not self.host:
             raise UsageError("--host needs an address: 127.0.0.1 for this machine only, 0.0.0.0 for all")

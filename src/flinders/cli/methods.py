@@ -71,13 +71,7 @@ def listed(method: type[Estimator]) -> dict[str, tuple[str, ...]]:
 
 
 def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
-    """Read ``NAME=VALUE`` as options of a method.
-
-    Raises
-    ------
-    UsageError
-        For an option that the method has not, one given twice, or a value of another kind.
-    """
+    """Read ``NAME=VALUE`` as options of a method."""
     defaults = {field.name: field.default for field in _fields(method)}
     options: dict[str, Any] = {}
     for word in words:

@@ -46,12 +46,7 @@ class Record(option.Group):
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that one sender and a file are named.
-
-        Raises
-        ------
-        UsageError
-        """
+        """See that one sender and a file are named."""
         senders = sum(one is not None for one in (self.wire.port, self.wire.udp, self.wire.tcp))
         if senders > 1:
             raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")

@@ -38,15 +38,7 @@ class Pair(option.Group):
     )
 
     def drawn(self, command: str) -> tuple[Fit, Joined, Fit, list[str]]:
-        """Open them and put them together: the calibration's fit, the recordings, their fit, and what is odd.
-
-        Raises
-        ------
-        UsageError
-            For files given the other way round, or twice.
-        DocumentError, InputError, UnitError
-            For what cannot be read, or does not belong together.
-        """
+        """Open them and put them together: the calibration's fit, the recordings, their fit, and what is odd."""
         from flinders.core.compensation import compensated
         from flinders.report.figure_data import doubts, restored
 
@@ -91,12 +83,7 @@ class Report(option.Group):
         return Outputs.of(*files, force=self.force, as_json=self.as_json)
 
     def check(self) -> None:
-        """Find what could not be written before anything is read.
-
-        Raises
-        ------
-        UsageError, OutputError
-        """
+        """Find what could not be written before anything is read."""
         if self.pdf == "-":
             raise UsageError("--pdf goes into a file: name one, such as report.pdf")
         if self.path == "-" and sys.stdout.isatty():

@@ -51,12 +51,7 @@ class Send(option.Group):
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that exactly one receiver is named, and that what is said goes with it.
-
-        Raises
-        ------
-        UsageError
-        """
+        """See that exactly one receiver is named, and that what is said goes with it."""
         if self.port is not None and self.mavlink is not None:
             raise UsageError("--port and --mavlink name two receivers: send to each with a command of its own")
         if self.port is None and self.mavlink is None:

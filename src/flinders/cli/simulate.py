@@ -95,15 +95,7 @@ class Simulation(option.Group):
         return self.truth or (truth_path(self.output) if self.output not in ("", "-") else None)
 
     def check(self, inputs: Iterable[str] = (), *others: str | None, as_json: bool = False) -> None:
-        """Find what could not be written before anything is simulated.
-
-        Raises
-        ------
-        UsageError
-            Where two results would go to one place.
-        OutputError
-            Where a file is in the way, or could not be written.
-        """
+        """Find what could not be written before anything is simulated."""
         if "-" in (self.truth, *others):
             raise UsageError("standard output is for the recording: name a file for --truth and --polar")
         if self.truth and not self.output:
@@ -213,13 +205,7 @@ class ThreeAxis(Simulation):
         )
 
     def simulated_sensor(self) -> Sensor:
-        """Draw a sensor as `tumble` would, or take that of another recording.
-
-        Raises
-        ------
-        UsageError
-            Where both are asked for.
-        """
+        """Draw a sensor as `tumble` would, or take that of another recording."""
         from dataclasses import replace
 
         import numpy as np

@@ -79,22 +79,10 @@ class SwingOptions(option.Group):
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """What was found of a compass.
+    """What was found of a compass; of a recording also its rests, and what its calibration claims."""
 
-    Attributes
-    ----------
-    deviation : Deviation, optional
-        Where headings are known.
-    site : SiteField, optional
-        Where the declination comes from.
-    rests, halves : tuple of Rest, of HalfTurn
-        Of a recording.
-    expected : Expected, optional
-        What its calibration claims, of a recording.
-    """
-
-    deviation: Deviation | None
-    site: SiteField | None
+    deviation: Deviation | None  # where headings are known
+    site: SiteField | None  # where the declination comes from
     rests: tuple[Rest, ...] = ()
     halves: tuple[HalfTurn, ...] = ()
     expected: Expected | None = None

@@ -66,15 +66,7 @@ class TwoAxis(option.Group):
         return Outputs.of(*files, force=self.force, as_json=self.as_json)
 
     def check(self) -> None:
-        """Find what could not be read or written before anything is.
-
-        Raises
-        ------
-        UsageError
-            For a calibration in place of a recording, or a drawing that is named as something else.
-        UsageError, OutputError
-            As `Outputs.check`.
-        """
+        """Find what could not be read or written before anything is."""
         if self.polar and self.polar != "-" and Path(self.polar).suffix.lower() != DRAWING:
             raise UsageError(
                 f"--polar {self.polar}: need a name that ends in {DRAWING} (a drawing), or - for standard output"
@@ -88,13 +80,7 @@ class TwoAxis(option.Group):
             raise UsageError("--after needs a file: standard input is for the recording")
 
     def dip_after(self, first: Fit) -> float:
-        """The dip of what was loaded, which knows the site, the axes and the scale.
-
-        Raises
-        ------
-        UsageError
-            For options that contradict it.
-        """
+        """The dip of what was loaded, which knows the site, the axes and the scale."""
         if self.reading.axes != "x,y,z":
             raise UsageError(f"readings made with {self.after} loaded are in its axes already: leave --axes out")
         if self.field_strength is not None:
