@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import TYPE_CHECKING, Any, Final, cast, get_args, get_type_hints
 
 from flinders.cli import _options as option
@@ -109,10 +108,7 @@ def _value(word: str, text: str, default: object) -> object:
         return TRUTH[text.casefold()]
     if text.casefold() == "none":
         return None
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
+    numbers = option.numbers_of(text)
+    if len(numbers) != 1:
         raise UsageError(f"--option {word}: need a number, or none")
-    return number
+    return numbers[0]
