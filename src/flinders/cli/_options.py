@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclas
 
 import click
 
-from flinders.cli._output import say
+from flinders.cli._output import Output, Outputs, say
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -148,6 +148,33 @@ class Group:
             }
         )
 
+    def members(self) -> Iterator[tuple[Mapping[str, Any], Any]]:
+        """How each option and argument was declared, and its value; those of groups too."""
+        for each in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, each.name)
+            yield from value.members() if "group" in each.metadata else [(each.metadata, value)]
+
+    @property
+    def outputs(self) -> Outputs:
+        """The files that options name."""
+        return Outputs(tuple(self.named_files()), getattr(self, "force", False), getattr(self, "as_json", False))
+
+    def checked_outputs(self, *inputs: str | None) -> Outputs:
+        """The same, refused where one cannot be written, or is one of the arguments or `inputs`, which are read."""
+        read = list(filter(None, inputs))
+        for declared, value in self.members():
+            if declared["kind"] is click.Argument:
+                read += [value] if isinstance(value, str) else value or ()
+        outputs = self.outputs
+        outputs.check(read)
+        return outputs
+
+    def named_files(self) -> Iterator[Output]:
+        """The files that options name, each by `what` it is."""
+        for declared, value in self.members():
+            if what := declared.get("what"):
+                yield Output(what, value, declared["names"][0])
+
     def as_dict(self) -> dict[str, Any]:
         """Each option by its name."""
         return {each.name: getattr(self, each.name) for each in fields(self)}  # type: ignore[arg-type]
@@ -159,14 +186,10 @@ class Group:
         {'--unit': 'mG', '--from': 5.0}
         """
         typed: dict[str, Any] = {}
-        for each in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, each.name)
-            if "group" in each.metadata:
-                typed |= value.typed()
-                continue
-            attributes = each.metadata["attributes"]
+        for declared, value in self.members():
+            attributes = declared["attributes"]
             if attributes.get("heading") != OUTPUT and value not in (None, False, (), attributes.get("default")):
-                typed |= {name: value for name in each.metadata["names"] if name.startswith("--")}
+                typed |= {name: value for name in declared["names"] if name.startswith("--")}
         return typed
 
     def typed_words(self) -> dict[str, str]:
@@ -181,9 +204,12 @@ class Group:
         }
 
 
-def member(*names: str, **attributes: Any) -> Field:
-    """A field that is an option, declared as with `click.option`; the field names its parameter."""
-    return field(metadata={"kind": Option, "names": names, "attributes": attributes})
+def member(*names: str, what: str = "", **attributes: Any) -> Field:
+    """A field that is an option, declared as with `click.option`; the field names its parameter.
+
+    `what`: of an option that names a file to write, what is in that.
+    """
+    return field(metadata={"kind": Option, "names": names, "attributes": attributes, "what": what})
 
 
 def flag(name: str, words: str, **attributes: Any) -> Field:
@@ -304,9 +330,9 @@ def force(words: str = "Overwrite the output file if it exists.") -> Field:
     return flag("--force", words, heading=OUTPUT)
 
 
-def output(words: str, **more: Any) -> Field:
+def output(what: str, words: str, **more: Any) -> Field:
     """``-o``, with what is written."""
-    return member("-o", "--output", metavar="FILE", help=words, **more)
+    return member("-o", "--output", what=what, metavar="FILE", help=words, **more)
 
 
 def sensor(

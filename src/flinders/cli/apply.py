@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import in_use, open_with, say_sensor
-from flinders.cli._output import Outputs, print_json, progress, say, written
+from flinders.cli._output import print_json, progress, say, written
 from flinders.cli._stream import Corrector, Preparation
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ class Apply(option.Group):
 
     calibration: str = option.argument("CALIBRATION")
     recording: str = option.argument("RECORDING")
-    output: str = option.output("Where to write [default: standard output].", default="-")
+    output: str = option.output("corrected readings", "Where to write [default: standard output].", default="-")
     add: bool = option.flag("--add", "Add three columns for the corrected field instead of replacing it.")
     reading: option.PartOfColumns = option.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
@@ -54,9 +54,8 @@ def command(options: Apply) -> None:
     vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
     calibration follows, such as a current, has to be among the columns.
     """
-    calibration, recording, output = options.calibration, options.recording, options.output
-    outputs = Outputs.of(("corrected readings", output), force=options.force, as_json=options.as_json)
-    outputs.check([calibration, recording])
+    calibration, recording = options.calibration, options.recording
+    outputs = options.checked_outputs()
     fit, compensator = in_use("apply", calibration, [recording], options.fixed)
     with progress("correcting") as watch:
         source = open_with(
@@ -67,7 +66,9 @@ def command(options: Apply) -> None:
         say_sensor(calibration, fit.calibration, source, options.sensor)
         corrector, preparation = Corrector(fit.calibration, source.source), Preparation.of(compensator, options.by)
         encoding, lines = _lines(source, corrector, preparation, options)
-        with written(output, encoding=encoding, force=options.force, live=not Path(recording).is_file()) as file:
+        with written(
+            options.output, encoding=encoding, force=options.force, live=not Path(recording).is_file()
+        ) as file:
             file.writelines(lines)
     _say_strength(source, corrector)
     if fit.tilt_words:

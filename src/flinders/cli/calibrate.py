@@ -11,12 +11,12 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_of
-from flinders.cli._output import Outputs, plot_fit, print_fit, print_json, progress, refuse_report, refuse_twice, say
+from flinders.cli._output import Output, plot_fit, print_fit, print_json, progress, refuse_report, refuse_twice, say
 from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Recording
@@ -38,13 +38,16 @@ class OutputOptions(option.Group, heading=option.OUTPUT):
     """What is written where."""
 
     output: str | None = option.output(
-        "Calibration file to write, or - for standard output; without it nothing is written."
+        "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
     )
     report: str | None = option.member(
-        "--report", metavar="FILE.html", help="Also write a report with figures, in one HTML file."
+        "--report",
+        what="the HTML report",
+        metavar="FILE.html",
+        help="Also write a report with figures, in one HTML file.",
     )
     report_text: str | None = option.member(
-        "--report-text", metavar="FILE",
+        "--report-text", what="the report", metavar="FILE",
         help="Also write a page of plain words for those who will use the compass, or - for standard output.",
     )  # fmt: skip
     exported: tuple[str, ...] = option.member(
@@ -53,7 +56,7 @@ class OutputOptions(option.Group, heading=option.OUTPUT):
         "several times.",
     )  # fmt: skip
     convergence: str | None = option.member(
-        "--convergence", metavar="FILE",
+        "--convergence", what="the convergence", metavar="FILE",
         help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
     )  # fmt: skip
     plots: bool = option.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")
@@ -69,18 +72,11 @@ class OutputOptions(option.Group, heading=option.OUTPUT):
 
         return named(self.exported)
 
-    @property
-    def outputs(self) -> Outputs:
+    def named_files(self) -> Iterator[Output]:
         """All files, by what they are called in a message."""
-        return Outputs.of(
-            ("the calibration", self.output),
-            ("the HTML report", self.report, "--report"),
-            ("the report", self.report_text, "--report-text"),
-            ("the convergence", self.convergence, "--convergence"),
-            *((f"the export to {target}", path, "--export TARGET:FILE") for target, path in self.exports),
-            force=self.force,
-            as_json=self.as_json,
-        )
+        yield from super().named_files()
+        for target, path in self.exports:
+            yield Output(f"the export to {target}", path, "--export TARGET:FILE")
 
     @property
     def of_readings(self) -> dict[str, object]:
@@ -361,7 +357,7 @@ def command(options: Calibrate) -> int:
     phone logger or MotionCal, a table, a vehicle's log, or - for standard input: see `flinders info`. Several
     recordings of one sensor are fitted together.
     """
-    recordings, outputs = options.recordings, options.files.outputs
+    recordings = options.recordings
     refuse_report(options.files.report, "--report")
     if options.estimation.minmax is not None:
         return _typed(options)
@@ -370,7 +366,7 @@ def command(options: Calibrate) -> int:
     asked, own = options.of_fit()
     if options.sensors.are_all(recordings):
         return _each(options, asked)
-    outputs.check(recordings)
+    outputs = options.files.checked_outputs(*recordings)
     with progress("reading") as watch:
         recording, asked["sensor"] = opened(
             recordings, options.sensors.sensor, progress=watch, **options.reading.as_dict()

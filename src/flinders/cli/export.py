@@ -40,7 +40,7 @@ class ExportCommand(option.Group):
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",
     )  # fmt: skip
-    output: str | None = option.output("Where to write [default: standard output].")
+    output: str | None = option.output("the text", "Where to write [default: standard output].")
     force: bool = option.force()
     as_json: bool = option.as_json()
 

@@ -10,7 +10,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import clock_start, say_sensor
-from flinders.cli._output import Outputs, drawn, print_json, progress, say, written
+from flinders.cli._output import drawn, print_json, progress, say, written
 from flinders.cli._stream import HeadingLog, open_log
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class Heading(option.Group):
 
     calibration: str = option.argument("CALIBRATION")
     log: str = option.argument("LOG")
-    output: str = option.output("Where to write [default: standard output].", default="-")
+    output: str = option.output("headings", "Where to write [default: standard output].", default="-")
     reading: option.PartOfColumns = option.group(option.PartOfColumns)
     place: option.Place = option.group(option.Place)
     accelerometer: option.Accelerometer = option.group(option.Accelerometer)
@@ -66,8 +66,7 @@ def command(options: Heading) -> None:
     accelerometer in LOG at any attitude. With --at it is also counted from true north. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """
-    outputs = Outputs.of(("headings", options.output), force=options.force, as_json=options.as_json)
-    outputs.check([options.calibration, options.log])
+    outputs = options.checked_outputs()
     with progress("heading") as bar:
         log = _opened(options, bar)
         say(str(log))

@@ -118,7 +118,9 @@ class Live(option.Group):
     previous: str | None = option.member(
         "--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with."
     )
-    output: str | None = option.output("Where to record [default: a new file in the folder flinders-sessions].")
+    output: str | None = option.output(
+        "the recording", "Where to record [default: a new file in the folder flinders-sessions]."
+    )
     resume: str | None = option.member(
         "--resume", metavar="SESSION", help="Go on with a recording of this command, however it was ended."
     )

@@ -8,7 +8,7 @@ from typing import Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._output import Outputs, print_json
+from flinders.cli._output import print_json
 from flinders.cli.report import Pair
 from flinders.errors import UsageError
 
@@ -19,7 +19,7 @@ class Plot(option.Group):
     """A calibration and recordings, and what is drawn of them."""
 
     pair: Pair = option.group(Pair)
-    output: str = option.output("Figure to write: .svg, .png or .pdf.", required=True)
+    output: str = option.output("the figure", "Figure to write: .svg, .png or .pdf.", required=True)
     what: str = option.member(
         "--what", type=click.Choice(("all", "projections", "deviation", "residuals", "coverage")), default="all",
         show_default=True, help="What is drawn.",
@@ -52,8 +52,7 @@ def command(options: Plot) -> None:
     kind = Path(output).suffix.lower()
     if kind not in KINDS:
         raise UsageError(f"-o {output}: need a name that ends in {', '.join(KINDS)}")
-    outputs = Outputs.of(("the figure", output), force=options.force)
-    outputs.check((pair.calibration, *pair.recordings))
+    outputs = options.checked_outputs()
     matplotlib_of()
     _, recording, fit, notes = pair.drawn("plot")
     refuse_unfit(fit)

@@ -31,7 +31,7 @@ class Record(option.Group):
     """A sensor, and the file that it is recorded into."""
 
     wire: Wire = option.group(Wire)
-    output: str | None = option.output("Where to write; - for standard output.", heading=option.OUTPUT)
+    output: str | None = option.output("the recording", "Where to write; - for standard output.", heading=option.OUTPUT)
     seconds: float | None = option.member(
         "--seconds", type=option.positive, metavar="S", help="Stop after so long [default: at Ctrl-C]."
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import load, made_from, open_all_with
-from flinders.cli._output import Outputs, print_json, progress, refuse_report, say
+from flinders.cli._output import print_json, progress, refuse_report, say
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -64,9 +64,11 @@ class Report(option.Group):
     """A calibration and recordings, and where the report goes."""
 
     pair: Pair = option.group(Pair)
-    output: str | None = option.output("HTML file to write, - for standard output [default: report.html].")
+    output: str | None = option.output(
+        "the report", "HTML file to write, - for standard output [default: report.html]."
+    )
     pdf: str | None = option.member(
-        "--pdf", metavar="FILE", help="Also print it to PDF, by a browser that is installed."
+        "--pdf", what="its PDF", metavar="FILE", help="Also print it to PDF, by a browser that is installed."
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -76,12 +78,6 @@ class Report(option.Group):
         """Where the HTML goes, if anywhere."""
         return self.output or (None if self.pdf else "report.html")
 
-    @property
-    def outputs(self) -> Outputs:
-        """Both files."""
-        files = ("the report", self.path), ("its PDF", self.pdf, "--pdf")
-        return Outputs.of(*files, force=self.force, as_json=self.as_json)
-
     def check(self) -> None:
         """Find what could not be written before anything is read."""
         if self.pdf == "-":
@@ -90,7 +86,7 @@ class Report(option.Group):
             raise UsageError("a report is a megabyte of HTML, and not for a terminal: name a file with -o")
         if self.path != "-":
             refuse_report(self.path, "-o")
-        self.outputs.check((self.pair.calibration, *self.pair.recordings))
+        self.checked_outputs()
 
 
 @option.command_of(

@@ -78,7 +78,7 @@ class Simulation(option.Group):
         "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Another seed, other numbers."
     )
     output: str = option.output(
-        "Where to write the recording [default: standard output].", default="-", heading=option.OUTPUT
+        "the recording", "Where to write the recording [default: standard output].", default="-", heading=option.OUTPUT
     )
     truth: str | None = option.member(
         "--truth", heading=option.OUTPUT, metavar="FILE",
@@ -230,6 +230,7 @@ class TwoAxis(Simulation):
     """A compass of two axes, and where its swing goes."""
 
     output: str = option.output(
+        "the recording",
         "Also write the recording, and its truth.",
         default="",
         heading=option.OUTPUT,

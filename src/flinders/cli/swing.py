@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import is_calibration, site_of
-from flinders.cli._output import Outputs, print_json, progress, say
+from flinders.cli._output import print_json, progress, say
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._stream import HeadingLog, open_log
 from flinders.errors import FitError, UsageError, counted
@@ -43,9 +43,11 @@ class SwingOptions(option.Group):
 
     inputs: tuple[str, ...] = option.argument("TABLE | CALIBRATION LOG", nargs=-1)
     output: str | None = option.output(
-        "Also write the card, as comma-separated text; - for standard output.", heading=option.OUTPUT
+        "the card", "Also write the card, as comma-separated text; - for standard output.", heading=option.OUTPUT
     )
-    svg: str | None = option.member("--svg", heading=option.OUTPUT, metavar="FILE", help="Also draw the curve, as SVG.")
+    svg: str | None = option.member(
+        "--svg", what="the curve", heading=option.OUTPUT, metavar="FILE", help="Also draw the curve, as SVG."
+    )
     step_deg: float = option.member(
         "--step", heading=option.OUTPUT, type=option.within(0, 90, "degrees above 0, up to 90"),
         default=15.0, show_default=True, metavar="DEG", help="Step of the card.",
@@ -57,13 +59,6 @@ class SwingOptions(option.Group):
     reading: option.ColumnsOptions = option.group(option.ColumnsOptions)
     target_deg: float = option.target("What a turn by 180° may miss, and 1 σ of the curve may be.")
     as_json: bool = option.as_json()
-
-    @property
-    def outputs(self) -> Outputs:
-        """Card and curve."""
-        return Outputs.of(
-            ("the card", self.output), ("the curve", self.svg, "--svg"), force=self.force, as_json=self.as_json
-        )
 
     def refuse_of_recording(self) -> None:
         """Refuse options that a table has no use for."""
@@ -142,7 +137,7 @@ def command(options: SwingOptions) -> int:
     known heading: where the sensor was turned by 180°, so should its heading have been.
     """
     inputs, target_deg = options.inputs, options.target_deg
-    options.outputs.check(inputs)
+    options.checked_outputs()
     if len(inputs) == 1:
         options.refuse_of_recording()
         swing = _of_table(inputs[0], options.known.sigma_deg, options.place)

@@ -11,7 +11,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import Counted, agree, is_calibration, made_from, provenance, saying_what_was_skipped
-from flinders.cli._output import Outputs, progress, say
+from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
 
@@ -47,9 +47,15 @@ class TwoAxis(option.Group):
         help="RECORDING was made with this loaded: the result is the two of them, composed.",
     )  # fmt: skip
     reading: option.ReadingOptions = option.group(option.ReadingOptions)
-    output: str | None = option.output("Calibration file to write, or - for standard output.", heading=option.OUTPUT)
+    output: str | None = option.output(
+        "the calibration", "Calibration file to write, or - for standard output.", heading=option.OUTPUT
+    )
     polar: str | None = option.member(
-        "--polar", heading=option.OUTPUT, metavar="FILE", help="Also draw the points before and after, as SVG."
+        "--polar",
+        what="the drawing",
+        heading=option.OUTPUT,
+        metavar="FILE",
+        help="Also draw the points before and after, as SVG.",
     )
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -59,19 +65,13 @@ class TwoAxis(option.Group):
     field_strength: float | None = option.field_strength()
     judgement: option.Judgement = option.group(option.Judgement)
 
-    @property
-    def outputs(self) -> Outputs:
-        """Both files."""
-        files = ("the calibration", self.output), ("the drawing", self.polar, "--polar")
-        return Outputs.of(*files, force=self.force, as_json=self.as_json)
-
     def check(self) -> None:
         """Find what could not be read or written before anything is."""
         if self.polar and self.polar != "-" and Path(self.polar).suffix.lower() != DRAWING:
             raise UsageError(
                 f"--polar {self.polar}: need a name that ends in {DRAWING} (a drawing), or - for standard output"
             )
-        self.outputs.check([self.recording, *([self.after] if self.after else [])])
+        self.checked_outputs(self.after)
         if is_calibration(self.recording):
             raise UsageError(
                 f"{self.recording} is a calibration: give the recording of a turn, and the calibration to --after"
