@@ -19,9 +19,9 @@ used, the accelerometer is not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -117,9 +117,12 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
+    axes, mistakes = of_instruments(samples, _alone(samples), wanted)
+    rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
-    selection = _Selection(samples, partial(solve, samples, site=site, **options), site, dip_deg, is_auto=is_auto)
-    selection.look_for_mistakes(wanted, of_gaps)
+    solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
+    alone = _Candidate(samples, solver(()), rotation)
+    selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])
     for name in wanted:
         selection.try_sensor(name)
     if site is not None and selection.is_elsewhere:  # the site would bend the fit: again, without it
@@ -129,30 +132,22 @@ def aided_by(
     return selection.best, selection.reported()
 
 
+@dataclass(eq=False)
 class _Selection:
-    """Sensors that are tried one after the other, each with those that are used before it.
+    """Sensors that are tried one after the other, each with those that are used before it."""
 
-    Attributes
-    ----------
-    standing : _Candidate
-        The fit with the sensors that are used.
-    used : tuple of str
-        Their names.
-    turned : Aided, optional
-        The fit whose rotation is taken over, but not its ellipsoid.
-    reports : list of AidingSensor
-    mistakes : list of Mistake
-    """
-
-    def __init__(
-        self, samples: Samples, solver: Callable[..., Aided], site: Site | None, dip_deg: float, *, is_auto: bool
-    ) -> None:
-        self._samples, self._solve, self._site, self._dip_deg = samples, solver, site, dip_deg
-        self._is_auto, self._rotation, self._was_elsewhere = is_auto, cast("Floats | None", None), False
-        self.used: tuple[str, ...] = ()
-        self.turned: Aided | None = None
-        self.reports: list[AidingSensor] = []
-        self.mistakes: list[Mistake] = []
+    samples: Samples
+    solver: Callable[..., Aided]
+    rotation: Floats | None  # how the magnetometer sits on the body, where that is not as recorded
+    site: Site | None
+    dip_deg: float
+    is_auto: bool
+    standing: _Candidate  # the fit with the sensors that are used
+    mistakes: list[Mistake]
+    used: tuple[str, ...] = ()
+    turned: Aided | None = None  # the fit whose rotation is taken over, but not its ellipsoid
+    reports: list[AidingSensor] = field(default_factory=list)
+    was_elsewhere: bool = False
 
     @property
     def best(self) -> Aided:
@@ -162,14 +157,7 @@ class _Selection:
     @property
     def is_elsewhere(self) -> bool:
         """A fit says that the recording was not made at the site."""
-        return self._was_elsewhere or is_at_another_site(self.best, self._site)
-
-    def look_for_mistakes(self, wanted: Sequence[str], of_gaps: Sequence[Mistake]) -> None:
-        """See how the instruments sit, and which cannot be used; then fit without them."""
-        axes, mistakes = of_instruments(self._samples, _alone(self._samples), wanted)
-        self.mistakes = [*mistakes, *of_gaps]
-        self._rotation = None if axes is None else axes.apply(np.eye(3)).T
-        self.standing = _Candidate(self._samples, self._solve(()), self._rotation)
+        return self.was_elsewhere or is_at_another_site(self.best, self.site)
 
     def try_sensor(self, name: str) -> None:
         """Use a sensor that can be trusted and, with ``auto``, earns its place; say why another is left out."""
@@ -178,16 +166,16 @@ class _Selection:
             return
         replaced = [used for used in self.used if name in UPRIGHT and used in UPRIGHT]
         tried = (*(used for used in self.used if used not in replaced), name)
-        aided = self._solve(tried, rotation=self._rotation, near=self.best)
-        self._was_elsewhere = self._was_elsewhere or is_at_another_site(aided, self._site)
+        aided = self.solver(tried, rotation=self.rotation, near=self.best)
+        self.was_elsewhere = self.was_elsewhere or is_at_another_site(aided, self.site)
         if (contradiction := _contradiction(aided, name)) is not None:
-            self.mistakes += [] if self._is_auto else [contradiction]
+            self.mistakes += [] if self.is_auto else [contradiction]
             self.reports.append(AidingSensor(name, kept=False, words=contradiction.words))
             return
-        claims = claim_deg(self.best, self._dip_deg), claim_deg(aided, self._dip_deg)
-        report = AidingSensor(name, True, change_deg(self.best, aided, self._dip_deg), *claims)
-        trial = _AidTrial(self.standing, _Candidate(self._samples, aided, self._rotation))
-        if self._is_auto and (against := trial.against(report)):
+        claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
+        report = AidingSensor(name, True, change_deg(self.best, aided, self.dip_deg), *claims)
+        trial = _AidTrial(self.standing, _Candidate(self.samples, aided, self.rotation))
+        if self.is_auto and (against := trial.against(report)):
             self.reports.append(self._turned_by(trial, report) or replace(report, kept=False, words=against))
             return
         self._report_replaced(replaced, name)
@@ -196,9 +184,9 @@ class _Selection:
 
     def _mistake_of(self, name: str) -> Mistake | None:
         """Why a sensor cannot be used; an attitude, where its yaw comes from this magnetometer."""
-        drops = next((mistake for mistake in self.mistakes if mistake.aid == name and mistake.drops), None)
+        drops = next((mistake for mistake in reversed(self.mistakes) if mistake.aid == name and mistake.drops), None)
         if drops is None and name == "attitude":
-            drops = circular(self._samples, self.best, self._dip_deg)
+            drops = circular(self.samples, self.best, self.dip_deg)
             self.mistakes += [] if drops is None else [drops]
         return drops
 
@@ -207,12 +195,12 @@ class _Selection:
         if self.turned is not None or not (words := trial.rotation_words(report)):
             return None
         self.turned = trial.found
-        changed = turned_deg(trial.found.parameters.rotation, self._dip_deg)
+        changed = turned_deg(trial.found.parameters.rotation, self.dip_deg)
         return replace(report, changed_deg=changed, after_deg=report.before_deg, words=words)
 
     def _report_replaced(self, replaced: Sequence[str], name: str) -> None:
         """Say of verticals that were used that another one is used instead."""
-        instead = f"{name} tells the vertical as well" + (", and better" if self._is_auto else ": name one of them")
+        instead = f"{name} tells the vertical as well" + (", and better" if self.is_auto else ": name one of them")
         self.reports = [
             replace(each, kept=False, words=instead) if each.name in replaced else each for each in self.reports
         ]
@@ -220,8 +208,8 @@ class _Selection:
     def reported(self) -> Aiding:
         """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
         best, mistakes = self.best, self.mistakes
-        if "rate" in self.used and self._samples.rate is not None:
-            mistakes = [*mistakes, *one_axis(self._samples.rate - best.parameters.gyro_bias)]
+        if "rate" in self.used and self.samples.rate is not None:
+            mistakes = [*mistakes, *one_axis(self.samples.rate - best.parameters.gyro_bias)]
         source = best if self.turned is None or best.sees_rotation else self.turned
         aiding = Aiding.of(source, each=tuple(self.reports), mistakes=tuple(mistakes))
         return replace(aiding, excess_variance=best.excess_variance)
