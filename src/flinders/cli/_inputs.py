@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +26,8 @@ if TYPE_CHECKING:
 
 def sha256(recording: Recording) -> str:
     """Hash a file as it lies on the disk; what was spooled, for standard input."""
+    import hashlib
+
     digest = hashlib.sha256()
     with file_of(recording).opened() as (raw, _):
         while chunk := raw.read(1 << 20):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from flinders.live.mavlink import Vehicle
     from flinders.live.mavlink_parameters import ParameterPlan
     from flinders.live.transports import ByteSource
+    from flinders.targets.motioncal import MotionCalPacket
 
 
 class Send(option.Group):
@@ -125,26 +126,33 @@ def _to_board(fit: Fit, port: str, options: Send) -> None:
         "the packet also sets the offsets of accelerometer and gyroscope, to 0, as MotionCal does",
     ):
         say(f"! {warning}")
-    fields = {"port": port, **packet.as_dict()}
-    content = packet.encode()
-    if options.dry_run and options.as_json:
-        print_json({**fields, "sent": False})
-    elif options.dry_run:
-        rows = [content[start : start + 16].hex(" ") for start in range(0, len(content), 16)]
-        click.echo("\n".join([f"would send to {port} at {options.baud} baud:", *rows]))
-        click.echo("and wait for:\n" + "\n".join(motioncal.echo_lines(packet)))
     if options.dry_run:
+        _show_packet(packet, port, options)
         return
     with contextlib.closing(Serial(port, options.baud)) as source:
         try:
-            say(f"{port}: sending {len(content)} bytes")
+            say(f"{port}: sending {len(packet.encode())} bytes")
             confirmed = motioncal.send(source, packet)
         except KeyboardInterrupt:
             say(f"! stopped: {motioncal.EITHER}; send again, or see what it prints with flinders record")
             raise
     say(f"{port}: {confirmed}")
     if options.as_json:
-        print_json({**fields, "sent": True, "tries": confirmed.tries, "echo_decimals": confirmed.places})
+        sent = {"sent": True, "tries": confirmed.tries, "echo_decimals": confirmed.places}
+        print_json({"port": port, **packet.as_dict(), **sent})
+
+
+def _show_packet(packet: MotionCalPacket, port: str, options: Send) -> None:
+    """Print what would be sent, and what is waited for."""
+    from flinders.live import motioncal
+
+    if options.as_json:
+        print_json({"port": port, **packet.as_dict(), "sent": False})
+        return
+    content = packet.encode()
+    rows = [content[start : start + 16].hex(" ") for start in range(0, len(content), 16)]
+    click.echo("\n".join([f"would send to {port} at {options.baud} baud:", *rows]))
+    click.echo("and wait for:\n" + "\n".join(motioncal.echo_lines(packet)))
 
 
 # vehicles
