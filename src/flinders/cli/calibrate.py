@@ -493,7 +493,7 @@ class _Run:
         if path is None:
             return
         from flinders.cli.methods import SITE
-        from flinders.report.convergence import Trace, drawing, table
+        from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
         site = {name: self.asked[name] for name in SITE}
         trace = Trace.of(self.recording, self.asked["method"], self.own, site, self.asked["target_deg"])
@@ -501,7 +501,7 @@ class _Run:
             say(f"{path} was not written: {self.asked['method']} had nothing at any step")
             return
         is_drawing = Path(path).suffix.lower() == TRACES[0]
-        self.files.outputs.write(drawing(trace) if is_drawing else table(trace), path)
+        self.files.outputs.write(convergence_drawing(trace) if is_drawing else convergence_table(trace), path)
         say(f"convergence written to {path}")
 
     def _report(self, outcome: Fit | FitError) -> None:

@@ -291,11 +291,12 @@ def _listed(rests: tuple[Rest, ...]) -> str:
 
 def _write(deviation: Deviation | None, options: SwingOptions) -> None:
     """Write card and curve."""
-    from flinders.report.heading_pages import card, drawing
+    from flinders.report.drawings import swing_drawing
+    from flinders.report.heading_pages import card
 
     if deviation is not None:
         options.outputs.write(card(deviation, options.step_deg), options.output)
-        options.outputs.write(drawing(deviation), options.svg)
+        options.outputs.write(swing_drawing(deviation), options.svg)
     elif options.output or options.svg:
         raise UsageError("without known headings there is no curve: give --headings, or leave -o and --svg out")
 

@@ -207,7 +207,7 @@ def _fit(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options
     """Fit by the method that was asked for; where that is refused, say how the points are spaced."""
     from flinders.fitting.calibrate import fit
     from flinders.readers import Instrument
-    from flinders.report.turn import spacing_words
+    from flinders.report.fit_pages import spacing_words
 
     target_deg = options.judgement.target_deg
     try:
@@ -232,17 +232,17 @@ def _fit(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options
 
 def _draw(turn: Turn, fit: Fit, options: TwoAxis) -> None:
     """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
-    from flinders.report.turn import drawing
+    from flinders.report.drawings import turn_drawing
 
     if options.polar:
-        options.outputs.write(drawing(turn, fit), options.polar)
+        options.outputs.write(turn_drawing(turn, fit), options.polar)
         if options.polar != "-" and fit.verdict == "refused":
             say(f"written to {options.polar}")
 
 
 def _show(fit: Fit, turn: Turn, both: Fit | None, options: TwoAxis) -> None:
     """Print the page; on standard error, where a result has standard output."""
-    from flinders.report.turn import of_turn
+    from flinders.report.fit_pages import of_turn
 
     outputs = options.outputs
     outputs.print(lambda: _as_dict(fit, turn, both), lambda: of_turn(fit, turn, composed=both, after=options.after))
