@@ -20,13 +20,13 @@ The readings are those that `flinders.read` makes of the text.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections import Counter, deque
 from copy import deepcopy
 from dataclasses import dataclass, field
-from functools import partial
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.axes import Axes
@@ -34,22 +34,19 @@ from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent, readings_of
 from flinders.readers._columns import unit_of
-from flinders.readers._lines import shown
-from flinders.readers._names import is_unit, meaning
-from flinders.readers._numbers import SPACES, Grid, number, row_of, rows_of, split
-from flinders.readers._sniff import COMMENTS, SPOKEN, TextLayout, sniff
-from flinders.readers.dialects import guess, marked, recognise
-from flinders.readers.dialects.pattern import Pattern
+from flinders.readers._layout import COMMENTS, SPOKEN, Cells, Dialect, TextLayout, sniff
+from flinders.readers._names import is_unit
+from flinders.readers._tokenizer import number, quoted, rows_of, shown, split
+from flinders.readers.dialects import marked, understood
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from flinders.core.units import Unit
     from flinders.live.feeds import Kind, Reading
-    from flinders.readers._tokenizer import Dialect
 
 SETTLE_S: Final = 0.9
-"""Seconds that the first lines wait until their layout is recognised; less than a second, which a crash may
+"""Seconds that the first lines wait until it is recognised how they are written; less than a second, which a crash may
 cost."""
 ENOUGH: Final = 20  # Lines that settle it at once
 LONGEST: Final = 4096  # Bytes in a line; a longer one is none
@@ -65,32 +62,33 @@ SEVERAL: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How a source writes its lines."""
+    """How a source writes its lines, and the table that is made of them."""
 
-    words: str  # for people
-    header: str  # what stands above the rows; empty where that is nothing
-    take: Callable[[str], str | None]  # line to row without a time; nothing for a part of a reading, None where unknown
-    delimiter: str
-    decimal: str
+    dialect: Dialect
+    layout: TextLayout  # of the lines, or of those that the dialect makes of them
+    names: tuple[str, ...]  # of the columns; none where the source names nothing and has a time
     is_timed: bool  # the lines have a time of their own
-    printed: str  # the header as the source prints it
+
+    @property
+    def header(self) -> str:
+        """The line above the rows; empty where that is none."""
+        return ",".join(map(quoted, self.names))
 
     def is_heading(self, line: str) -> bool:
         """Tell whether a line is the header come again, or a row of units below it."""
-        cells = split(line.strip(), SPACES if self.delimiter.isspace() else self.delimiter)
-        return line.strip() in (self.printed, self.header) or all(is_unit(cell.strip(" []()")) for cell in cells)
+        cells = split(line.strip(), self.layout.grid.delimiter)
+        is_header = line.strip() in (self.layout.header_text.strip(), self.header)
+        return is_header or all(is_unit(cell.strip(" []()")) for cell in cells)
 
     def row(self, line: str, arrived: float) -> str | None:
         """Make a row of a line that arrived so many seconds after the start; None where it is not understood."""
-        text = self.take(line)
-        return f"{self._time(arrived)}{self.delimiter}{text}" if text and not self.is_timed else text
-
-    def _time(self, arrived: float) -> str:
-        written = f"{arrived:.4f}".replace(".", self.decimal)
-        return f'"{written}"' if self.delimiter == self.decimal else written
+        cells = self.dialect.row(line)
+        if cells and not self.is_timed:
+            cells = (f"{arrived:.4f}", *cells)
+        return None if cells is None else ",".join(cells)
 
     def __str__(self) -> str:
-        return self.words
+        return self.dialect.words
 
 
 def settle(lines: list[str], pattern: str | None = None) -> Form | None:
@@ -102,12 +100,57 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     >>> form.row("X: 21.5 Y: 0.3 Z: -58.5 uT", 0.25), form.row("low battery", 0.26)
     ('0.2500,21.5,0.3,-58.5', None)
     """
-    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
-    layout = None if dialect else _layout(lines)
-    if dialect := dialect or (None if layout else guess(lines)):
-        return _transcribed(lines, dialect)
-    layout = layout or _unclear(lines)
-    return _form(layout, lines, partial(_as_it_is, layout.grid)) if layout else None
+    for lay_out in (_clear, _unclear):
+        with contextlib.suppress(FlindersError):
+            dialect, layout = understood("", lines, lay_out, pattern)
+            return _form(dialect or Cells.of(layout, _words(layout)), layout, lines)
+    return None
+
+
+def _form(dialect: Dialect, layout: TextLayout, lines: list[str]) -> Form:
+    """Put together how lines are recorded; columns without names and a time get some."""
+    trial = deepcopy(dialect)  # it remembers parts of a reading
+    rows = [row for line in lines if (row := trial.row(line))]
+    is_timed = layout.columns.time is not None and _runs(rows, layout.columns.time.cells[0])
+    names = dialect.names
+    if not names and not is_timed:
+        width = layout.grid.width or max(map(len, rows), default=0)
+        names = PLAIN if width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
+    return Form(dialect, layout, names if is_timed else (TIME, *names), is_timed)
+
+
+def _words(layout: TextLayout) -> str:
+    return f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
+
+
+def _runs(rows: Sequence[Sequence[str]], cell: int) -> bool:
+    """Tell whether a column does what time does; ``T_C`` may be a temperature."""
+    times = [time for row in rows if len(row) > cell and (time := number(row[cell], ".")) is not None]
+    return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
+
+
+def _clear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
+    """Lay out a table as that of a file; FlindersError where it is not clear what is the magnetometer."""
+    return sniff("", lines, header=header)
+
+
+def _unclear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
+    """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
+    layout = sniff("", lines, "1,2,3", header)
+    sign, decimal = layout.grid.delimiter, layout.grid.decimal
+    numeric = Counter(
+        tuple(
+            place
+            for place, cell in enumerate(split(line, sign), 1)
+            if cell.strip() and number(cell, decimal) is not None
+        )
+        for line in lines
+    )
+    places, count = numeric.most_common(1)[0]
+    if len(places) >= len(PLAIN) and count >= max(SEVERAL, len(lines) / 2):
+        with contextlib.suppress(FlindersError):
+            return sniff("", lines, ",".join(map(str, places[: len(PLAIN)])), header)
+    return layout
 
 
 def is_marked(line: str) -> bool:
@@ -115,85 +158,6 @@ def is_marked(line: str) -> bool:
     if line.lstrip().startswith(("{", "[", "|", "(")) or marked.is_marked(line):
         return True
     return not all(number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
-
-
-def _transcribed(lines: list[str], dialect: Dialect) -> Form | None:
-    """Lay out lines in a dialect as the table that they stand for."""
-    first = partial(_joined, deepcopy(dialect))  # a dialect remembers parts of a reading
-    rows = [row for row in map(first, lines) if row]
-    layout = _layout(rows, names=dialect.names) or _unclear(rows, dialect.names)
-    return None if layout is None else _form(layout, rows, partial(_joined, dialect), dialect.words, dialect.names)
-
-
-def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] = ()) -> TextLayout | None:
-    """Recognise lines of numbers as a file with them would be; None where it is not clear what they are."""
-    try:
-        return sniff("", lines, columns, names)
-    except FlindersError:
-        return None
-
-
-def _unclear(lines: list[str], names: Sequence[str] = ()) -> TextLayout | None:
-    """Recognise a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
-    layout = _layout(lines, "1,2,3", names)
-    if layout is None:
-        return None
-    grid = layout.grid
-    rows = [split(line, grid.delimiter) for line in lines]
-    numeric = Counter(
-        tuple(place for place, cell in enumerate(cells, 1) if cell.strip() and number(cell, grid.decimal) is not None)
-        for cells in rows
-    )
-    places, count = numeric.most_common(1)[0]
-    if len(places) >= len(PLAIN) and count >= max(SEVERAL, len(rows) / 2):
-        return _layout(lines, ",".join(map(str, places[: len(PLAIN)])), names) or layout
-    return layout
-
-
-def _joined(dialect: Dialect, line: str) -> str | None:
-    """Take a line in a dialect as a row."""
-    cells = dialect.row(line)
-    return None if cells is None else ",".join(cells)
-
-
-def _as_it_is(grid: Grid, line: str) -> str | None:
-    """Take a line of a table as it is, where its numbers are there."""
-    text = line.strip(" ")
-    return None if text.startswith(COMMENTS) or row_of(split(text, grid.delimiter), grid) is None else text
-
-
-def _form(
-    layout: TextLayout, lines: list[str], take: Callable[[str], str | None], words: str = "", names: Sequence[str] = ()
-) -> Form:
-    """Put together how lines are recorded; columns without names get some."""
-    grid, sign, time = layout.grid, layout.grid.delimiter, layout.columns.time
-    is_timed = time is not None and _runs(lines, grid, time.cells[0])
-    title = sign.join(names) or _title(layout)
-    if not title and not is_timed:
-        width = grid.width or len(split(lines[-1], sign))
-        title = sign.join(PLAIN if width == len(PLAIN) else [f"c{place + 1}" for place in range(width)])
-    header = title if is_timed or not title else f"{TIME}{sign}{title}"
-    words = words or f"lines of numbers, {SPOKEN[sign]}-separated"
-    return Form(
-        words, header, take, " " if sign == SPACES else sign, grid.decimal, is_timed, layout.header_text.strip()
-    )
-
-
-def _title(layout: TextLayout) -> str:
-    """Write the header of a table with the units, and the sensors, that stand in lines of their own."""
-    title, sign = layout.header_text.strip().lstrip("#%/ "), layout.grid.delimiter
-    named = zip_longest(layout.header, layout.units, fillvalue="")
-    names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
-    is_whole = all(name in title for name in names)
-    is_cuttable = not any(sign in name for name in names)
-    return sign.join(names) if names and not is_whole and is_cuttable else title
-
-
-def _runs(lines: list[str], grid: Grid, cell: int) -> bool:
-    """Tell whether a column does what time does; ``T_C`` may be a temperature."""
-    rows = [cells for line in lines if len(cells := split(line, grid.delimiter)) > cell]
-    times = [time for row in rows if (time := number(row[cell], grid.decimal)) is not None]
-    return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
 
 
 @dataclass(slots=True)
@@ -448,7 +412,7 @@ class Transcript:
         form, columns = self.statistics.form, (self._columns or "").split(",")
         if form is None or form.is_timed or not all(one.strip().isdigit() for one in columns):
             return self._columns
-        names = form.header.split(form.delimiter)
+        names = form.names
         return ",".join(names[int(one)] for one in columns) if max(map(int, columns)) < len(names) else self._columns
 
     def _flush(self) -> tuple[str, list[str]]:

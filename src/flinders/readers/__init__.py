@@ -34,8 +34,7 @@ from flinders.core.samples import Joined, Recording, Samples, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
-from flinders.readers._reader import Reader
-from flinders.readers._recognition import foreign_kind
+from flinders.readers._reader import Reader, foreign_kind
 from flinders.readers._selection import FIRST, Choice, TimeSpan, added
 from flinders.readers._source import File, Progress, Source, find, on_disk
 from flinders.readers._table import TableRecording

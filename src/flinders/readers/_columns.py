@@ -19,7 +19,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UsageError
 from flinders.geometry import quaternions
-from flinders.readers._instruments import Vector, advice, ascends, companion, groups, instruments, passed_over, vectors
+from flinders.readers._likeness import advice, ascends, groups
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
@@ -35,10 +35,15 @@ from flinders.readers._names import (
     THROTTLES,
     TIME,
     Meaning,
+    Vector,
+    companion,
+    instruments,
     kind_of_chip,
     label,
     meaning,
+    passed_over,
     tells_nothing,
+    vectors,
 )
 from flinders.readers._resample import shares
 from flinders.readers._selection import FIRST, Choice, numbered
@@ -176,11 +181,6 @@ class Columns:
         if taken.shape[1] == 1 and kind not in OF_MOTORS:
             taken = taken[:, 0]
         return VALID[kind](taken) if kind in VALID else taken
-
-
-def names_magnetometer(names: Sequence[str]) -> bool:
-    """Tell whether three of these names are those of a magnetometer."""
-    return bool(vectors(names, [meaning(name) for name in names], FIELD))
 
 
 def by_name(

@@ -28,10 +28,10 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
-from flinders.readers._lines import shown
+from flinders.readers._layout import ranges
 from flinders.readers._resample import numbered
 from flinders.readers._selection import FIRST, Choice, TimeSpan, added
-from flinders.readers._sniff import ranges
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

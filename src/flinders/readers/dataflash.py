@@ -46,12 +46,12 @@ from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unapplied, unused
 from flinders.readers._fmt import HEADER, Listed, Messages, read_listed, read_packed
-from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
 from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, as_column
 from flinders.readers._source import refusal
+from flinders.readers._tokenizer import encoding_of
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, device_id
 
 if TYPE_CHECKING:

@@ -41,11 +41,11 @@ from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, counted
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
-from flinders.readers._lines import shown
 from flinders.readers._log import Instrument, Log, Position
 from flinders.readers._reader import Reader
 from flinders.readers._resample import TimeSeries, numbered, resampled
 from flinders.readers._source import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
+from flinders.readers._tokenizer import shown
 from flinders.readers._unindexed import BAG, KIND, MCAP, REPAIRS, SQLITE, beginning_of
 
 if TYPE_CHECKING:

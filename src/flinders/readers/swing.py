@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UnreadableInput
-from flinders.readers._lines import encoding_of, shown
-from flinders.readers._numbers import number
-from flinders.readers._recognition import foreign_kind
+from flinders.readers._reader import foreign_kind
 from flinders.readers._source import HEAD, find
+from flinders.readers._tokenizer import encoding_of, number, shown
 
 if TYPE_CHECKING:
     import os

@@ -16,7 +16,7 @@ from flinders.core.units import COUNTS, unit_of_the_earth
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, InputError, Unmoved
 from flinders.fitting.calibrate import fit
-from flinders.readers._instruments import likeness
+from flinders.readers._likeness import likeness
 from flinders.readers._names import meaning
 from flinders.summary.summary import Summary
 

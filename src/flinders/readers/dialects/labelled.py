@@ -21,10 +21,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.core.units import COUNTS
-from flinders.readers._instruments import magnetometers, vectors
-from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
-from flinders.readers._sniff import COMMENTS
-from flinders.readers._tokenizer import QUANTITY, Dialect, cut, is_labelled, like, names_of
+from flinders.readers._layout import COMMENTS, Dialect
+from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, magnetometers, meaning, vectors
+from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,8 +66,11 @@ class _Heading:
     label: str = ""
     is_taken: bool = False  # by a line with an axis
 
-    def before(self, line: str) -> str:
-        """Put it in front of a line that it names."""
+    def joined(self, line: str) -> str:
+        """Put the label in front of a line that it names; nothing for a line that is a label itself."""
+        if _is_heading(line):
+            self.label, self.is_taken = line, False
+            return ""
         is_axis = bool(self.label) and _AXIS_ALONE.fullmatch(line) is not None
         joined = f"{self.label} {line}" if self.label and (is_axis or not self.is_taken) else line
         self.label, self.is_taken = self.label if is_axis else "", is_axis
@@ -95,10 +97,9 @@ class Labelled(Dialect):
         """Take the numbers of a line by its kind; a reading where that ends one."""
         if self._quick and not self._heading.label and (match := self._quick.fullmatch(line)):
             return match.groups()
-        if _is_heading(line):
-            self._heading = _Heading(line)
+        line = self._heading.joined(line)
+        if not line:
             return () if self.has_headings else None
-        line = self._heading.before(line)
         numbers, gaps = cut(line) if len(line) <= LONGEST else ([], ())
         kind = self._kind(gaps)
         if kind is None:
@@ -122,7 +123,8 @@ class Labelled(Dialect):
 def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     """Find lines whose labels name a magnetometer; unless `marked`, also three numbers between any words."""
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
-    every = [_printed(line) for line in _with_headings(lines)]
+    heading = _Heading()
+    every = [_printed(joined) for line in lines if (joined := heading.joined(line))]
     counts = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
     enough = OFTEN * max(counts.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
@@ -151,17 +153,6 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
 def _is_heading(line: str) -> bool:
     """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``."""
     return len(line) <= LONGEST and line.rstrip().endswith(":") and not cut(line)[0]
-
-
-def _with_headings(lines: list[str]) -> list[str]:
-    """Put each line that is a heading in front of the lines that it names."""
-    joined, heading = list[str](), _Heading()
-    for line in lines:
-        if _is_heading(line):
-            heading = _Heading(line)
-        else:
-            joined.append(heading.before(line))
-    return joined
 
 
 def _printed(line: str) -> _Printed:

@@ -31,9 +31,8 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._lines import ENDS_EARLY, EndsEarly
-from flinders.readers._numbers import number
-from flinders.readers._tokenizer import Dialect
+from flinders.readers._layout import Dialect
+from flinders.readers._tokenizer import ENDS_EARLY, EndsEarly, number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -50,6 +49,8 @@ PAPARAZZI: Final = re.compile(
     r"(?P<values>(?: .*)?)"
 )
 REPLAY: Final = re.compile(r"(?P<time>\d+),(?P<mark>mag|imu|baro|gps|landed|airspeed|flow|vio|range),(?P<values>.*)")
+SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),", re.IGNORECASE)
+"""What a line of one of the programs holds."""
 GLUED: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
 """Datagrams of magcc without the end of a line between them."""
 MOST_IN_UNITS: Final = 160.0  # Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g
