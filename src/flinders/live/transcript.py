@@ -25,7 +25,8 @@ import math
 import re
 from collections import Counter, deque
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -87,6 +88,11 @@ class Form:
             cells = (f"{arrived:.4f}", *cells)
         return None if cells is None else ",".join(cells)
 
+    def rows(self, lines: Sequence[str]) -> list[str]:
+        """Make the rows of some lines, which are not taken yet."""
+        trial = replace(self, dialect=deepcopy(self.dialect))  # it remembers parts of a reading
+        return [row for line in lines if (row := trial.row(line, 0.0))]
+
     def __str__(self) -> str:
         return self.dialect.words
 
@@ -100,57 +106,45 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     >>> form.row("X: 21.5 Y: 0.3 Z: -58.5 uT", 0.25), form.row("low battery", 0.26)
     ('0.2500,21.5,0.3,-58.5', None)
     """
-    for lay_out in (_clear, _unclear):
+    for lay_out in (partial(sniff, ""), _unclear):
         with contextlib.suppress(FlindersError):
             dialect, layout = understood("", lines, lay_out, pattern)
-            return _form(dialect or Cells.of(layout, _words(layout)), layout, lines)
+            words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
+            return _form(dialect or Cells.of(layout, words), layout, lines)
     return None
 
 
 def _form(dialect: Dialect, layout: TextLayout, lines: list[str]) -> Form:
     """Put together how lines are recorded; columns without names and a time get some."""
-    trial = deepcopy(dialect)  # it remembers parts of a reading
-    rows = [row for line in lines if (row := trial.row(line))]
-    is_timed = layout.columns.time is not None and _runs(rows, layout.columns.time.cells[0])
-    names = dialect.names
-    if not names and not is_timed:
-        width = layout.grid.width or max(map(len, rows), default=0)
-        names = PLAIN if width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
-    return Form(dialect, layout, names if is_timed else (TIME, *names), is_timed)
+    form = Form(dialect, layout, dialect.names, is_timed=True)
+    rows = [split(row, ",") for row in form.rows(lines)]
+    if (time := layout.columns.time) and _runs([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
+        return form
+    width = layout.grid.width or max(map(len, rows), default=0)
+    nameless = PLAIN if width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
+    return replace(form, names=(TIME, *(dialect.names or nameless)), is_timed=False)
 
 
-def _words(layout: TextLayout) -> str:
-    return f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
-
-
-def _runs(rows: Sequence[Sequence[str]], cell: int) -> bool:
+def _runs(column: Sequence[str]) -> bool:
     """Tell whether a column does what time does; ``T_C`` may be a temperature."""
-    times = [time for row in rows if len(row) > cell and (time := number(row[cell], ".")) is not None]
+    times = [time for cell in column if (time := number(cell, ".")) is not None]
     return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
-
-
-def _clear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
-    """Lay out a table as that of a file; FlindersError where it is not clear what is the magnetometer."""
-    return sniff("", lines, header=header)
 
 
 def _unclear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
     """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
     layout = sniff("", lines, "1,2,3", header)
     sign, decimal = layout.grid.delimiter, layout.grid.decimal
+    rows = [split(line, sign) for line in lines]
     numeric = Counter(
-        tuple(
-            place
-            for place, cell in enumerate(split(line, sign), 1)
-            if cell.strip() and number(cell, decimal) is not None
-        )
-        for line in lines
+        tuple(place for place, cell in enumerate(row) if cell.strip() and number(cell, decimal) is not None)
+        for row in rows
     )
     places, count = numeric.most_common(1)[0]
-    if len(places) >= len(PLAIN) and count >= max(SEVERAL, len(lines) / 2):
-        with contextlib.suppress(FlindersError):
-            return sniff("", lines, ",".join(map(str, places[: len(PLAIN)])), header)
-    return layout
+    if len(places) < len(PLAIN) or count < max(SEVERAL, len(rows) / 2):
+        return layout
+    cells = places[: len(PLAIN)]
+    return replace(layout, grid=replace(layout.grid, cells=cells, needed=frozenset(cells)))
 
 
 def is_marked(line: str) -> bool:
@@ -201,18 +195,13 @@ class RecordingStatistics:
 
     def as_dict(self) -> dict[str, object]:
         """JSON-ready."""
-        known = self.strengths > 0
+        strength = (self.strength_sum / self.strengths, self.weakest, self.strongest) if self.strengths else (None,) * 3
         return {
             "format": str(self.form) if self.form else None,
             "readings": self.readings,
             "seconds": self.seconds,
             "rate_hz": self.rate_hz or None,
-            "strength": {
-                "unit": self.unit or None,
-                "mean": self.strength_sum / self.strengths if known else None,
-                "min": self.weakest if known else None,
-                "max": self.strongest if known else None,
-            },
+            "strength": {"unit": self.unit or None, **dict(zip(("mean", "min", "max"), strength, strict=True))},
             "not_understood": self.unknown,
             "first_not_understood": self.first_unknown or None,
             "bytes": self.received,
@@ -251,11 +240,11 @@ class Taken:
 
 
 class _WaitingLine(NamedTuple):
-    """A line that waits to be written: when it came, its bytes, and whether it is a piece of one that is too long."""
+    """A line that waits to be written."""
 
-    at: float
+    at: float  # when it came
     content: bytes
-    piece: int = 0
+    piece: int = 0  # of one that is too long, counted from 1
 
 
 class Transcript:
@@ -284,13 +273,11 @@ class Transcript:
         self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows
         self._read: tuple[TextLayout, Unit] | None = None
-        self._rest = b""
+        self._rest, self._pieces = b"", 0  # of a line whose end has not come
         self._waiting: list[_WaitingLine] = []
-        self._before: deque[str] = deque(maxlen=ENOUGH)
-        self._pieces = 0
+        self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
         self._last: float | None = None
-        self._is_cut = not is_framed
-        self._is_advised = False
+        self._is_cut, self._is_advised = not is_framed, False
         self._unlike = 0
         self._events: list[FeedEvent] = []
 
@@ -305,19 +292,18 @@ class Transcript:
         self.statistics.received += len(content)
         if content:
             self._cut(content, at)
-        is_ready = self._waiting and (self.statistics.form or self._is_enough(at))
-        text, rows = self._flush() if is_ready else ("", [])
+        taken = self._flush() if self._waiting and (self.statistics.form or self._is_enough(at)) else Taken()
         if not self._is_advised and not self.statistics.readings and at >= SILENT_S:
             self._is_advised = True
-            self._tell("nothing", self.nothing())
-        return self._taken(text, rows)
+            taken.events.append(FeedEvent("nothing", at, self.nothing()))
+        return taken
 
     def lost(self, at: float) -> Taken:
         """Note that the other end went away; what came before is let go."""
         ended = self.end(at)
         self.statistics.losses += 1
         self._is_cut = not self._is_framed
-        return Taken(f"{ended.text}# lost at {at:.4f} s\n", ended.readings, ended.events)
+        return replace(ended, text=f"{ended.text}# lost at {at:.4f} s\n")
 
     def back(self, at: float) -> Taken:
         """Note that it is there again."""
@@ -327,12 +313,12 @@ class Transcript:
     def end(self, at: float) -> Taken:
         """Let go of what waits, and of the start of a line that will have no end."""
         self.statistics.seconds = at
-        text, rows = self._flush()
+        taken = self._flush()
         if self._rest.strip() and not self.is_full:
-            text += f"# cut off: {escaped(self._rest)}\n"
+            taken = replace(taken, text=f"{taken.text}# cut off: {escaped(self._rest)}\n")
             self.statistics.first_unknown = self.statistics.first_unknown or shown(_text(self._rest))
         self._rest, self._pieces = b"", 0
-        return self._taken(text, rows)
+        return taken
 
     def nothing(self) -> str:
         """Say why there is no reading, and what to do."""
@@ -357,8 +343,7 @@ class Transcript:
         *whole, self._rest = ENDS.split(self._rest + content + b"\n" * self._is_framed)
         for line in whole:
             if self._pieces or len(line) > LONGEST:
-                self._pieces += 1
-                self._waiting.append(_WaitingLine(at, line, self._pieces))
+                self._waiting.append(_WaitingLine(at, line, self._pieces + 1))
                 self._pieces = 0
             elif line.strip():
                 self._waiting.append(_WaitingLine(at, line))
@@ -368,13 +353,12 @@ class Transcript:
             self._rest = b""
 
     def _is_enough(self, at: float) -> bool:
-        """Tell whether the layout can be recognised: many lines, or old ones, or all rows that are asked for."""
+        """Tell whether it can be recognised how lines are written: by many, or old ones, or all that are asked for."""
         is_late = len(self._waiting) >= ENOUGH or at - self._waiting[0].at >= SETTLE_S
         if is_late or self._most is None:
             return is_late
-        texts = self._texts()
-        form = settle(texts, self._pattern)
-        return form is not None and len(_rows(form, texts)) >= self._most
+        form = settle(self._texts(), self._pattern)
+        return form is not None and len(form.rows(self._texts())) >= self._most
 
     def _texts(self) -> list[str]:
         """What is line, without a first line that may be cut."""
@@ -383,9 +367,8 @@ class Transcript:
 
     def _settle(self) -> None:
         """Recognise how the lines are written; a header may have come long before, OutputError where it is another."""
-        texts = self._texts()
-        form = settle([*self._before, *texts], self._pattern)
-        rows = _rows(deepcopy(form), texts) if form else []
+        form = settle([*self._before, *self._texts()], self._pattern)
+        rows = form.rows(self._texts()) if form else []
         if form is None or not rows:
             return
         if self._header not in (None, form.header):
@@ -394,49 +377,47 @@ class Transcript:
                 f"{self._header or 'no header'}: begin another recording"
             )
         self.statistics.form = form
-        self._read = self._recognised([form.header, *self._rows, *rows])
-        self.statistics.unit = label(self._read[1].inside) if self._read else ""
-        columns = f": {self._read[0].columns.describe(self.statistics.unit)}" if self._read else ""
+        columns = ""
+        with contextlib.suppress(FlindersError):  # of what needs options to be read
+            layout = sniff(self._name, [form.header, *self._rows, *rows], self._named(form))
+            self._read = layout, unit_of(layout.columns, self._name, self._unit, self._scale)
+            self.statistics.unit = label(self._read[1].inside)
+            columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
 
-    def _recognised(self, lines: list[str]) -> tuple[TextLayout, Unit] | None:
-        """How `flinders.read` will read the text; None where it needs options."""
-        try:
-            layout = sniff(self._name, lines, self._named())
-            return layout, unit_of(layout.columns, self._name, self._unit, self._scale)
-        except FlindersError:
-            return None
-
-    def _named(self) -> str | None:
+    def _named(self, form: Form) -> str | None:
         """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
-        form, columns = self.statistics.form, (self._columns or "").split(",")
-        if form is None or form.is_timed or not all(one.strip().isdigit() for one in columns):
-            return self._columns
-        names = form.names
-        return ",".join(names[int(one)] for one in columns) if max(map(int, columns)) < len(names) else self._columns
+        asked = (self._columns or "").split(",")
+        places = [] if form.is_timed or not all(one.strip().isdigit() for one in asked) else list(map(int, asked))
+        is_there = bool(places) and max(places) < len(form.names)
+        return ",".join(form.names[place] for place in places) if is_there else self._columns
 
-    def _flush(self) -> tuple[str, list[str]]:
-        """Turn the waiting lines into text and its rows."""
+    def _flush(self) -> Taken:
+        """Turn the waiting lines into text and readings."""
         rows: list[str] = []
         text = ""
         if self._waiting and self.statistics.form is None and not self.is_full:
             self._settle()
         while self._waiting and not self.is_full:
             text += self._written(self._waiting.pop(0), rows)
-        return text, rows
+        events, self._events = self._events, []
+        return Taken(text, self._readings(rows), events)
 
     def _written(self, line: _WaitingLine, rows: list[str]) -> str:
         """One line as it goes into the recording."""
-        if line.piece:
-            return self._too_long(line)
         form, text = self.statistics.form, _text(line.content)
-        self.statistics.lines += 1
+        self.statistics.lines += line.piece < 2
+        if line.piece:
+            self._is_cut = False
+            if line.piece == 1:  # it counts for all
+                self._count_unknown(text)
+            return f"# too long: {escaped(line.content)}\n"
         cut, self._is_cut = self._is_cut and not is_marked(text), False
         at = line.at if self._last is None else max(line.at, self._last + STEP_S)
-        row = None if cut or form is None else form.row(text, at)
+        row = form.row(text, at) if form and not cut else None
         if form is None or not row:
-            if row is None:
-                self._note(text, form, cut=cut)
+            if row is None and not cut:
+                self._note(text)
             return f"# {'cut off: ' * cut}{escaped(line.content)}\n"
         self._last, self._unlike = at, 0
         self.statistics.count_row(at)
@@ -445,39 +426,27 @@ class Transcript:
         self._header = form.header
         return f"{header}{row}\n"
 
-    def _too_long(self, line: _WaitingLine) -> str:
-        """A piece of a line that is too long; the first counts for all."""
-        self._is_cut = False
-        if line.piece == 1:
-            self.statistics.lines += 1
-            self._count_unknown(_text(line.content), self.statistics.form)
-        return f"# too long: {escaped(line.content)}\n"
-
-    def _note(self, text: str, form: Form | None, *, cut: bool) -> None:
+    def _note(self, text: str) -> None:
         """Count what is not understood, but no comment of the sensor's own, header, or line without a reading."""
-        if form is None and not cut:
+        form = self.statistics.form
+        if form is None:
             self._before.append(text)
-        if cut or text.lstrip().startswith(COMMENTS) or (form and form.is_heading(text)):
-            return
-        self._count_unknown(text, form)
+        if not (text.lstrip().startswith(COMMENTS) or (form and form.is_heading(text))):
+            self._count_unknown(text)
 
-    def _count_unknown(self, text: str, form: Form | None) -> None:
+    def _count_unknown(self, text: str) -> None:
         self.statistics.unknown += 1
         self.statistics.first_unknown = self.statistics.first_unknown or shown(text)
-        self._unlike += form is not None
+        self._unlike += self.statistics.form is not None
         if self._unlike == UNLIKE:
             self._tell(
                 "garbage",
-                f"the last {UNLIKE} lines are not like the first ones ({form}) and are kept as comments: the "
-                f"latest is {shown(text)!r}; stop, and record again",
+                f"the last {UNLIKE} lines are not like the first ones ({self.statistics.form}) and are kept as "
+                f"comments: the latest is {shown(text)!r}; stop, and record again",
             )
 
     def _tell(self, kind: Kind, words: str) -> None:
         self._events.append(FeedEvent(kind, self.statistics.seconds, words))
-
-    def _taken(self, text: str, rows: list[str]) -> Taken:
-        events, self._events = self._events, []
-        return Taken(text, self._readings(rows), events)
 
     def _readings(self, rows: list[str]) -> list[Reading]:
         if not rows or self._read is None:
@@ -488,11 +457,6 @@ class Transcript:
         for reading in readings:
             self.statistics.measure(reading.field)
         return readings
-
-
-def _rows(form: Form, texts: list[str]) -> list[str]:
-    """The rows that these lines make."""
-    return [row for text in texts if (row := form.row(text, 0.0))]
 
 
 def escaped(line: bytes) -> str:

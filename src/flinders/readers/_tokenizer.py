@@ -435,7 +435,7 @@ def decimal(number: str) -> str:
     if number[-1:] in "fF" and number.lstrip("-+").casefold() in ("inf", "ovf"):
         return "nan"
     if "x" not in number and "X" not in number:
-        return number
+        return number.replace(MINUS, "-")
     sign, digits = ("-", number[3:]) if number.startswith("-") else ("", number.lstrip("+")[2:])
     value, bits = int(digits, 16), _BITS.get(len(digits), 0)
     return f"{sign}{value - (1 << bits) if bits and value >> (bits - 1) else value}"

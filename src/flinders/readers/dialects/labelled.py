@@ -28,6 +28,8 @@ from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flinders.arrays import Floats
+
 Kind: TypeAlias = "tuple[str, ...]"  # The names of a line's numbers; lines of one kind have the same
 OFTEN: Final = 0.5  # Share of the most frequent kind's lines that another one needs to be preferred for its unit
 SELDOM: Final = 0.05  # Share of the magnetometer's lines that a kind needs to be read with it
@@ -125,29 +127,23 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
     heading = _Heading()
     every = [_printed(joined) for line in lines if (joined := heading.joined(line))]
-    counts = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
-    enough = OFTEN * max(counts.values(), default=0)
+    of_three = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
+    enough = OFTEN * max(of_three.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
     counts = Counter(each.kind for each in printed)
     labelled = list(dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked))
     closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
-    headings = sum(map(_is_heading, lines))
+    if closing is not None and counts[closing] < LEAST_SHARE * of_three.total():
+        return None
     if closing is not None:
-        if counts[closing] < LEAST_SHARE * sum(len(each.numbers) >= len(PLAIN) for each in every):
-            return None
-        others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
-        read = [kind for kind in counts if kind == closing or (kind in others and _belongs(kind, closing))]
-        turns = [
-            kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)
-        ]
-        dialect = _laid_out(turns, [kind for kind in read if kind not in turns], printed)
-        dialect.has_headings = 2 * headings > counts[closing]
-        return dialect
-    often = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
-    if by_axis := _axis_by_axis([kind for kind in labelled if counts[kind] >= often]):
-        by_axis.has_headings = 2 * headings > counts[by_axis.closing]
-        return by_axis
-    return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
+        dialect = _line_by_line(closing, counts, printed)
+    else:
+        often = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
+        dialect = _axis_by_axis([kind for kind in labelled if counts[kind] >= often])
+    if dialect is None:
+        return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
+    dialect.has_headings = 2 * sum(map(_is_heading, lines)) > counts[dialect.closing]
+    return dialect
 
 
 def _is_heading(line: str) -> bool:
@@ -184,17 +180,18 @@ def _belongs(kind: Kind, closing: Kind) -> bool:
     return any(known.kind in AUXILIARY for known in meanings)
 
 
-def _laid_out(turns: Sequence[Kind], others: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled:
+def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Printed]) -> Labelled:
     """Put the numbers of magnetometers in turn first in the row; the last of them ends a reading."""
+    others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
+    read = [kind for kind in counts if kind == closing or (kind in others and _belongs(kind, closing))]
+    turns = [kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)]
     kinds, names = dict[Kind, int](), tuple[str, ...]()
-    for kind in turns:
+    for kind in (*turns, *(kind for kind in read if kind not in turns)):
         kinds[kind] = len(names)
-        names += _timed(kind, [each.numbers for each in printed if each.kind == kind])
-    needed = frozenset(range(kinds[turns[-1]], len(names)))
-    for kind in others:
-        kinds[kind] = len(names)
-        names += kind
-    return Labelled(WORDS, names, kinds, turns[-1], needed)
+        rows = [each.numbers for each in printed if each.kind == kind]
+        names += _timed(kind, rows) if kind in turns else kind
+    last = kinds[turns[-1]]
+    return Labelled(WORDS, names, kinds, turns[-1], frozenset(range(last, last + len(turns[-1]))))
 
 
 def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
@@ -216,7 +213,7 @@ def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     if not count or count < enough or sum(other > OFTEN * count for other in alike.values()) > 1:
         return None
     rows = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
-    if _alternates([[float(number.replace("−", "-")) for number in numbers] for numbers in rows]):
+    if _alternates(np.array(rows, float)):
         return None
     names = _timed(kind, rows)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
@@ -245,9 +242,8 @@ def _unit_alone(kind: Kind) -> str:
     return unit if len(units) == 1 and (unit := units.pop()).startswith(" (") else ""
 
 
-def _alternates(rows: Sequence[Sequence[float]]) -> bool:
+def _alternates(values: Floats) -> bool:
     """Tell whether lines are of two or three sensors in turn: each is like the next of its own, or as strong."""
-    values = np.array(rows, float)
     if len(values) < LEAST_TURNS:
         return False
     steps = [np.nanmedian(np.abs(values[after:] - values[:-after]).sum(axis=1)) for after in (1, 2, 3)]
@@ -261,7 +257,7 @@ def _timed(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
     """Name a first number without a label the time, where it ascends and does not just count."""
     if kind[0] and meaning(kind[0]).kind != "":
         return kind
-    first = [float(row[0].replace("−", "-")) for row in rows]
+    first = [float(row[0]) for row in rows]
     steps = {after - before for before, after in pairwise(first)}
     is_time = len(steps) > 0 and min(steps) > 0 and steps != {1.0}
     return ("time", *kind[1:]) if is_time and not kind[0] else kind
