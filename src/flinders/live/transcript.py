@@ -38,7 +38,7 @@ from flinders.readers._columns import unit_of
 from flinders.readers._layout import COMMENTS, SPOKEN, Cells, Dialect, TextLayout, sniff
 from flinders.readers._names import is_unit
 from flinders.readers._tokenizer import number, quoted, rows_of, shown, split
-from flinders.readers.dialects import marked, understood
+from flinders.readers.dialects import understood
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -148,9 +148,7 @@ def _unclear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
 
 
 def is_marked(line: str) -> bool:
-    """Tell whether a line shows by its start that nothing of it is missing there; ``17,4,-586`` may have been 217."""
-    if line.lstrip().startswith(("{", "[", "|", "(")) or marked.is_marked(line):
-        return True
+    """Tell whether a line shows by its words that its start is not missing; ``17,4,-586`` may have been 217."""
     return not all(number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
 
 

@@ -85,13 +85,6 @@ class TextLayout:
         """It is a log of Betaflight or INAV, whose readings are in the axes of the board."""
         return self.columns.field.names[0].casefold().startswith("magadc")
 
-    def select(self, first: int, texts: list[str]) -> tuple[list[str], Sequence[int]]:
-        """Pick the lines that should be readings, with their numbers; `first` is that of the first line."""
-        skip = max(self.start - first, 0)
-        first, texts = first + skip, texts[skip:]
-        places = [place for place, text in enumerate(texts) if self.is_reading(text)]
-        return [texts[place] for place in places], [first + place for place in places]
-
     def is_reading(self, text: str) -> bool:
         """Tell whether a line below the header should be a reading: no blank, comment or header come again."""
         return bool(text.strip()) and not _is_comment(text) and not (self.header_text and text == self.header_text)

@@ -31,7 +31,7 @@ from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, TH
 from flinders.readers._reader import Reader, foreign_kind
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._selection import FIRST, Choice, Tally, TimeSpan, added, left_out_of
-from flinders.readers._source import File, Progress, derived
+from flinders.readers._source import File, Progress
 from flinders.readers._tokenizer import (
     BLOCKS_AT_ONCE,
     LEAST_FOR_ARROW,
@@ -41,9 +41,7 @@ from flinders.readers._tokenizer import (
     parser_of,
     rows_of,
 )
-from flinders.readers.dialects import Transcription, understood
-from flinders.readers.dialects.json_records import is_document, table_of
-from flinders.readers.dialects.marked import are_glued, one_a_line
+from flinders.readers.dialects import Transcription, one_a_line, understood
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -127,7 +125,14 @@ class TextRecording(ColumnsRecording):
     def corrected_lines(
         self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
     ) -> Iterator[str]:
-        """Yield the lines of the file with corrected readings in place of the recorded ones.
+        """Yield the lines of `corrected_blocks`, one by one."""
+        for lines in self.corrected_blocks(correct, add=add, with_disturbances=with_disturbances):
+            yield from lines
+
+    def corrected_blocks(
+        self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
+    ) -> Iterator[list[str]]:
+        """Yield the lines of the file with corrected readings, those that were read, or arrived, together at a time.
 
         All else stays: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Lines that
         cannot be read are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON
@@ -148,13 +153,6 @@ class TextRecording(ColumnsRecording):
         UnreadableInput
             As `blocks`.
         """
-        for lines in self.corrected_blocks(correct, add=add, with_disturbances=with_disturbances):
-            yield from lines
-
-    def corrected_blocks(
-        self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
-    ) -> Iterator[list[str]]:
-        """Yield the lines of `corrected_lines`, those that were read together, or arrived together, at a time."""
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())
         kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES) if with_disturbances else ()
@@ -163,9 +161,8 @@ class TextRecording(ColumnsRecording):
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any():
                 samples = self._samples_of(columns, rows.values[usable])
-                corrected[usable] = (
-                    correct(samples if with_disturbances else samples.field) / self.unit.scale + 0.0
-                )  # no −0
+                given = samples if with_disturbances else samples.field
+                corrected[usable] = correct(given) / self.unit.scale + 0.0  # no −0
             yield list(rewriter.lines(lines, rows, corrected))
 
     def written(self) -> str:
@@ -192,9 +189,10 @@ class TextRecording(ColumnsRecording):
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
         file, encoding = self.file, self.layout.encoding
-        parse = parser_of(grid) if isinstance(file, File) and file.size >= LEAST_FOR_ARROW else None
-        blocks = {"blocks": BLOCKS_AT_ONCE} if parse else {}
-        for stretch in file.lines(encoding, **blocks):
+        is_large = isinstance(file, File) and file.size >= LEAST_FOR_ARROW
+        parse = parser_of(grid) if is_large else None
+        stretches = file.lines(encoding, blocks=BLOCKS_AT_ONCE) if isinstance(file, File) else file.lines(encoding)
+        for stretch in stretches:
             if (whole := self._parsed(stretch, parse)) and (usable := self._usable(whole, columns)).all():
                 yield stretch, whole, usable
                 continue
@@ -208,12 +206,13 @@ class TextRecording(ColumnsRecording):
         return None if values is None else NumberRows(values, lines.numbers, [])
 
     def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
-        """Read a stretch: whole where it holds nothing but readings, else what `TextLayout.select` picks."""
-        if self._is_all_readings(lines):
-            texts = lines.texts
-            if all(map(str.strip, texts)):
-                return rows_of(texts, lines.numbers, grid)
-        return rows_of(*self.layout.select(lines.first, lines.texts), grid)
+        """Read the lines of a stretch that should be readings."""
+        texts, first = lines.texts, lines.first
+        if self._is_all_readings(lines) and all(map(str.strip, texts)):
+            return rows_of(texts, lines.numbers, grid)
+        after = max(self.layout.start - first, 0)
+        places = [place for place, text in enumerate(texts) if place >= after and self.layout.is_reading(text)]
+        return rows_of([texts[place] for place in places], [first + place for place in places], grid)
 
     def _is_all_readings(self, lines: Lines) -> bool:
         """Tell whether a stretch is below the header and holds neither that nor a comment; blank lines it may hold."""
@@ -296,12 +295,9 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
     """Find how the lines of a file are written; what is no table becomes one."""
     encoding = encoding_of(head)
     beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
-    if pattern is None and beginning.lstrip().startswith(("[", "{")) and is_document(beginning):
-        table, names = table_of(file, encoding)
-        opening, is_all = table.opening("utf-8")
-        return _LaidOut(table, replace(lay_out(opening, header=names), words="JSON"), is_all)
-    if pattern is None and "*" in beginning and are_glued(beginning):
-        file, encoding = derived(file, one_a_line(file)), "utf-8"
+    may_be_glued = beginning.lstrip().startswith(("[", "{")) or "*" in beginning
+    if pattern is None and may_be_glued and (apart := one_a_line(file, encoding, beginning)):
+        file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
     if pattern is None and is_plain(opening):
         dialect, layout = None, lay_out(opening)

@@ -61,10 +61,22 @@ def _laid_out(name: str, lines: list[str], lay_out: Callable[..., TextLayout], d
     if dialect is None:
         return lay_out(lines)
     trial = deepcopy(dialect)  # it remembers parts of a reading
-    rows = [",".join(trial.row(line) or ()) for line in lines]
-    if not any(rows):
+    rows, filled = list[str](), 0
+    for line in lines:
+        rows.append(",".join(trial.row(line) or ()))
+        filled += bool(rows[-1])
+        if filled == TRIED:
+            break
+    if not filled:
         raise NoMagnetometer(f"{name} is a {dialect.words} without a line of a magnetometer")
     return replace(lay_out(rows, header=dialect.names), words=dialect.words)
+
+
+def one_a_line(source: Source, encoding: str, beginning: str) -> Source | None:
+    """Put records of a JSON document, or datagrams without line ends, in lines of their own; None for other lines."""
+    if json_records.is_document(beginning):
+        return derived(source, json_records.one_a_line(source, encoding))
+    return derived(source, marked.one_a_line(source)) if marked.are_glued(beginning) else None
 
 
 def recognise(lines: list[str]) -> Dialect | None:

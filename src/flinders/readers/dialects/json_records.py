@@ -1,6 +1,6 @@
 r"""JSON: a record in each line, other lines between, or one document with a list of records.
 
-A record is an object, or a list of numbers; a document becomes a table.
+A record is an object, or a list of numbers.
 
 >>> dialect = recognise(["ready", '{"t": 0.1, "mag": {"x": 21.70, "y": 0.4, "z": -58.6}}'])
 >>> dialect.names, dialect.row('{"mag": {"x": 1, "y": 2, "z": 3}, "t": 0.20}')
@@ -19,15 +19,16 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput
 from flinders.readers._layout import Dialect
 from flinders.readers._names import names_magnetometer
-from flinders.readers._source import Source, derived, unpacked
+from flinders.readers._source import unpacked
 from flinders.readers._tokenizer import number, quoted, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from flinders.readers._source import Source
 
 _load = partial(json.loads, parse_float=str, parse_int=str)  # numbers stay as they are written
 LEAST: Final = 3  # Numbers in a record with a reading
@@ -43,16 +44,12 @@ class JsonLines(Dialect):
 
     def row(self, line: str) -> list[str] | None:
         """Bring the record of a line into the order of the columns, numbers as they are written."""
-        return self.cells(_record(line))
-
-    def cells(self, record: object) -> list[str] | None:
-        """Bring one record into the order of the columns; None for what is no such record."""
-        values: list[object] = []
+        record = _record(line)
         if isinstance(record, dict) and self.names:
             leaves = flat(record)
             values = [leaves.get(name) for name in self.names] if leaves.keys() & set(self.names) else []
-        elif isinstance(record, list) and not self.names:
-            values = record
+        else:
+            values = record if isinstance(record, list) and not self.names else []
         return ["" if value is None else quoted(str(value)) for value in values] or None
 
 
@@ -62,7 +59,7 @@ def recognise(lines: list[str]) -> JsonLines | None:
     keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records)
     if not keys:
         return None
-    return JsonLines("JSON lines", max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
+    return JsonLines("JSON", max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
 
 
 def flat(record: dict[str, object]) -> dict[str, object]:
@@ -89,13 +86,6 @@ def is_document(text: str) -> bool:
     return record in (None, []) and not (is_closed and _loaded(first) is None)
 
 
-def table_of(source: Source, encoding: str) -> tuple[Source, tuple[str, ...]]:
-    """Turn the records of a document into a table without a header, and the names: the keys of its first object."""
-    records = _records(source, encoding)
-    names = next((tuple(flat(record)) for record in records if isinstance(record, dict)), ())
-    return derived(source, _rows(records, JsonLines("", names))), names
-
-
 def _record(line: str) -> dict[str, object] | list[object] | None:
     """Parse an object or a list of plain values; numbers stay as they are written."""
     record = _loaded(line) if line.lstrip().startswith(("{", "[")) else None
@@ -117,15 +107,8 @@ def _numbers(record: dict[str, object] | list[object]) -> int:
     return sum(isinstance(value, str) and bool(value) and number(value, ".") is not None for value in values)
 
 
-def _rows(records: list[object], dialect: JsonLines) -> Iterator[bytes]:
-    """Write records as lines of a table, those that have no such keys as they are."""
-    for start in range(0, len(records), BLOCK):
-        rows = (dialect.cells(record) or [shown(str(record))] for record in records[start : start + BLOCK])
-        yield "".join(f"{','.join(row)}\n" for row in rows).encode()
-
-
-def _records(source: Source, encoding: str) -> list[object]:
-    """Load the records of a document."""
+def one_a_line(source: Source, encoding: str) -> Iterator[bytes]:
+    """Yield the records of a document as JSON lines."""
     content = bytearray()
     for chunk in unpacked(source):
         content += chunk
@@ -135,7 +118,7 @@ def _records(source: Source, encoding: str) -> list[object]:
                 "write one record a line (JSON lines) or CSV"
             )
     try:
-        document = _load(content.decode(encoding, "replace"))
+        document = _load(content.decode(encoding, "replace").removeprefix("\ufeff"))
     except (ValueError, RecursionError) as error:
         raise UnreadableInput(
             f"{source.name} begins like JSON and is not JSON that can be read ({error}): "
@@ -147,4 +130,5 @@ def _records(source: Source, encoding: str) -> list[object]:
     if not isinstance(document, list) or not document:
         kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
         raise UnreadableInput(f"{source.name} is JSON with {kind} in it: need a list of [x, y, z] or of objects")
-    return document
+    for record in document:
+        yield f"{json.dumps(record)}\n".encode()

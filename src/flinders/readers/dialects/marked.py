@@ -137,11 +137,6 @@ def recognise(lines: list[str]) -> Marked | None:
     return None
 
 
-def is_marked(line: str) -> bool:
-    """Tell whether a line begins as those of MotionCal do."""
-    return MOTIONCAL.fullmatch(line) is not None
-
-
 def _are_units(rows: Sequence[Sequence[str]]) -> bool:
     """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
     gravity = [math.hypot(*map(float, cells[:3])) for cells in rows]
