@@ -189,9 +189,9 @@ class TextRecording(ColumnsRecording):
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
         file, encoding = self.file, self.layout.encoding
-        is_large = isinstance(file, File) and file.size >= LEAST_FOR_ARROW
-        parse = parser_of(grid) if is_large else None
-        stretches = file.lines(encoding, blocks=BLOCKS_AT_ONCE) if isinstance(file, File) else file.lines(encoding)
+        parse, stretches = None, file.lines(encoding)
+        if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
+            stretches = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
         for stretch in stretches:
             if (whole := self._parsed(stretch, parse)) and (usable := self._usable(whole, columns)).all():
                 yield stretch, whole, usable
