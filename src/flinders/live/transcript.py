@@ -12,8 +12,8 @@ arrival is put in front where the lines have no time of their own.
 t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_y_uT,mag_z_uT
 1.0000,0,0,1,0,0,0,21.7,0.4,-58.6
 <BLANKLINE>
->>> later.readings[0].field, [event.kind for event in later.events]
-((21.7, 0.4, -58.6), ['settled'])
+>>> later.readings.field, [event.kind for event in later.events]
+(array([[ 21.7,   0.4, -58.6]]), ['settled'])
 
 The readings are those that `flinders.read` makes of the text.
 """
@@ -30,10 +30,12 @@ from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+import numpy as np
+
 from flinders.core.axes import Axes
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
-from flinders.live.feeds import FeedEvent, readings_of
+from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import COMMENTS, SPOKEN, Cells, Dialect, TextLayout, sniff
 from flinders.readers._names import is_unit
@@ -43,8 +45,10 @@ from flinders.readers.dialects import understood
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.core.units import Unit
-    from flinders.live.feeds import Kind, Reading
+    from flinders.live.feeds import Kind
 
 SETTLE_S: Final = 0.9
 """Seconds that the first lines wait until it is recognised how they are written; less than a second, which a crash may
@@ -178,12 +182,13 @@ class RecordingStatistics:
         self.first_at = self.first_at if self.readings else at
         self.readings, self.last_at = self.readings + 1, at
 
-    def measure(self, field: tuple[float, ...]) -> None:
-        """Note how strong the field of a reading is."""
-        strength = math.hypot(*field)
-        self.strengths += 1
-        self.strength_sum += strength
-        self.weakest, self.strongest = min(self.weakest, strength), max(self.strongest, strength)
+    def measure(self, field: Floats) -> None:
+        """Note how strong the field of (N, 3) readings is."""
+        strengths = np.linalg.norm(field, axis=1)
+        self.strengths += len(field)
+        self.strength_sum += float(strengths.sum())
+        self.weakest = float(strengths.min(initial=self.weakest))
+        self.strongest = float(strengths.max(initial=self.strongest))
 
     @property
     def rate_hz(self) -> float:
@@ -193,13 +198,18 @@ class RecordingStatistics:
 
     def as_dict(self) -> dict[str, object]:
         """JSON-ready."""
-        strength = (self.strength_sum / self.strengths, self.weakest, self.strongest) if self.strengths else (None,) * 3
+        known = self.strengths > 0
         return {
             "format": str(self.form) if self.form else None,
             "readings": self.readings,
             "seconds": self.seconds,
             "rate_hz": self.rate_hz or None,
-            "strength": {"unit": self.unit or None, **dict(zip(("mean", "min", "max"), strength, strict=True))},
+            "strength": {
+                "unit": self.unit or None,
+                "mean": self.strength_sum / self.strengths if known else None,
+                "min": self.weakest if known else None,
+                "max": self.strongest if known else None,
+            },
             "not_understood": self.unknown,
             "first_not_understood": self.first_unknown or None,
             "bytes": self.received,
@@ -233,7 +243,7 @@ class Taken:
     """What was made of some bytes."""
 
     text: str = ""  # whole lines for the recording
-    readings: list[Reading] = field(default_factory=list)  # of its rows whose field is finite
+    readings: Samples | None = None  # of its rows whose field is finite
     events: list[FeedEvent] = field(default_factory=list)
 
 
@@ -446,15 +456,14 @@ class Transcript:
     def _tell(self, kind: Kind, words: str) -> None:
         self._events.append(FeedEvent(kind, self.statistics.seconds, words))
 
-    def _readings(self, rows: list[str]) -> list[Reading]:
+    def _readings(self, rows: list[str]) -> Samples | None:
         if not rows or self._read is None:
-            return []
+            return None
         layout, unit = self._read
         values = rows_of(rows, range(len(rows)), layout.grid).values
-        readings = readings_of(layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name))
-        for reading in readings:
-            self.statistics.measure(reading.field)
-        return readings
+        readings = layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name)
+        self.statistics.measure(readings.field)
+        return readings if len(readings) else None
 
 
 def escaped(line: bytes) -> str:

@@ -393,7 +393,8 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
                 f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave --{option} out"
             )
     disk = on_disk(file)
-    log = reader.log(disk, **({"unit": asked.unit} if reader.takes_unit else {}))  # type: ignore[misc]
+    assert reader.log is not None
+    log: Log = reader.log(disk, **({"unit": asked.unit} if reader.takes_unit else {}))
     if not log.instruments:
         raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
     beginning = np.nan if asked.span.is_all else _beginning(log)

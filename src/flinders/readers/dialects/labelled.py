@@ -135,11 +135,11 @@ def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
     if closing is not None and counts[closing] < LEAST_SHARE * of_three.total():
         return None
-    if closing is not None:
-        dialect = _line_by_line(closing, counts, printed)
-    else:
+    if closing is None:
         often = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
         dialect = _axis_by_axis([kind for kind in labelled if counts[kind] >= often])
+    else:
+        dialect = _line_by_line(closing, counts, printed)
     if dialect is None:
         return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
     dialect.has_headings = 2 * sum(map(_is_heading, lines)) > counts[dialect.closing]

@@ -118,8 +118,8 @@ def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
         if lettered and len(lettered) >= LETTERED * len(rows):
             count = _hexadecimal_words(rows)
             inner = behind([_marked(line, digits, count) for line in lines])
-            words = f"hexadecimal words in {inner.words}" if inner else ""
-            return Hexadecimal(words, inner.names, inner, digits, count) if inner else None
+            spoken = f"hexadecimal words in {inner.words}" if inner else ""
+            return Hexadecimal(spoken, inner.names, inner, digits, count) if inner else None
     return None
 
 
