@@ -40,7 +40,7 @@ from flinders.readers._columns import unit_of
 from flinders.readers._layout import COMMENTS, SPOKEN, Cells, Dialect, TextLayout, sniff
 from flinders.readers._names import is_unit
 from flinders.readers._tokenizer import number, quoted, rows_of, shown, split
-from flinders.readers.dialects import understood
+from flinders.readers.dialects import recognise_layout
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,7 +112,7 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     """
     for lay_out in (partial(sniff, ""), _unclear):
         with contextlib.suppress(FlindersError):
-            dialect, layout = understood("", lines, lay_out, pattern)
+            dialect, layout = recognise_layout("", lines, lay_out, pattern)
             words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
             return _form(dialect or Cells.of(layout, words), layout, lines)
     return None

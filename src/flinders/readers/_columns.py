@@ -239,11 +239,11 @@ class _Header:
         """Yield the other columns that are read with a magnetometer."""
         own = {kind: companion(each, sensor, self.fields) for kind, each in self.triples.items()}
         turned = {known.axis: place for place, known in enumerate(self.meanings) if known.kind == ATTITUDE}
-        found = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
-        found += [_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names)] if len(turned) == 4 else []
-        found += filter(None, map(self.scalar, (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)))
-        found += filter(None, map(self.motors, OF_MOTORS))
-        for column in found:
+        columns = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
+        columns += [_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names)] if len(turned) == 4 else []
+        columns += filter(None, map(self.scalar, (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)))
+        columns += filter(None, map(self.motors, OF_MOTORS))
+        for column in columns:
             if column.kind == RATE and not self.meanings[column.cells[0]].unit:
                 self._leave_out(", ".join(column.names), "neither deg/s nor rad/s in the names")
             else:

@@ -41,7 +41,7 @@ from flinders.readers._tokenizer import (
     parser_of,
     rows_of,
 )
-from flinders.readers.dialects import Transcription, one_a_line, understood
+from flinders.readers.dialects import Transcription, recognise_layout, split_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -296,13 +296,13 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
     encoding = encoding_of(head)
     beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
     may_be_glued = beginning.lstrip().startswith(("[", "{")) or "*" in beginning
-    if pattern is None and may_be_glued and (apart := one_a_line(file, encoding, beginning)):
+    if pattern is None and may_be_glued and (apart := split_records(file, encoding, beginning)):
         file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
     if pattern is None and is_plain(opening):
         dialect, layout = None, lay_out(opening)
     else:
-        dialect, layout = understood(file.name, opening, lay_out, pattern)
+        dialect, layout = recognise_layout(file.name, opening, lay_out, pattern)
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)

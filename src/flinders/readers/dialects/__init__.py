@@ -36,7 +36,7 @@ OTHER: Final = "other"  # Why lines are left out that are none of the dialect
 MOST_NUMBERS: Final = 10  # Numbers of lines that are kept to be shown
 
 
-def understood(
+def recognise_layout(
     name: str, lines: list[str], lay_out: Callable[..., TextLayout], pattern: str | None = None
 ) -> tuple[Dialect | None, TextLayout]:
     """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
@@ -72,11 +72,11 @@ def _laid_out(name: str, lines: list[str], lay_out: Callable[..., TextLayout], d
     return replace(lay_out(rows, header=dialect.names), words=dialect.words)
 
 
-def one_a_line(source: Source, encoding: str, beginning: str) -> Source | None:
+def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
     """Put records of a JSON document, or datagrams without line ends, in lines of their own; None for other lines."""
     if json_records.is_document(beginning):
-        return derived(source, json_records.one_a_line(source, encoding))
-    return derived(source, marked.one_a_line(source)) if marked.are_glued(beginning) else None
+        return derived(source, json_records.records_as_lines(source, encoding))
+    return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
 
 
 def recognise(lines: list[str]) -> Dialect | None:

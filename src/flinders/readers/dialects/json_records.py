@@ -107,7 +107,7 @@ def _numbers(record: dict[str, object] | list[object]) -> int:
     return sum(isinstance(value, str) and bool(value) and number(value, ".") is not None for value in values)
 
 
-def one_a_line(source: Source, encoding: str) -> Iterator[bytes]:
+def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
     """Yield the records of a document as JSON lines."""
     content = bytearray()
     for chunk in unpacked(source):

@@ -160,7 +160,7 @@ def are_glued(beginning: str) -> bool:
     return GLUED.search(beginning) is not None
 
 
-def one_a_line(source: Source) -> Iterator[bytes]:
+def datagrams_as_lines(source: Source) -> Iterator[bytes]:
     """Yield the bytes of a source with an end of line behind each datagram."""
     try:
         for chunk in source.chunks():
