@@ -86,6 +86,7 @@ def __getattr__(name: str) -> object:
     home = _HOMES[name]
     module = import_module(f"flinders.{home}")
     found: object = module if home.rpartition(".")[2] == name else getattr(module, name)
+    globals()[name] = found  # looked up once
     return found
 
 

@@ -595,8 +595,8 @@ def _judged(
     )
     if driving is not None:
         result = _with_disturbances(result, driving)
-    result = replace(result, findings=judge(result, statistics))
-    return replace(result, conditions=conditions(result))
+    findings = judge(result, statistics)
+    return replace(result, findings=findings, conditions=conditions(result, findings))
 
 
 def _with_disturbances(result: Fit, driving: Driving) -> Fit:

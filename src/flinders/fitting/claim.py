@@ -16,10 +16,9 @@ noise itself uncertain, and several recordings of one sensor differ by more than
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
 
 from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import FitError
@@ -122,9 +121,9 @@ def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     share = statistics.rows / max(statistics.rows - statistics.repeats, 1)
     if estimate.textbook is None:
         return share
-    textbook = np.maximum(estimate.textbook.diagonal(), np.finfo(float).tiny)
-    known = float((estimate.covariance.diagonal() / textbook).mean())
-    return max(1.0, share / known)
+    known, independent = estimate.covariance.diagonal().tolist(), estimate.textbook.diagonal().tolist()
+    ratios = [one / max(other, sys.float_info.min) for one, other in zip(known, independent, strict=True)]
+    return max(1.0, share * len(ratios) / sum(ratios))
 
 
 def _freedom(estimate: Estimate, count: float) -> float:
