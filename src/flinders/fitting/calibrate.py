@@ -20,12 +20,10 @@ from flinders.core.calibration import Calibration
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
-from flinders.diagnostics.axis_swap import axis_swap_of
-from flinders.diagnostics.drift import drift_in, drift_of
-from flinders.diagnostics.nonlinearity import nonlinearity_in
+from flinders.diagnostics.systematic import drift_in, drift_of, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
-from flinders.estimators import Readings, at_one_strength, method_of, within_range
+from flinders.estimators import Readings, method_of, within_range
 from flinders.estimators.auto import Auto, hides_plane
 from flinders.estimators.data import concatenated
 from flinders.estimators.level import Level, turned_level
@@ -38,10 +36,9 @@ from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
-from flinders.likelihood.identifiability import is_flat
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
-from flinders.summary.summary import Statistics
+from flinders.summary.summary import Statistics, is_flat
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,8 +47,7 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Recording
     from flinders.diagnostics.axis_swap import AxisSwap
-    from flinders.diagnostics.drift import Drift
-    from flinders.diagnostics.nonlinearity import Nonlinearity
+    from flinders.diagnostics.systematic import Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
@@ -288,6 +284,8 @@ def fit(
         aiding_result = replace(aiding_result, each=(*tried, *aiding_result.each))
     if evidence is None:
         estimate = joint or _at_site(estimator.estimate(readings), readings, request)
+        from flinders.estimators.reference.attitude_independent import at_one_strength
+
         evidence = _Evidence.of(estimate, readings if joint else at_one_strength(readings, estimate))
     likelihood = Auto(request.prior, dip_deg=request.dip_deg)
     claim = claimed(
@@ -516,6 +514,8 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
             return None
         if not estimate.unobserved and correlation.lag_one < SWAP_LAG_ONE:
             return None
+    from flinders.diagnostics.axis_swap import axis_swap_of
+
     return axis_swap_of(readings.recording.field, estimate.noise)
 
 

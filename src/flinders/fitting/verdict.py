@@ -24,7 +24,7 @@ from flinders.errors import counted, figures
 from flinders.findings import CATALOGUE, Finding, Record, by_severity, fit, limit_of
 from flinders.fitting.advice import attitudes, movement, remedy
 from flinders.geometry.plane import order_of
-from flinders.likelihood.identifiability import flat_below
+from flinders.summary.summary import flat_below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,7 @@
 /* Whether the offset crept, or the field grew, while a recording was made: thirteen parameters by least squares.
  *
  * Residuals s = J δθ + t (n · ḃ + n · S u ġ) for −½ ≤ t ≤ ½ over the recording, compared with the scatter that the rest, as
- * it is correlated, gives ḃ and ġ by chance. What only noise tells apart is left out: flinders.diagnostics.drift.
+ * it is correlated, gives ḃ and ġ by chance. What only noise tells apart is left out: flinders.diagnostics.systematic.
  */
 #include "residuals.h"
 
