@@ -138,6 +138,10 @@ typedef struct flinders_record {
                                       radius, a fraction of the radius; NaN: nothing is known */
     flinders_real nonlinear_deg;  /* what they do to a level heading, at the worst one */
     flinders_real nonlinear_by_chance; /* how often chance alone makes as much */
+    flinders_real axis_lag[3];    /* of x, y, z about their mean, s, or readings where there are no times; NaN: nothing
+                                     is known */
+    flinders_real lag_deg;        /* what they do to a level heading of a vehicle at rest, at the worst one */
+    flinders_real lag_by_chance;  /* how often chance alone makes as much */
     flinders_real largest_jump;   /* largest step from one reading to the next, over the median of 20,000 that are one */
     flinders_real sums[35];       /* sums of powers about `sums_origin`, see flinders_sums */
     flinders_real sums_origin[3]; /* unit */

@@ -13,7 +13,6 @@ enum { TERMS = 6, WIDTH = 9 + TERMS, HEADINGS = 72, FEWEST_INDEPENDENT = 40 };
 
 #define TO_DEG ((real)180 / FL_PI)
 #define EXPLAINED ((real)0.75)   /* of what residuals of one direction have in common: else it is of another kind */
-#define DISTINCT ((real)1e-5) /* smallest eigenvalue of a correlation matrix in which terms are told apart */
 
 /* What terms of 1 make of an axis at a direction: six displacements, of x, y, z by the square and by the cube. */
 static void displacements(const fl_surface *surface, const real direction[3], real out[TERMS])
@@ -57,19 +56,6 @@ static real level_error(const fl_surface *surface, const real solution[WIDTH], r
     return TO_DEG * worst;
 }
 
-/* Whether a matrix (n, n) tells its terms apart. */
-static int is_distinct(const real *matrix)
-{
-    real scaled[WIDTH * WIDTH];
-    for (int a = 0; a < WIDTH; a++)
-        for (int b = 0; b < WIDTH; b++) {
-            const real unit = matrix[(WIDTH + 1) * a] * matrix[(WIDTH + 1) * b];
-            if (!(unit > FL_TINY)) return 0;
-            scaled[WIDTH * a + b] = matrix[WIDTH * a + b] / fl_sqrt(unit) - (a == b ? DISTINCT : 0);
-        }
-    return !fl_cholesky(scaled, WIDTH);
-}
-
 /* The readings that are looked at, with the derivatives by all fifteen. */
 static void gather(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                    fl_residuals *out)
@@ -104,12 +90,10 @@ void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fi
     real matrix[WIDTH * WIDTH], inverse[WIDTH * WIDTH], covariance[WIDTH * WIDTH], spread[TERMS * TERMS];
     real gradient[WIDTH], solution[WIDTH], square = 0;
     gather(kernels, view, surface, room, &left);
-    for (size_t i = 0; i < left.n; i++) square += left.distances[i] * left.distances[i];
-    const real least = FL_FINEST * surface->radius;
-    if (left.n == 0 || !(square > least * least * (real)left.n)) return;
+    if (left.n == 0 || !fl_is_noisy(&left, surface)) return;
     fl_whiten(&left, &fit->slow);
     kernels->gram(left.rows, left.distances, left.n, WIDTH, matrix, gradient);
-    if (!is_distinct(matrix)) return;
+    if (!fl_is_distinct(matrix, WIDTH)) return;
     fl_inverse(matrix, WIDTH, inverse);
     fl_multiply(inverse, gradient, WIDTH, WIDTH, 1, solution);
     fl_take_off(&left, solution);
@@ -119,8 +103,7 @@ void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fi
     for (int a = 0; a < TERMS; a++)
         for (int b = 0; b < TERMS; b++) spread[TERMS * a + b] = covariance[WIDTH * (9 + a) + 9 + b];
     const int freedom = fl_chi_square(solution + 9, spread, TERMS, &square);
-    const real share = (real)record->distinct / (real)record->rows; /* a reading that stands there twice is one */
-    record->nonlinear_by_chance = fl_chance_of(share < 1 ? share * square : square, (real)freedom, independent);
+    record->nonlinear_by_chance = fl_chance_of(square * fl_share_of_distinct(record), (real)freedom, independent);
     record->nonlinear_deg = level_error(surface, solution, dip_deg);
     memcpy(record->nonlinearity, solution + 9, sizeof record->nonlinearity);
 }

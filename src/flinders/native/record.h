@@ -54,6 +54,8 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
               const fl_room *room, flinders_record *record);
 void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg,
                      const fl_room *room, flinders_record *record);
+void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
+            flinders_record *record);
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);

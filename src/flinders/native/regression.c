@@ -1,6 +1,16 @@
 /* Least squares of residuals on terms that stand beside the nine parameters, and how likely chance is to make as much. */
 #include "residuals.h"
 
+#define DISTINCT ((real)1e-5) /* smallest eigenvalue of a correlation matrix in which terms are told apart */
+
+/* Rows of the readings of a view. */
+static void places_of(const fl_view *view, uint32_t *out)
+{
+    size_t passed = 0, count = 0;
+    for (size_t row = 0; row < view->rows; row += view->rejected ? 1 : view->stride)
+        if (!view->rejected || (!view->rejected[row] && passed++ % view->stride == 0)) out[count++] = (uint32_t)row;
+}
+
 /* The readings that are looked at, evenly spaced, with nine derivatives each and room for further terms behind these;
  * none where they are too few. */
 void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
@@ -15,14 +25,17 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
     out->n = 0, out->stretches = 1, out->width = width;
     out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;
     out->begins = room->begins, out->cells = room->order;
+    out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
     if (count < FEWEST) return;
     kernels->rows(&some, surface, (size_t)width, out->rows, out->directions);
+    places_of(&some, out->places);
     for (size_t i = 0; i < count; i++) {
         real direction[3], *row = out->rows + stride * out->n;
         for (int axis = 0; axis < 3; axis++) direction[axis] = out->directions[axis * FL_LOOKED + i];
         if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0) continue; /* right in the centre */
         if (out->n < i) memcpy(row, out->rows + stride * i, 10 * sizeof(real));
         for (int axis = 0; axis < 3; axis++) out->directions[axis * FL_LOOKED + out->n] = direction[axis];
+        out->places[out->n] = out->places[i];
         out->distances[out->n++] = row[9];
         row[width] = (real)i / (real)(count - 1) - (real)0.5;
     }
@@ -92,6 +105,35 @@ real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix
     fl_multiply(inverse, scatter, n, n, n, half);
     fl_multiply(half, inverse, n, n, n, covariance);
     return (real)residuals->n / fl_time_of(autocovariance, lags) - (real)n;
+}
+
+/* Whether residuals are more than rounding. */
+int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface)
+{
+    const real least = FL_FINEST * surface->radius;
+    real square = 0;
+    for (size_t i = 0; i < residuals->n; i++) square += residuals->distances[i] * residuals->distances[i];
+    return square > least * least * (real)residuals->n;
+}
+
+/* Whether a matrix (n, n) tells its terms apart. */
+int fl_is_distinct(const real *matrix, int n)
+{
+    real scaled[FL_WIDEST * FL_WIDEST];
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < n; b++) {
+            const real unit = matrix[(n + 1) * a] * matrix[(n + 1) * b];
+            if (!(unit > FL_TINY)) return 0;
+            scaled[n * a + b] = matrix[n * a + b] / fl_sqrt(unit) - (a == b ? DISTINCT : 0);
+        }
+    return !fl_cholesky(scaled, n);
+}
+
+/* Share of the readings that are not another one again: so much is a square of their sum worth. */
+real fl_share_of_distinct(const flinders_record *record)
+{
+    const real share = (real)record->distinct / (real)record->rows;
+    return share < 1 ? share : 1;
 }
 
 /* Square of a change (n,) in units of its covariance (n, n), over what that leaves free; counts these directions. */

@@ -14,6 +14,7 @@ typedef struct {
     real *distances; /* (n,) less what is explained */
     real *directions; /* (3, FL_LOOKED) */
     uint32_t *cells; /* (n,) of the sphere */
+    uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
 } fl_residuals;
 
 /* Normal matrices and gradients of blocks of a recording, one after the other. */
@@ -43,6 +44,9 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
 void fl_whiten(fl_residuals *residuals, const fl_slow *slow);
 void fl_take_off(fl_residuals *residuals, const real *solution);
 real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance);
+int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
+int fl_is_distinct(const real *matrix, int n);
+real fl_share_of_distinct(const flinders_record *record);
 int fl_chi_square(const real *change, const real *covariance, int n, real *square);
 
 void fl_sphere_centres(real centres[100][3]);

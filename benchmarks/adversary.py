@@ -1,0 +1,541 @@
+"""What fools a calibration: effects that no ellipsoid holds, and how often a good verdict of them is wrong.
+
+    python -m benchmarks.adversary [--trials 40] [--effects "cubic axis 4 µT" …] [--paths tumble …] [--processes 2]
+
+A sensor in a hand is turned along a path; the field at the place, iron and currents on the body, and the sensor's own
+faults make its readings. Nothing here is shared with `flinders.simulate`, so that one mistake cannot be in both.
+Prints Markdown.
+
+A fit is *wrong* where its worst level heading is off by more than 1° and by more than twice the claim. What a true
+claim would give stands in brackets: the same count over errors drawn from the covariance that the fit claims.
+*Ratio* is the true over the claimed worst level heading error, of good fits: 1.2 in the median and 2.1 at 90 % where
+the claim is true. *Cautious* is the share of fits that are not good although they are within half the target.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from flinders.core.samples import Joined, Samples
+from flinders.fitting.result import Refused
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.random import Generator
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Recording
+    from flinders.fitting.result import Fit
+
+SEED: Final = 19_770_905
+STRENGTH_UT, DIP_DEG, TARGET_DEG = 48.0, 60.0, 1.0
+NOISE_UT: Final = 0.2
+RATE_HZ: Final = 50.0
+FINE: Final = 4
+"""Steps of the path between two readings, so that an axis can be late by less than one."""
+HEADINGS: Final = np.radians(np.arange(0.0, 360.0, 5.0))
+DRAWS: Final = 200
+"""Errors that are drawn from a covariance."""
+NORTH_DOWN: Final = STRENGTH_UT * np.array([np.cos(np.radians(DIP_DEG)), 0.0, np.sin(np.radians(DIP_DEG))])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """How a sensor moves: time (M,) s, attitudes (M, 3, 3) from body to world, and places (M, 3) m, in fine steps."""
+
+    time: Floats
+    attitudes: Floats
+    places: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensor:
+    """A sensor on its body: ``reading = iron @ field + offset``, before what its axes do to that."""
+
+    iron: Floats
+    offset: Floats
+
+
+Field = Callable[["Generator", Path], "Floats"]
+"""(M, 3) µT in world axes or body axes, added to the field."""
+Rows = Callable[["Generator", "Floats"], "Floats"]
+"""Readings (N, 3) µT to those that something makes of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """What is wrong with a recording.
+
+    Attributes
+    ----------
+    place, body : Field, optional
+        A field of the place, in world axes; one that is added to the readings, in the sensor's axes.
+    axes : Rows, optional
+        What the axes make of readings without their offset.
+    lags : of Generator to (3,) s, optional
+        By how much each axis is late.
+    log : Rows, optional
+        What stands in the log.
+    noise : float, µT
+    is_timed : bool
+        Whether the log has times.
+    seen : bool
+        Whether a recording shows it.
+    """
+
+    place: Field | None = None
+    body: Field | None = None
+    axes: Rows | None = None
+    lags: Callable[[Generator], Floats] | None = None
+    log: Rows | None = None
+    noise: float = NOISE_UT
+    is_timed: bool = True
+    seen: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One fit and the truth, degrees; `expected` is the probability that a true claim looks wrong."""
+
+    verdict: str
+    codes: tuple[str, ...] = ()
+    conditions: tuple[str, ...] = ()
+    claimed: float = np.nan
+    true: float = np.nan
+    expected: float = 0.0
+
+    @property
+    def is_wrong(self) -> bool:
+        """Good, and far beyond the claim."""
+        return self.verdict == "good" and self.true > max(TARGET_DEG, 2.0 * self.claimed)
+
+
+def smooth(rng: Generator, steps: int, step_s: float, time_s: float, columns: int = 3) -> Floats:
+    """(steps, columns) random courses of unit variance without corners: white noise through two low-pass filters."""
+    keep = float(np.exp(-step_s / time_s))
+    warm = int(10 * time_s / step_s)
+    course, first, second = np.empty((steps + warm, columns)), np.zeros(columns), np.zeros(columns)
+    for row, push in enumerate(rng.standard_normal((steps + warm, columns))):
+        first = keep * first + push
+        second = keep * second + (1.0 - keep) * first
+        course[row] = second
+    course = course[warm:]
+    scaled: Floats = course / course.std()
+    return scaled
+
+
+def about(vectors: Floats) -> Floats:
+    """(M, 3, 3) rotations by vectors (M, 3), rad: Rodrigues' formula."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    x, y, z = (vectors / np.maximum(angle[:, :, 0], 1e-12)).T
+    zero = np.zeros_like(x)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    turned: Floats = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    return turned
+
+
+def chained(steps: Floats, first: Floats) -> Floats:
+    """(M, 3, 3) attitudes that begin at `first` and are turned on by each of `steps` (M, 3, 3), about body axes."""
+    attitudes, attitude = np.empty_like(steps), first
+    for row, step in enumerate(steps):
+        attitude = attitude @ step
+        attitudes[row] = attitude
+    return attitudes
+
+
+def anywhere(rng: Generator) -> Floats:
+    """(3, 3) a random attitude."""
+    q, r = np.linalg.qr(rng.standard_normal((3, 3)))
+    q = q * np.sign(np.diag(r))
+    turned: Floats = q * np.linalg.det(q)
+    return turned
+
+
+def held(rng: Generator, attitudes: Floats, step_s: float) -> Floats:
+    """(M, 3) places of a sensor in a hand: the hand drifts by 8 cm, and the sensor is 10 cm from the wrist."""
+    hand = 0.08 * smooth(rng, len(attitudes), step_s, 1.5)
+    places: Floats = hand + attitudes @ np.array([0.1, 0.0, 0.0])
+    return places
+
+
+def turned(rng: Generator, rates: Floats, step_s: float) -> Path:
+    """A path with rates (M, 3) rad/s about the body's axes."""
+    attitudes = chained(about(rates * step_s), anywhere(rng))
+    return Path(step_s * np.arange(len(rates)), attitudes, held(rng, attitudes, step_s))
+
+
+def tumble(rng: Generator, seconds: float = 60.0, rate: float = 1.8) -> Path:
+    """Turned by hand about all axes, some 100° a second."""
+    step_s = 1.0 / (FINE * RATE_HZ)
+    return turned(rng, rate * smooth(rng, round(seconds / step_s), step_s, 0.6), step_s)
+
+
+def eights(rng: Generator, seconds: float = 60.0) -> Path:
+    """Figures of eight: the wrist rocks about two axes while the body turns about the vertical."""
+    step_s = 1.0 / (FINE * RATE_HZ)
+    time = step_s * np.arange(round(seconds / step_s))
+    phase, period = rng.uniform(0.0, 2 * np.pi, 3), rng.uniform(2.5, 3.5)
+    turn = 2 * np.pi * time / period
+    roll, pitch = 1.4 * np.sin(turn + phase[0]), 1.1 * np.sin(2 * turn + phase[1])
+    yaw = 2 * np.pi * time / rng.uniform(15.0, 25.0) + 0.5 * smooth(rng, len(time), step_s, 2.0, 1)[:, 0]
+    zero = np.zeros_like(time)
+    attitudes = (
+        about(np.stack([zero, zero, yaw], axis=1))
+        @ about(np.stack([zero, pitch, zero], axis=1))
+        @ about(np.stack([roll, zero, zero], axis=1))
+    )
+    return Path(time, attitudes, held(rng, attitudes, step_s))
+
+
+def axis_by_axis(rng: Generator) -> Path:
+    """Three full turns about each axis in turn, while the others drift."""
+    step_s = 1.0 / (FINE * RATE_HZ)
+    each = round(20.0 / step_s)
+    rates = 0.25 * smooth(rng, 3 * each, step_s, 1.0)
+    for axis in range(3):
+        rates[axis * each : (axis + 1) * each, axis] += 2 * np.pi * 3 / 20.0
+    return turned(rng, rates, step_s)
+
+
+PATHS: Final[dict[str, Callable[[Generator], Path]]] = {
+    "tumble": tumble,
+    "slow tumble": partial(tumble, seconds=120.0, rate=0.9),
+    "short tumble": partial(tumble, seconds=15.0, rate=2.5),
+    "figure eight": eights,
+    "axis by axis": axis_by_axis,
+}
+
+
+def remembering(rng: Generator, path: Path, *, sigma: float, time_s: float) -> Floats:
+    """An Ornstein–Uhlenbeck process for each axis."""
+    keep = float(np.exp(-(path.time[1] - path.time[0]) / time_s))
+    course, value = np.empty((len(path.time), 3)), rng.standard_normal(3)
+    for row, push in enumerate(np.sqrt(1.0 - keep * keep) * rng.standard_normal(course.shape)):
+        value = keep * value + push
+        course[row] = value
+    scaled: Floats = sigma * course
+    return scaled
+
+
+def gradient(rng: Generator, path: Path, *, per_metre: float) -> Floats:
+    """A field without sources that changes from place to place: symmetric, traceless."""
+    tensor = rng.standard_normal((3, 3))
+    tensor = tensor + tensor.T - 2.0 * np.trace(tensor) / 3.0 * np.eye(3)
+    grown: Floats = path.places @ (per_metre * tensor / np.linalg.norm(tensor))
+    return grown
+
+
+def desk(rng: Generator, path: Path, *, rms: float) -> Floats:
+    """Steel below the hand: a dipole half a metre down, along the field that magnetises it."""
+    from_it = path.places - np.array([*rng.uniform(-0.2, 0.2, 2), 0.5])
+    distance = np.linalg.norm(from_it, axis=1)[:, None]
+    along = from_it / distance
+    moment = NORTH_DOWN / STRENGTH_UT
+    field = (3.0 * (along @ moment)[:, None] * along - moment) / distance**3
+    scaled: Floats = field * rms / np.sqrt(np.mean(np.sum(field**2, axis=1)))
+    return scaled
+
+
+def current(rng: Generator, path: Path, *, amplitude: float) -> Floats:
+    """A battery's current that steps with the attitude, as heaters and motors do that hold a body against gravity."""
+    side, wire = rng.standard_normal((2, 3))
+    down = path.attitudes[:, 2] @ side / np.linalg.norm(side)
+    field: Floats = np.round(2.0 * down)[:, None] / 2.0 * amplitude * wire / np.linalg.norm(wire)
+    return field
+
+
+def jump(rng: Generator, path: Path, *, by: float) -> Floats:
+    """A magnetised part that moves once."""
+    moved = rng.standard_normal(3)
+    at = rng.uniform(0.25, 0.75) * path.time[-1]
+    field: Floats = (path.time > at)[:, None] * by * moved / np.linalg.norm(moved)
+    return field
+
+
+def drift(rng: Generator, path: Path, *, by: float) -> Floats:
+    """An offset that follows a temperature: up, and level then."""
+    along = rng.standard_normal(3)
+    rise = 1.0 - np.exp(-path.time / (0.3 * path.time[-1]))
+    field: Floats = rise[:, None] * by * along / np.linalg.norm(along)
+    return field
+
+
+def passing(rng: Generator, path: Path, *, peak: float) -> Floats:
+    """A magnet that goes by: a dipole on a straight way."""
+    direction = rng.standard_normal(3)
+    at = rng.uniform(0.2, 0.8) * path.time[-1]
+    course = peak * (1.0 + ((path.time - at) / 0.7) ** 2) ** -1.5
+    field: Floats = course[:, None] * direction / np.linalg.norm(direction)
+    return field
+
+
+def switching(rng: Generator, path: Path, *, amplitude: float) -> Floats:
+    """A load that is on now and then, for one to three seconds, whatever the attitude."""
+    course, now = np.zeros(len(path.time)), 0.0
+    while now < path.time[-1]:
+        now += rng.exponential(8.0)
+        end = now + rng.uniform(1.0, 3.0)
+        course[(path.time >= now) & (path.time < end)] = amplitude
+        now = end
+    wire = rng.standard_normal(3)
+    field: Floats = course[:, None] * wire / np.linalg.norm(wire)
+    return field
+
+
+def bent(_: Generator, readings: Floats, *, quadratic: float = 0.0, cubic: float = 0.0) -> Floats:
+    """The first axis is not linear: by so many µT at the strength of the field."""
+    share = readings[:, :1] / STRENGTH_UT
+    axis = np.array([1.0, 0.0, 0.0])
+    read: Floats = readings + (quadratic * share**2 + cubic * share**3) * axis
+    return read
+
+
+def lumpy(rng: Generator, readings: Floats, *, rms: float) -> Floats:
+    """Lengths that depend on the direction as a random harmonic of degree three does."""
+    directions = readings / np.linalg.norm(readings, axis=1)[:, None]
+    turn = anywhere(rng)
+    x, y, z = (directions @ turn).T
+    cubic = np.sqrt(105.0) * x * y * z
+    read: Floats = readings + rms * cubic[:, None] * directions
+    return read
+
+
+def stale(rng: Generator, rows: Floats, *, share: float) -> Floats:
+    """One axis repeats its last reading now and then."""
+    rows = rows.copy()
+    for row in 1 + np.flatnonzero(rng.random(len(rows) - 1) < share):
+        rows[row, 0] = rows[row - 1, 0]
+    return rows
+
+
+def shuffled(rng: Generator, rows: Floats) -> Floats:
+    """Rows whose order is lost."""
+    order: Floats = rng.permutation(rows)
+    return order
+
+
+def tiled(rng: Generator, rows: Floats, *, distinct: int, times: int) -> Floats:
+    """Few readings, each many times, not side by side."""
+    return np.tile(rows[rng.choice(len(rows), distinct, replace=False)], (times, 1))
+
+
+def stepped(_: Generator, rows: Floats, *, step: float) -> Floats:
+    """A coarse sensor."""
+    return step * np.round(rows / step)
+
+
+def cut(rng: Generator, rows: Floats) -> Floats:
+    """A third of the rows is lost, in three pieces."""
+    lost = np.zeros(len(rows), dtype=bool)
+    for begin in rng.choice(len(rows), 3, replace=False):
+        lost[begin : begin + len(rows) // 9] = True
+    return rows[~lost]
+
+
+def one_late(late_s: float) -> Callable[[Generator], Floats]:
+    """Lags of which one is not like the others."""
+    return lambda rng: late_s * np.eye(3)[rng.integers(3)]
+
+
+def all_late(rng: Generator) -> Floats:
+    """Lags of 50 ms, give or take 30 %."""
+    lags: Floats = 0.05 * (1.0 + 0.3 * rng.standard_normal(3))
+    return lags
+
+
+def _slow(sigma: float, time_s: float, *, log: Rows | None = None) -> Effect:
+    return Effect(body=partial(remembering, sigma=sigma, time_s=time_s), log=log)
+
+
+EFFECTS: Final[dict[str, Effect]] = {
+    "nothing": Effect(),
+    "no noise": Effect(noise=1e-9),
+    "steps of 3 µT": Effect(log=partial(stepped, step=3.0)),
+    "a third of the rows lost": Effect(log=cut, is_timed=False),
+    "memory 4 s, 0.5 µT": _slow(0.5, 4.0),
+    "memory 10 s, 0.5 µT": _slow(0.5, 10.0),
+    "memory 30 s, 0.5 µT": _slow(0.5, 30.0),
+    "memory 10 s, 1.5 µT": _slow(1.5, 10.0),
+    "memory 10 s, 0.5 µT, shuffled": _slow(0.5, 10.0, log=shuffled),
+    "cubic axis 1 µT": Effect(axes=partial(bent, cubic=1.0)),
+    "cubic axis 4 µT": Effect(axes=partial(bent, cubic=4.0)),
+    "quadratic axis 2 µT": Effect(axes=partial(bent, quadratic=2.0)),
+    "one axis late by 20 ms": Effect(lags=one_late(0.02)),
+    "one axis late by 60 ms": Effect(lags=one_late(0.06)),
+    "axes late by 50 ms ± 30 %": Effect(lags=all_late),
+    "structure of degree 3, 0.3 µT": Effect(axes=partial(lumpy, rms=0.3)),
+    "structure of degree 3, 1 µT": Effect(axes=partial(lumpy, rms=1.0)),
+    "one axis stale, 5 %": Effect(log=partial(stale, share=0.05)),
+    "one axis stale, 30 %": Effect(log=partial(stale, share=0.3)),
+    "12 readings, 50 times each": Effect(log=partial(tiled, distinct=12, times=50), is_timed=False),
+    "jump of 2 µT": Effect(body=partial(jump, by=2.0)),
+    "drift of 3 µT": Effect(body=partial(drift, by=3.0)),
+    "magnet passes, 20 µT": Effect(body=partial(passing, peak=20.0)),
+    "load on and off, 2 µT": Effect(body=partial(switching, amplitude=2.0)),
+    "gradient of 4 µT/m": Effect(place=partial(gradient, per_metre=4.0), seen=False),
+    "steel desk, 3 µT": Effect(place=partial(desk, rms=3.0), seen=False),
+    "current with attitude, 1.5 µT": Effect(body=partial(current, amplitude=1.5), seen=False),
+}
+
+
+def sensor(rng: Generator) -> Sensor:
+    """Soft iron of ± 25 %, offsets of up to two fields."""
+    mixed = rng.uniform(-0.25, 0.25, (3, 3))
+    iron = np.diag(rng.uniform(0.75, 1.25, 3)) + 0.3 * (mixed + mixed.T)
+    direction = rng.standard_normal(3)
+    return Sensor(iron, direction / np.linalg.norm(direction) * rng.uniform(0.0, 2.0) * STRENGTH_UT)
+
+
+def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 0) -> Samples:
+    """What a log has of a sensor on a path, at the first place or at another."""
+    field = NORTH_DOWN + (0.0 if effect.place is None else effect.place(stream(seed, f"place {place}"), path))
+    inside = np.einsum("mji,mj->mi", path.attitudes, np.broadcast_to(field, path.places.shape))
+    readings = inside @ of.iron
+    if effect.body is not None:
+        readings = readings + effect.body(stream(seed, f"body {place}"), path)
+    if effect.axes is not None:
+        readings = effect.axes(stream(seed, "axes"), readings)
+    if effect.lags is not None:
+        lags = effect.lags(stream(seed, "lags"))
+        late = [np.interp(path.time - lags[axis], path.time, readings[:, axis]) for axis in range(3)]
+        readings = np.stack(late, axis=1)
+    rows = readings[::FINE] + of.offset
+    rows = rows + effect.noise * stream(seed, f"noise {place}").standard_normal(rows.shape)
+    rows = rows if effect.log is None else effect.log(stream(seed, f"log {place}"), rows)
+    return Samples.of(rows, unit="uT", time=path.time[::FINE] if effect.is_timed else None)
+
+
+def stream(seed: int, what: str) -> Generator:
+    """Random numbers of a trial, the same for the same thing whatever else is drawn."""
+    return np.random.default_rng([SEED, seed, *what.encode()])
+
+
+def level(seed: int, of: Sensor, effect: Effect) -> Floats:
+    """(72, 3) readings without noise of the sensor on a level body that stands at each of `HEADINGS`."""
+    across = STRENGTH_UT * np.cos(np.radians(DIP_DEG))
+    down = np.full_like(HEADINGS, NORTH_DOWN[2])
+    readings = np.stack([across * np.cos(HEADINGS), -across * np.sin(HEADINGS), down], axis=1) @ of.iron
+    readings = readings if effect.axes is None else effect.axes(stream(seed, "axes"), readings)
+    return readings + of.offset
+
+
+def headings(corrected: Floats) -> Floats:
+    """(…, 72) headings of level readings (…, 72, 3), their mean error taken off; the error of each, degrees."""
+    error = np.angle(np.exp(1j * (np.arctan2(-corrected[..., 1], corrected[..., 0]) - HEADINGS)))
+    mean = np.angle(np.exp(1j * error).mean(axis=-1, keepdims=True))
+    off: Floats = np.degrees(np.angle(np.exp(1j * (error - mean))))
+    return off
+
+
+def probability(fit: Fit) -> float:
+    """How likely a true claim looks wrong: from errors that are drawn from the covariance of the fit."""
+    worst = fit.heading_error_deg.worst
+    covariance = fit.covariance
+    if not (np.isfinite(worst) and np.isfinite(covariance).all()):
+        return 0.0
+    iron = fit.calibration.field_strength * np.linalg.inv(fit.calibration.matrix)
+    dip = np.radians(DIP_DEG)
+    unit_field = np.stack(
+        [np.cos(dip) * np.cos(HEADINGS), -np.cos(dip) * np.sin(HEADINGS), np.full_like(HEADINGS, np.sin(dip))], axis=1
+    )
+    values, vectors = np.linalg.eigh(covariance)
+    errors = np.random.default_rng(SEED).standard_normal((DRAWS, 9)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    shape = errors[:, [3, 6, 7, 6, 4, 8, 7, 8, 5]].reshape(-1, 3, 3)
+    off = -np.einsum(
+        "ij,dhj->dhi", np.linalg.inv(iron), errors[:, None, :3] + np.einsum("dij,hj->dhi", shape, unit_field)
+    )
+    turns = np.degrees(-(np.sin(HEADINGS) * off[:, :, 0] + np.cos(HEADINGS) * off[:, :, 1]) / np.cos(dip))
+    turns = turns - turns.mean(axis=1, keepdims=True)
+    spread = np.sqrt(np.mean(turns**2, axis=0)).max()
+    largest = np.abs(turns).max(axis=1) * worst / max(spread, 1e-12)
+    return float(np.mean(largest > max(TARGET_DEG, 2.0 * worst)))
+
+
+def fitted(source: Recording) -> Fit | None:
+    """The fit, refused or not; None where there is none."""
+    try:
+        return flinders.fit(source, target_deg=TARGET_DEG)
+    except Refused as refusal:
+        return refusal.fit
+    except flinders.FlindersError:
+        return None
+
+
+def tried(case: tuple[str, str, int], *, elsewhere: bool = False) -> Trial:
+    """One trial of an effect on a path; with `elsewhere` a second recording is taken at another place."""
+    name, path, seed = case
+    effect, of = EFFECTS[name], sensor(stream(seed, "sensor"))
+    places = range(2 if elsewhere else 1)
+    each = [recorded(seed, of, effect, PATHS[path](stream(seed, f"path {place}")), place=place) for place in places]
+    fit = fitted(Joined(tuple(each)) if elsewhere else each[0])
+    if fit is None:
+        return Trial("refused")
+    true = float(np.abs(headings(fit.calibration.apply(level(seed, of, effect)))).max())
+    codes = tuple(finding.code for finding in fit.findings)
+    return Trial(fit.verdict, codes, fit.conditions, fit.heading_error_deg.worst, true, probability(fit))
+
+
+HEAD: Final = (
+    "| effect | good, limited, refused | wrong (expected) | ratio 50 / 90 % | cautious | unconditional | first |\n"
+    "|---|---|---|---|---:|---:|---|"
+)
+
+
+def row(name: str, trials: Sequence[Trial]) -> str:
+    """A row of the table."""
+    verdicts = [trial.verdict for trial in trials]
+    good = [trial for trial in trials if trial.verdict == "good"]
+    ratios = [trial.true / trial.claimed for trial in good if trial.claimed > 0.0]
+    fifty, ninety = np.quantile(ratios, [0.5, 0.9]) if ratios else (np.nan, np.nan)
+    cautious = [trial for trial in trials if trial.verdict != "good" and trial.true < TARGET_DEG / 2]
+    bare = sum(not trial.conditions for trial in good)
+    firsts = [code for trial in trials for code in trial.codes[:1] if code not in SILENT]
+    first = max(set(firsts), key=firsts.count) if firsts else ""
+    return (
+        f"| {name} | {', '.join(str(verdicts.count(verdict)) for verdict in ('good', 'limited', 'refused'))} | "
+        f"{sum(trial.is_wrong for trial in good)} ({sum(trial.expected for trial in good):.1f}) | "
+        f"{fifty:.1f} / {ninety:.1f} | {len(cautious) / len(trials):.0%} | {bare} | {first} |"
+    )
+
+
+SILENT: Final = frozenset({"rotation-unknown", "scale-unknown", "correlated", "stale-repeats"})
+"""Findings that are not about an effect."""
+
+
+def table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
+    """A row for each effect; what no recording shows has one more, with a second recording elsewhere."""
+    yield HEAD
+    with ProcessPoolExecutor(processes) as pool:
+        for name in effects:
+            cases = [(name, path, seed) for path, seed in product(paths, range(-(-trials // len(paths))))]
+            yield row(name, list(pool.map(tried, cases, chunksize=4)))
+            if not EFFECTS[name].seen:
+                again = pool.map(partial(tried, elsewhere=True), cases, chunksize=4)
+                yield row(f"{name}; recorded elsewhere too", list(again))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--trials", type=int, default=40, help="fits of each effect, over all paths")
+    parser.add_argument("--effects", nargs="+", default=list(EFFECTS), choices=EFFECTS, metavar="EFFECT")
+    parser.add_argument("--paths", nargs="+", default=list(PATHS), choices=PATHS, metavar="PATH")
+    parser.add_argument("--processes", type=int, default=2)
+    chosen = parser.parse_args(arguments)
+    for line in table(chosen.effects, chosen.paths, chosen.trials, chosen.processes):
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
