@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
 
 import numpy as np
 
-from flinders.core.axes import Axes
-from flinders.core.calibration import Calibration
+from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.systematic import drift_in, drift_of, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
@@ -45,7 +43,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
+    from flinders.core.axes import Axes
     from flinders.core.samples import Recording
+    from flinders.core.units import Unit
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.systematic import Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
@@ -160,7 +160,7 @@ class _Evidence(NamedTuple):
         if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
             return None
         record = estimator.recorded(readings)
-        if record["status"] or not was_turned(record, (unit or Unit.of()).inside):
+        if record["status"] or not was_turned(record, (unit or UNSTATED).inside):
             return None
         estimate = estimated(record, readings, has_statistics=True)
         if hides_plane(readings, estimate):
@@ -362,7 +362,7 @@ def _moved(readings: Readings, method: str, estimator: Estimator, unit: Unit | N
     """
     plane = getattr(estimator, "plane", "xy" if method == Level.name else None)
     how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
-    require_moved(readings.summary, (unit or Unit.of()).inside, how)
+    require_moved(readings.summary, (unit or UNSTATED).inside, how)
     return readings
 
 
@@ -390,7 +390,7 @@ def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> 
         For a name or an option that does not exist.
     """
     kind = cast("Any", method_of(method))
-    known = [option.name for option in dataclasses.fields(kind)]
+    known = kind.__match_args__  # names of its options
     try:
         return cast("Estimator", kind(**{name: value for name, value in site.items() if name in known}, **options))
     except TypeError:
@@ -470,8 +470,8 @@ def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: st
         estimate.ellipsoid.centre,
         estimate.ellipsoid.shape,
         field_strength=estimate.strength if given is None else given,
-        raw=frame.unit or Unit.of(),
-        axes=frame.axes or Axes(),
+        raw=frame.unit or UNSTATED,
+        axes=frame.axes or AS_RECORDED,
         sensor=sensor,
         frame=frame.name,
     )

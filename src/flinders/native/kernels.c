@@ -193,7 +193,8 @@ static void curvature(const fl_view *view, const fl_surface *surface, real gradi
             real ux = xx * dx + xy * dy + xz * dz, uy = xy * dx + yy * dy + yz * dz, uz = xz * dx + yz * dy + zz * dz;
             real length = fl_sqrt(ux * ux + uy * uy + uz * uz);
             length = length > FL_SHORT ? length : FL_SHORT;
-            ux /= length, uy /= length, uz /= length;
+            const real per_length = 1 / length;
+            ux *= per_length, uy *= per_length, uz *= per_length;
             const real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz,
                        nz = xz * ux + yz * uy + zz * uz;
             const real kx = xx * nx + xy * ny + xz * nz, ky = xy * nx + yy * ny + yz * nz,
@@ -273,16 +274,18 @@ static size_t information(const fl_view *view, const fl_surface *surface, size_t
             real ux = xx * dx + xy * dy + xz * dz, uy = xy * dx + yy * dy + yz * dz, uz = xz * dx + yz * dy + zz * dz;
             real length = fl_sqrt(ux * ux + uy * uy + uz * uz);
             length = length > FL_SHORT ? length : FL_SHORT;
-            ux /= length, uy /= length, uz /= length;
+            const real per_length = 1 / length;
+            ux *= per_length, uy *= per_length, uz *= per_length;
             rows[10][i] = ux, rows[11][i] = uy, rows[12][i] = uz;
             real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz, nz = xz * ux + yz * uy + zz * uz;
             real steepness = fl_sqrt(nx * nx + ny * ny + nz * nz);
             steepness = steepness > FL_SHORT ? steepness : FL_SHORT;
-            nx /= steepness, ny /= steepness, nz /= steepness;
+            const real per_steepness = 1 / steepness;
+            nx *= per_steepness, ny *= per_steepness, nz *= per_steepness;
             rows[0][i] = nx, rows[1][i] = ny, rows[2][i] = nz;
             rows[3][i] = nx * ux, rows[4][i] = ny * uy, rows[5][i] = nz * uz;
             rows[6][i] = nx * uy + ny * ux, rows[7][i] = nx * uz + nz * ux, rows[8][i] = ny * uz + nz * uy;
-            rows[9][i] = (length - 1) / steepness;
+            rows[9][i] = (length - 1) * per_steepness;
         }
         for (size_t i = 0; i < m; i++, out += width + 1)
             for (int row = 0; row < 10; row++) out[row] = rows[row][i];
@@ -306,7 +309,7 @@ static void gram(const real *rows, const real *distances, size_t n, int width, r
             } else memset(four[k], 0, sizeof four[k]);
         }
         for (int a = 0; a < width; a++)
-            for (int begin = a / 4 * 4; begin < COLUMNS; begin += 4)
+            for (int begin = a / 4 * 4; begin <= width; begin += 4)
                 for (int b = begin; b < begin + 4; b++)
                     sums[a][b] += four[0][a] * four[0][b] + four[1][a] * four[1][b] + four[2][a] * four[2][b] +
                                   four[3][a] * four[3][b];
