@@ -145,6 +145,7 @@ def turn_drawing(turn: Turn, fit: Fit) -> str:
     loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
     subtitle = f"method {fit.method}; {evenness(turn, fit.target_deg, is_mean=is_mean(fit))}"
+    points, ellipse = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
     return drawing(
         800,
         524,
@@ -152,10 +153,10 @@ def turn_drawing(turn: Turn, fit: Fit) -> str:
         text(24, 34, title, "start", "title"),
         text(24, 56, subtitle, "start"),
         text(776, 34, "REFUSED: not fit for use" if fit.verdict == "refused" else "", "end", "title refused"),
-        _before(turn, loaded, unit),
-        _captions(LEFT, "before", _words_before(loaded, fit, unit)),
-        _after(turn, loaded, unit),
-        _captions(RIGHT, "after", _words_after(loaded, fit, unit)),
+        _side(LEFT, "before", turn.plane, unit, points, ellipse, loaded),
+        _words(LEFT, "before", *_words_before(loaded, fit, unit)),
+        _side(RIGHT, "after", turn.plane, unit, loaded.correct(points), loaded.radius * CIRCLE),
+        _words(RIGHT, "after", *_words_after(loaded, fit, unit)),
     )
 
 
@@ -188,32 +189,21 @@ def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
     return Plot(x - RADIUS, MIDDLE - RADIUS, 2.0 * RADIUS, 2.0 * RADIUS, end, end), "".join(parts)
 
 
-def _before(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
-    """Points as recorded, the ellipse and its long axis, and the offset."""
-    points, outline = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
-    plot, grid = _polar(LEFT, np.concatenate([points, outline]), turn.plane, unit)
+def _side(
+    x: float, kind: str, plane: str, unit: str, points: Floats, outline: Floats, loaded: PlaneEllipse | None = None
+) -> str:
+    """Points, and the ellipse or circle that they lie on; of what is loaded, the long axis and the offset."""
+    plot, grid = _polar(x, np.concatenate([points, outline]), plane, unit)
+    size = 4.0 if len(points) <= 72 else 2.5
+    places = plot.places(*points.T[::-1]).tolist()
+    marks = "".join(circle(f"point {kind}", right, down, size) for right, down in places)
+    edge = plot.line(f"outline {kind}", *outline.T[::-1], is_closed=True)
+    if loaded is None:
+        return grid + edge + marks
     angle = math.radians(loaded.direction_deg)
     along = loaded.semi_axes[0] * np.array([math.cos(angle), math.sin(angle)])
     ends = np.array([loaded.centre - along, loaded.centre + along])
-    return (
-        grid
-        + plot.line("outline before", *outline.T[::-1], is_closed=True)
-        + plot.line("aim", *ends.T[::-1])
-        + _points("before", plot, points)
-        + plot.arm(*loaded.centre[::-1].tolist())
-    )
-
-
-def _after(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
-    """Points as corrected, and the circle that they should lie on."""
-    points, outline = loaded.correct(thinned(turn.points, SHOWN)), loaded.radius * CIRCLE
-    plot, grid = _polar(RIGHT, np.concatenate([points, outline]), turn.plane, unit)
-    return grid + plot.line("outline after", *outline.T[::-1], is_closed=True) + _points("after", plot, points)
-
-
-def _points(kind: str, plot: Plot, points: Floats) -> str:
-    size = 4.0 if len(points) <= 72 else 2.5
-    return "".join(circle(f"point {kind}", x, y, size) for x, y in plot.places(*points.T[::-1]).tolist())
+    return grid + edge + plot.line("aim", *ends.T[::-1]) + marks + plot.arm(*loaded.centre[::-1].tolist())
 
 
 def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
@@ -236,10 +226,9 @@ def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
     )
 
 
-def _captions(x: float, title: str, lines: tuple[str, str]) -> str:
+def _words(x: float, title: str, first: str, second: str) -> str:
     """A title above a chart and two lines below it."""
-    below = "".join(text(x, 484 + 20 * place, line) for place, line in enumerate(lines))
-    return text(x, 98, title, kind="title") + below
+    return text(x, 98, title, kind="title") + text(x, 484, first) + text(x, 504, second)
 
 
 # ------------------------------------------------------------------------------------------------------- a convergence
