@@ -123,7 +123,7 @@ def _repetition(estimate: Estimate, statistics: Statistics) -> float:
         return share
     known, independent = estimate.covariance.diagonal().tolist(), estimate.textbook.diagonal().tolist()
     ratios = [one / max(other, sys.float_info.min) for one, other in zip(known, independent, strict=True)]
-    return max(1.0, share * len(ratios) / sum(ratios))
+    return max(1.0, share * len(ratios) / float(sum(ratios)))
 
 
 def _freedom(estimate: Estimate, count: float) -> float:

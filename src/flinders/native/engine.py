@@ -51,7 +51,7 @@ SUMS: Final = layout("flinders_sums", np.float64)
 OPTIONS: Final = layout("flinders_options", np.float64)
 
 
-class _Array(ctypes.c_void_p):
+class _Array:
     """Parameter that takes an array, which has to be contiguous, or None for null."""
 
     @classmethod
