@@ -93,7 +93,7 @@ typedef struct {
     void (*gram)(const real *rows, const real *distances, size_t n, int width, real *matrix, real *gradient);
     void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
-    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[FL_LANES],
+    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
                    real log_determinant[FL_LANES], real sums[55][FL_LANES]);
     void (*keys)(const real *field, size_t n, size_t stride, real side, uint64_t *out);
     void (*breaks)(const real *field, size_t n, real *out);
