@@ -13,7 +13,7 @@ from tests.worlds import SENSOR, judged
 
 import flinders
 from flinders.core.samples import Joined, Samples
-from flinders.diagnostics.drift import drift_of
+from flinders.diagnostics.systematic import drift_of
 from flinders.estimators import Readings, covariance
 from flinders.estimators.likelihood import Likelihood
 from flinders.geometry.ellipsoid import upper
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tests.trials import Choose
 
     from flinders.arrays import Floats
-    from flinders.diagnostics.drift import Drift
+    from flinders.diagnostics.systematic import Drift
     from flinders.fitting.result import Fit
 
 TRUTH: Final = np.concatenate([SENSOR.offset, 50.0 * upper(np.asarray(SENSOR.matrix))])
