@@ -296,7 +296,7 @@ LAID = """async ([counts, view]) => {
     const {Scene} = await import("/static/views/scene.js");
     const {points, hello} = flinders.store;
     const host = document.createElement("div");
-    Object.assign(host.style, {position: "fixed", inset: "0 auto auto 0", width: "150px", height: "100px"});
+    Object.assign(host.style, {position: "fixed", inset: "0 auto auto 0", width: "300px", height: "200px"});
     document.body.append(host);
     const scene = new Scene(host, {tiles: hello.tiles, theme: "dark"});
     const frame = () => new Promise(resolve => requestAnimationFrame(resolve));
@@ -312,13 +312,13 @@ LAID = """async ([counts, view]) => {
     }
     for (let k = 0; k < 60; k += 1) { scene.redraw(); await frame(); }
     scene.redraw();
-    const copy = new OffscreenCanvas(150, 100).getContext("2d");
+    const copy = new OffscreenCanvas(300, 200).getContext("2d");
     const canvas = host.querySelector("canvas");
     await frame();
-    copy.drawImage(canvas, 0, 0, 150, 100);
+    copy.drawImage(canvas, 0, 0, 300, 200);
     scene.dispose();
     host.remove();
-    return [...copy.getImageData(0, 0, 150, 100).data];
+    return [...copy.getImageData(0, 0, 300, 200).data];
 }"""
 """Draws the readings in so many steps, and returns the pixels."""
 
@@ -327,7 +327,7 @@ def test_readings_drawn_onto_a_picture_that_was_kept_look_as_when_all_are_drawn(
     page = done(visitor.page(reduced_motion="reduce"))
     view = page.evaluate("flinders.store.view")
     kept, whole, fewer = (
-        np.array(page.evaluate(LAID, [counts, view])).reshape(100, 150, 4).astype(int)
+        np.array(page.evaluate(LAID, [counts, view])).reshape(200, 300, 4).astype(int)
         for counts in ([2000, 2400, 2700, 3000], [3000], [2000])
     )
     assert np.ptp(whole[..., 3]) == 255, "something is drawn"
