@@ -287,7 +287,8 @@ def test_odd_input(name: str, folder: Path, tmp_path: Path) -> None:
     del result
     judged(odd, code, out, err)
     assert contents(folder) == before
-    gc.collect()
+    if any((tmp_path / "scratch").iterdir()):
+        gc.collect()
     assert list((tmp_path / "scratch").iterdir()) == []
 
 
@@ -312,9 +313,7 @@ def program(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-@pytest.mark.parametrize(
-    "words", ["demo", "demo --json", "methods", "--help", "calibrate good.csv", "apply calibration.json good.csv"]
-)
+@pytest.mark.parametrize("words", ["demo --json", "--help", "calibrate good.csv", "apply calibration.json good.csv"])
 def test_a_full_disk_behind_standard_output_ends_with_6_and_a_line(words: str, folder: Path) -> None:
     with Path("/dev/full").open("wb") as full:
         done = program(words.split(), stdout=full.fileno())
