@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from _pytest.doctest import DoctestModule
 from hypothesis import settings
 from tests.trials import Trials
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from tests.trials import Choose
 
@@ -56,6 +57,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_xdist_auto_num_workers() -> int:
     """One worker more than cores: tests that drive a browser or a serial port wait for most of their time."""
     return (os.cpu_count() or 1) + 1
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """A file of tests has no examples: looking for them takes as long as to collect its tests."""
+    collectors = yield
+    is_of_tests = file_path.name.startswith("test_")
+    return [one for one in collectors if not (is_of_tests and isinstance(one, DoctestModule))]
 
 
 @pytest.hookimpl(tryfirst=True)
