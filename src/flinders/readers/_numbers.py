@@ -18,6 +18,7 @@ import csv
 import math
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib import import_module
 from itertools import repeat
 from typing import TYPE_CHECKING, Final, TypeAlias
@@ -117,6 +118,7 @@ def unglued(text: str) -> str:
     return GLUED.sub(lambda match: match[0][0] + match[0][1:].replace("-", " -"), text) if "-" in text else text
 
 
+@lru_cache(4096)
 def number(cell: str, decimal: str) -> float | None:
     """Read a cell: NaN where it is empty or says so, None where it is text."""
     text = cell.strip()
