@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.report.fleet_view import FleetDrift, UnitDrift
+    from flinders.report.fleet import FleetDrift, UnitDrift
 
 FIELD: Final = 48.0
 ENTRIES: Final = ((0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2))

@@ -37,8 +37,8 @@ from flinders.fleet.results import UnitResults
 from flinders.fleet.scheduler import cores
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.native.engine import engine
-from flinders.simulate import angle_error_deg
-from flinders.simulate.fleet import BAD, Specimen, field_unit, fleet
+from flinders.simulate import GaussMarkov, ThermalDrift, angle_error_deg, tumble
+from flinders.simulate.fleet import BAD, FIELD_UT, Specimen, fleet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -50,6 +50,8 @@ UNITS, EACH, FILES = 20_000, 500, 100
 """Of the fleet that ratios are of: ten million readings."""
 A_FILE: Final = 200
 """Units in a file where there are other numbers of them."""
+FIELD_READINGS: Final = (1_000, 20_000)
+"""Of a unit that people record."""
 POOL, FIELD_POOL = 1_000, 200
 """Units that are simulated."""
 APART_UT: Final = 0.5
@@ -64,6 +66,27 @@ MEMORY_LIMIT_MB: Final = 1_000.0
 JOBS: Final = ("read", "engine", "fit")
 A_PART, PARTS = 100, 1_000
 """Rows of a part, as many as units of ten thousand readings make, and how many of them are written."""
+
+
+def field_unit(number: int, *, seed: int = 0) -> Specimen:
+    """A unit as people record it, not as a line does: by hand, with all that comes with it.
+
+    20 s to 7 min of turning at 50 Hz, half a µT of noise of which a part has a memory of a second, a reading in a
+    hundred taken beside something magnetic, and a sensor that warms up by 15 K, has a thermometer and hardly minds.
+    """
+    rng = np.random.default_rng([seed, number, 1])
+    least, most = np.log(FIELD_READINGS)
+    made = tumble(
+        rng,
+        motion="hand",
+        n=int(np.exp(rng.uniform(least, most))),
+        field_strength=rng.uniform(*FIELD_UT),
+        noise=0.4,
+        outliers=0.01,
+        disturbances=[GaussMarkov(0.3, seconds=1.0), ThermalDrift(0.002)],
+    )
+    samples = replace(made.samples, source=f"unit {number:07d}")
+    return Specimen(number, samples, made.sensor, made.field_strength)
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,34 +99,34 @@ def a_row_group(folder: Path) -> None:
 
 def a_line(_: Path) -> None:
     """From a line of a serial port to what the page is told: all but the port, the socket and the fit."""
-    from flinders.core.axes import Axes
     from flinders.core.units import Unit
-    from flinders.live.buffer import Timeline, rows_of_readings
+    from flinders.live.buffer import rows_of
     from flinders.live.messages import encode
     from flinders.live.page_state import session_state
-    from flinders.live.session import Arrived, Evaluated, FitDone, Session, begin_fit, snapshot, step
+    from flinders.live.session import Arrived, Evaluated, FitDone, Session, begin_fit, step
     from flinders.live.transcript import Transcript
 
     field = _tumble().field
-    transcript, session, timeline = Transcript("the board"), Session(), Timeline()
+    transcript, session = Transcript("the board"), Session()
     for number, (x, y, z) in enumerate(field.tolist()):
         line = f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n"
         taken = transcript.take(line.encode(), at=0.1 * number)
-        if taken.readings:
-            rows, timeline = rows_of_readings(list(taken.readings), Axes(), timeline)
-            session = step(session, Arrived(0.1 * number, rows, Unit.of("uT")))[0]
+        if taken.readings is not None:
+            session = step(session, Arrived(0.1 * number, rows_of(taken.readings), Unit.of("uT")))[0]
     session = begin_fit(session)
-    session, messages = step(session, FitDone(60.0, Evaluated(key=snapshot(session).key), 0.01))
+    session, messages = step(session, FitDone(60.0, Evaluated(key=session.shown.key), 0.01))
     for message in (*messages, session_state(session)):
         encode(message)
 
 
 def a_live_fit(_: Path) -> None:
     """From the readings of a session to the view of their fit."""
+    from flinders.core.units import Unit
+    from flinders.live.buffer import rows_of
     from flinders.live.evaluation import evaluate
-    from flinders.live.session import Snapshot
+    from flinders.live.session import Arrived, Session, step
 
-    evaluate(Snapshot(key=1, samples=_tumble(), is_followed=True))
+    evaluate(step(Session(), Arrived(60.0, rows_of(_tumble()), Unit.of("uT")))[0])
 
 
 def _command(*words: str) -> None:

@@ -19,6 +19,7 @@ from tests.sketches import DOCS, SHAPES, printed
 
 import flinders
 from flinders import simulate
+from flinders.core.samples import Samples
 from flinders.live.recorder import Recorder, ToFile
 from flinders.live.transports import Serial
 
@@ -121,16 +122,16 @@ def test_a_recording_and_the_live_page_give_the_same_numbers(
         until = time.monotonic() + PATIENCE_S
         while recorder.statistics.readings < len(numbers) and time.monotonic() < until:
             found = recorder.next(0.1)
-            live += found if isinstance(found, list) else []
+            live += [found.field] if isinstance(found, Samples) else []
         recorder.close()
         while found := recorder.next(0.0):
-            live += found if isinstance(found, list) else []
+            live += [found.field] if isinstance(found, Samples) else []
     sender.join()
     recorded = flinders.read(path, columns=options.get("columns") and _after_time(options["columns"]))
     np.testing.assert_allclose(recorded.field / recorded.unit.scale, numbers, rtol=1e-9, atol=1e-9)
     assert recorded.unit.name == ((shape["unit"] or "counts") if shape["stated"] else "counts")
     if "columns" not in shape:
-        np.testing.assert_allclose([reading.field for reading in live], recorded.field, rtol=1e-12)
+        np.testing.assert_allclose(np.concatenate(live), recorded.field, rtol=1e-12)
 
 
 def _send(master: int, content: bytes) -> None:

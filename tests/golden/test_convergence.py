@@ -14,7 +14,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.estimators import METHODS, Convergence
 from flinders.report.colours import SERIES
-from flinders.report.convergence import Trace, drawing, table
+from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -73,8 +73,8 @@ def test_an_estimate_that_never_moves_can_be_drawn() -> None:
         np.array([[np.nan] * 9, [0.0] * 9]),
     )
     for settling in (Trace(steps, "x", "counts"), Trace(steps, "x", "uT", dip_deg=-60.0, target_deg=45.0)):
-        assert "nan" not in drawing(settling)
-        assert table(settling).splitlines()[1] == "10" + "," * 19
+        assert "nan" not in convergence_drawing(settling)
+        assert convergence_table(settling).splitlines()[1] == "10" + "," * 19
         assert settling.heading_off_deg[1] == 0.0
 
 

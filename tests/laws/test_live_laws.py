@@ -16,7 +16,7 @@ from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.live.buffer import SHOWN, Exclusions, ReadingBuffer, Timeline, rows_of, stride_for
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import Clear, Exclude, FitMessage, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
+from flinders.live.messages import Clear, Exclude, Notice, Pause, Redo, Restore, SetTarget, Undo, parse
 from flinders.live.page_state import Cursor, points, session_state
 from flinders.live.session import (
     SHARE,
@@ -28,8 +28,8 @@ from flinders.live.session import (
     Requested,
     Session,
     begin_fit,
-    snapshot,
     step,
+    used_readings,
     wants_fit,
 )
 
@@ -50,9 +50,9 @@ def arriving(places: list[int]) -> list[Event]:
     return [Arrived(ROWS[b - 1, 0], ROWS[a:b], UT) for a, b in itertools.pairwise(places) if b > a]
 
 
-def replayed(events: list[Event], session: Session) -> tuple[Session, list[FitMessage | Notice]]:
+def replayed(events: list[Event], session: Session) -> tuple[Session, list[Notice]]:
     """Take a list of events in, one after the other."""
-    replies: list[FitMessage | Notice] = []
+    replies: list[Notice] = []
     for event in events:
         session, more = step(session, event)
         replies += more
@@ -60,7 +60,7 @@ def replayed(events: list[Event], session: Session) -> tuple[Session, list[FitMe
 
 
 def fitted(session: Session) -> str:
-    return repr(evaluate(snapshot(session)).view)
+    return repr(evaluate(session).view)
 
 
 WHOLE = fitted(replayed(arriving([0, len(ROWS)]), Session())[0])
@@ -80,7 +80,7 @@ def test_exclude_and_undo_is_as_if_nothing_had_happened(before: list[Exclude], s
     taken, _ = step(session, Requested(61.0, Exclude(*span)))
     assume(taken.shown.exclusions != session.shown.exclusions)
     later, _ = step(taken, Requested(62.0, Undo()))
-    npt.assert_array_equal(snapshot(later).samples.field, snapshot(session).samples.field)
+    npt.assert_array_equal(used_readings(later)[0].field, used_readings(session)[0].field)
     assert session_state(later).excluded == session_state(session).excluded
 
 
@@ -105,8 +105,7 @@ def test_spans_stay_in_order_and_apart_and_all_steps_can_be_undone(wishes: list[
 @given(spans, st.integers(0, 599))
 def test_a_reading_is_fitted_unless_its_time_was_taken_out(span: tuple[float, float], row: int) -> None:
     session, _ = replayed([*arriving([0, 600]), Requested(60.0, Exclude(*span))], Session())
-    kept = snapshot(session).numbers
-    assert kept is not None
+    kept = used_readings(session)[1]
     assert (row in kept) == (not span[0] <= ROWS[row, 0] <= span[1])
     assert session_state(session).excluded_readings == 600 - len(kept)
 
@@ -134,19 +133,19 @@ def test_the_same_events_give_the_same_messages_again() -> None:
         Requested(61.0, SetTarget(0.5)),
     ]
     first, told = replayed(events, Session())
-    found = evaluate(snapshot(first))
+    found = evaluate(first)
     first, more = step(begin_fit(first), FitDone(62.0, found, 0.01))
     second, told_again = replayed(events, Session())
-    second, more_again = step(begin_fit(second), FitDone(62.0, evaluate(snapshot(second)), 0.01))
+    second, more_again = step(begin_fit(second), FitDone(62.0, evaluate(second), 0.01))
     assert (told, repr(more), session_state(first)) == (told_again, repr(more_again), session_state(second))
 
 
 def test_a_state_is_not_changed_by_what_comes_after_it() -> None:
     session, _ = replayed(arriving([0, 300]), Session())
-    before = snapshot(session).samples.field.copy()
+    before = used_readings(session)[0].field.copy()
     one, _ = step(session, Arrived(10.0, ROWS[300:310], UT))
     other, _ = step(session, Arrived(10.0, ROWS[400:410], UT))
-    npt.assert_array_equal(snapshot(session).samples.field, before)
+    npt.assert_array_equal(used_readings(session)[0].field, before)
     npt.assert_array_equal(one.live.buffer.field[300:], ROWS[300:310, 1:4])
     npt.assert_array_equal(other.live.buffer.field[300:], ROWS[400:410, 1:4])
 
@@ -236,17 +235,16 @@ def test_a_pause_is_an_exclusion_that_can_be_undone() -> None:
     assert session_state(session).paused
     session, _ = step(session, Requested(4.0, Pause(paused=False)))
     session, _ = step(session, Arrived(6.0, ROWS[200:300], UT))
-    numbers = snapshot(session).numbers
-    assert numbers is not None
+    numbers = used_readings(session)[1]
     npt.assert_array_equal(numbers, [*range(100), *range(200, 300)])
     session, _ = step(session, Requested(6.0, Undo()))
-    assert len(snapshot(session).samples) == 300
+    assert len(used_readings(session)[0]) == 300
 
 
 def test_a_fit_of_what_was_there_before_is_not_shown_after_clearing() -> None:
     session, _ = replayed(arriving([0, 600]), Session())
     session = begin_fit(session)
-    found = evaluate(snapshot(session))
+    found = evaluate(session)
     session, _ = step(session, Requested(60.0, Clear()))
     session, told = step(session, FitDone(60.1, found, 0.01))
     assert session.view is None

@@ -21,7 +21,6 @@ from flinders.heading.attitude import (
     roll_pitch_deg,
 )
 from flinders.heading.axis_consistency import EVERY, ForeignAxes, Frames
-from flinders.heading.deviation import largest_error_deg
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -89,11 +88,6 @@ def test_a_degree_of_tilt_costs_a_level_heading_as_much_as_the_tangent_of_the_di
     field, _ = seen(bodies(0.0, 0.0, AROUND))
     npt.assert_allclose(folded(level_heading_deg(field) - AROUND), 0.0, atol=1e-12)
     npt.assert_allclose(level_heading_deg(field[:, :2]), level_heading_deg(field), atol=1e-12)
-
-
-def test_a_stray_field_turns_the_heading_by_its_arcsine_at_most() -> None:
-    assert [f"{angle:.2f}" for angle in largest_error_deg([1.0, 5.0, 10.0], 25.0)] == ["2.29", "11.54", "23.58"]
-    assert np.isnan(largest_error_deg(26.0, 25.0))
 
 
 def test_z_may_point_up() -> None:

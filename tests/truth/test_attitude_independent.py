@@ -40,7 +40,7 @@ from flinders.estimators.reference.sequential import Sequential, SequentialState
 from flinders.fitting.result import Refused
 from flinders.geometry.ellipsoid import symmetric, upper
 from flinders.readers import read
-from flinders.report.convergence import Trace, drawing
+from flinders.report.drawings import Trace, convergence_drawing
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -389,7 +389,7 @@ def test_a_filter_that_is_lost_is_followed_up_to_there() -> None:
     assert settling.last is not None
     assert 100 < settling.counts[settling.last] < 300
     assert not settling.is_known[-1]
-    shown = drawing(Trace(settling, "ekf", "uT"))
+    shown = convergence_drawing(Trace(settling, "ekf", "uT"))
     assert f"over 2,000 readings: lost after {settling.counts[settling.last]}" in shown
     assert "nan" not in shown
 

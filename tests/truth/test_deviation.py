@@ -11,7 +11,7 @@ import pytest
 from flinders.errors import ArrayError, FitError, UsageError
 from flinders.geometry.angles import folded, mean_deg, shown_heading, wrapped
 from flinders.heading.attitude import level_heading_deg
-from flinders.heading.deviation import Expected, design, eight_points, eight_points_sigma, fit, of_iron
+from flinders.heading.deviation import Expected, design, eight_points, eight_points_sigma, fit
 from flinders.heading.stationary import half_turns, hard_iron, rests
 
 if TYPE_CHECKING:
@@ -66,10 +66,18 @@ def test_the_same_compass_over_magnetic_headings_has_other_coefficients() -> Non
 
 
 def test_iron_tells_the_coefficients_to_first_order() -> None:
-    found = of_iron(SOFT, HARD, horizontal=25.0, down=50.0 * 0.75**0.5)
-    assert shown(found, 3) == ["-0.258", "3.284", "-2.169", "0.859", "0.029"]
-    with pytest.raises(UsageError, match="horizontal field is 0"):
-        of_iron(SOFT, HARD, horizontal=0.0, down=40.0)
+    level, down = 25.0, 50.0 * 0.75**0.5
+    rows = [
+        (SOFT[1, 0] - SOFT[0, 1]) / 2.0,
+        (HARD[0] + SOFT[0, 2] * down) / level,
+        (HARD[1] + SOFT[1, 2] * down) / level,
+        (SOFT[0, 0] - SOFT[1, 1]) / 2.0,
+        (SOFT[1, 0] + SOFT[0, 1]) / 2.0,
+    ]
+    magnetic = np.arange(720) * 0.5
+    compass = with_iron(magnetic)
+    found = fit(compass, folded(magnetic - compass)).coefficients_deg
+    npt.assert_allclose(found, np.rad2deg(rows), atol=0.05)
 
 
 def test_the_claimed_uncertainty_is_what_repeats_scatter_by() -> None:

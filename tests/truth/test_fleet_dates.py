@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
-    from flinders.report.fleet_view import FleetDrift, UnitDrift
+    from flinders.report.fleet import FleetDrift, UnitDrift
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from benchmarks.drift import Truth
 
-    from flinders.report.fleet_view import UnitDrift
+    from flinders.report.fleet import UnitDrift
 
 parquet = pytest.importorskip("pyarrow.parquet")
 

@@ -92,7 +92,7 @@ def test_a_magnetometer_of_another_length_is_named(path: Path, field: Floats) ->
     assert "left out imu1.mag_uT (100 readings, of 20,000 here" in str(flinders.open_recording(path))
 
 
-@pytest.mark.parametrize("packing", [None, "gzip", "lzf"])
+@pytest.mark.parametrize("packing", [None, "gzip"])
 def test_records_have_columns_by_name(path: Path, field: Floats, packing: str | None) -> None:
     kind = [
         ("t", "f8"),

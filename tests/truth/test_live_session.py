@@ -32,8 +32,8 @@ from flinders.live.session import (
     Ticked,
     Unrecorded,
     begin_fit,
-    snapshot,
     step,
+    used_readings,
 )
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def after(samples: Samples, session: Session | None = None, **changes: object) -
 def fitted(session: Session) -> Session:
     """Fitted, and a second later, in which nothing came."""
     session = begin_fit(session)
-    session, _ = step(session, FitDone(session.at, evaluate(snapshot(session)), 0.01))
+    session, _ = step(session, FitDone(session.at, evaluate(session), 0.01))
     return step(session, Ticked(session.at + 1.0))[0]
 
 
@@ -232,10 +232,9 @@ def test_a_log_is_shown_in_place_of_the_sensor_which_goes_on() -> None:
 
 def test_a_long_session_is_fitted_from_a_spread_of_its_readings() -> None:
     many = simulate.tumble(seed=1, n=50_000, motion="uniform").samples
-    found = snapshot(step(Session(), Arrived(1.0, rows_of(many), many.unit))[0])
-    assert found.numbers is not None
-    assert 16_000 <= len(found.samples) <= 20_000
-    assert (np.diff(found.numbers) == 3).all()
+    samples, numbers = used_readings(step(Session(), Arrived(1.0, rows_of(many), many.unit))[0])
+    assert 16_000 <= len(samples) <= 20_000
+    assert (np.diff(numbers) == 3).all()
 
 
 def growing(rows: Floats, every_s: float) -> Iterator[SessionState]:
@@ -244,7 +243,7 @@ def growing(rows: Floats, every_s: float) -> Iterator[SessionState]:
     for at in np.arange(every_s, rows[-1, 0], every_s).tolist():
         new = rows[(rows[:, 0] > session.at) & (rows[:, 0] <= at)]
         session, _ = step(session, Arrived(at, new, Unit.of("uT")))
-        session, _ = step(begin_fit(session), FitDone(at, evaluate(snapshot(session)), 0.01))
+        session, _ = step(begin_fit(session), FitDone(at, evaluate(session), 0.01))
         yield session_state(session)
 
 
@@ -266,7 +265,7 @@ def test_a_stricter_target_has_to_be_reached_anew() -> None:
     session = Session(source=SENSOR)
     for cut in (2000, 2100, 2200):
         session, _ = step(session, Arrived(float(rows[cut, 0]), rows[session.live.buffer.total : cut], Unit.of("uT")))
-        session, _ = step(begin_fit(session), FitDone(session.at, evaluate(snapshot(session)), 0.01))
+        session, _ = step(begin_fit(session), FitDone(session.at, evaluate(session), 0.01))
     assert session_state(session).phase == "good"
     session, _ = step(session, Requested(session.at, SetTarget(0.5)))
     assert session_state(session).words.startswith("Almost: ")
@@ -322,10 +321,10 @@ def test_what_is_fitted_keeps_the_acceleration() -> None:
     samples = simulate.tumble(seed=1, n=500).samples
     down = np.tile([0.0, 0.0, 9.81], (500, 1))
     session = after(replace(samples, acceleration=down))
-    kept = snapshot(session).samples.acceleration
+    kept = used_readings(session)[0].acceleration
     assert kept is not None
     npt.assert_array_equal(kept, down)
-    assert snapshot(after(replace(samples, acceleration=None))).samples.acceleration is None
+    assert used_readings(after(replace(samples, acceleration=None)))[0].acceleration is None
 
 
 @pytest.mark.parametrize("together", [1, 3, 7])

@@ -75,7 +75,7 @@ def test_what_the_vehicle_uses_is_the_calibration_turned_to_the_rounding_of_floa
     rng = np.random.default_rng(rotation)
     sensor = simulate.Sensor.random(rng)
     given = Calibration.from_ellipsoid(sensor.offset, sensor.matrix @ sensor.matrix.T * 45, raw=GAUSS)
-    parameters = Parameters.of(given, compass=2, rotation=rotation, compensation=[0.1, -0.2, 0.3])
+    parameters = replace(Parameters.of(given, compass=2), rotation=rotation, motor=np.array([0.1, -0.2, 0.3]))
     raw = given.unapply(given.field_strength * simulate.uniform(rng, 1000)) / 100
     rows = dict(parameters.rows())
     expected = np.array([vehicle(rows, each, 0.7, MOUNTINGS[rotation][1:]) for each in raw])
@@ -97,13 +97,11 @@ def test_parameters_act_in_the_axes_as_recorded_whatever_the_mapping(axes: str) 
 
 def test_parameters_come_back_as_the_calibration_they_were() -> None:
     given = calibration([[1.1, 0.05, 0.02], [0.05, 0.9, -0.03], [0.02, -0.03, 1.02]], [12, -30, 7])
-    rows = dict(Parameters.of(given, compass=3, rotation=4, device_id=396809, priority=75).rows())
+    rows = dict(Parameters.of(given, compass=3).rows())
     assert rows["CAL_MAG3_XODIAG"] == pytest.approx(0.05)
     assert rows["CAL_MAG3_YODIAG"] == pytest.approx(0.02)
     assert rows["CAL_MAG3_ZODIAG"] == pytest.approx(-0.03)
-    assert (rows["CAL_MAG3_ROT"], rows["CAL_MAG3_ID"], rows["CAL_MAG3_PRIO"]) == (4, 396809, 75)
     assert Parameters.read(rows, 3).to_calibration(50.0).isclose(given, tolerance=1e-6)
-    assert "CAL_MAG0_ROT" not in dict(Parameters.of(given).rows())  # PX4 sets that of an internal compass itself
 
 
 def test_numbers_of_mountings_are_those_of_mavlink() -> None:
@@ -159,7 +157,7 @@ def test_what_px4_cannot_hold_is_refused_with_names_and_numbers() -> None:
     with pytest.raises(UnitError, match="--unit G"):
         Parameters.of(Calibration(np.eye(3), np.zeros(3), 500.0))
     with pytest.raises(UsageError, match="rotation 48 is not known"):
-        Parameters.of(calibration(np.eye(3)), rotation=48)
+        mounting(48)
     with pytest.raises(UsageError, match="compass 4"):
         Parameters.of(calibration(np.eye(3)), compass=4)
     with pytest.raises(NotExportable, match="CAL_MAG0_XOFF"):
@@ -269,10 +267,6 @@ FORMATS = {
     "sensor_gps": (
         "uint64_t timestamp;uint64_t time_utc_usec;double latitude_deg;double longitude_deg;double altitude_msl_m;",
         "<QQddd",
-    ),
-    "mag_worker_data": (
-        "uint64_t timestamp;uint32_t[4] calibration_counter_total;float[4] x;float[4] y;float[4] z;",
-        "<Q4I12f",
     ),
 }
 MODERN = {"CAL_MAG0_ID": 77, "CAL_MAG0_ROT": 2, "CAL_MAG0_PRIO": 75, "CAL_MAG0_XOFF": 0.25, "CAL_MAG0_ZSCALE": 1.25}
@@ -525,19 +519,6 @@ def test_a_calibration_on_board_in_the_middle_of_a_log_is_un_applied_where_it_he
     npt.assert_allclose(found.field[41:, 0], 20 + 50.0, atol=1e-5)
     npt.assert_allclose(rows(compass, as_logged=True)[0].field[:, 0], 20, atol=1e-5)
     assert "the calibration on board changed at 5 s" in compass.notes[0]
-
-
-def test_points_of_a_calibration_on_board_are_readings(tmp_path: Path) -> None:
-    points = 0.4 * simulate.uniform(np.random.default_rng(4), 30)
-    rows_ = [(10**6 * (n + 1), n + 1, n + 1, 0, 0, x, 2 * x, 0, 0, y, 2 * y, 0, 0, z, 2 * z, 0, 0)
-             for n, (x, y, z) in enumerate(points.tolist())]  # fmt: skip
-    again = [row for row in rows_ for _ in range(2)]  # a point is published until the next is taken
-    log = opened(tmp_path, ulog({("mag_worker_data", 0): again}))
-    assert [(one.name, one.readings) for one in log.instruments] == [
-        ("mag_worker_data 0", 30),
-        ("mag_worker_data 1", 30),
-    ]
-    npt.assert_allclose(rows(log.instruments[1])[0].field, 200 * points, atol=1e-4)
 
 
 def test_gaps_in_the_field_are_left_out_and_counted_by_the_whole(tmp_path: Path) -> None:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.feeding import asked
 
 from flinders import simulate
 from flinders.cli import main
-from flinders.core.samples import Samples
-from flinders.errors import OutputError, UnitError
-from flinders.live.feeds import FeedEvent, Reading, readings_of, samples_of
+from flinders.errors import OutputError
+from flinders.live.feeds import FeedEvent
 from flinders.live.recorder import Recorder, Resumed, ToFile
 from flinders.live.transcript import LONGEST, Transcript
 from flinders.live.transports import Gone, Quiet, Scripted
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
 
 FIELD = np.round(simulate.tumble(seed=3).samples.field[:40], 1)
 """µT to the 0.1 µT of MotionCal's counts."""
@@ -42,18 +43,15 @@ def table(rows: Floats = FIELD, header: str = "mx_uT,my_uT,mz_uT\n") -> bytes:
     return (header + "".join(f"{x:.1f},{y:.1f},{z:.1f}\n" for x, y, z in rows)).encode()
 
 
-def fed(recorder: Recorder, source: Scripted) -> tuple[list[Reading], list[FeedEvent]]:
+def fed(recorder: Recorder, source: Scripted) -> tuple[Samples, list[FeedEvent]]:
     """Ask until the script is at its end, and then for what is left."""
-    readings: list[Reading] = []
-    events: list[FeedEvent] = []
-    while not events or events[-1].kind != "ended":
+
+    def is_over(_: Samples, events: list[FeedEvent]) -> bool:
         if source.is_done:
             recorder.close()
-        found = recorder.next(0.01)
-        if isinstance(found, FeedEvent):
-            events.append(found)
-        else:
-            readings += found
+        return bool(events) and events[-1].kind == "ended"
+
+    readings, events = asked(recorder, is_over)
     return readings, events[:-1]
 
 
@@ -82,7 +80,7 @@ def test_readings_are_those_that_the_file_gives(content: bytes) -> None:
     source = Scripted([content[a:b] for a, b in zip([0, *cuts], [*cuts, len(content)], strict=True) if b > a])
     with ToFile("out.csv") as sink:
         readings, events = fed(Recorder(source, sink), source)
-    live, kept = samples_of(readings), read("out.csv")
+    live, kept = readings, read("out.csv")
     assert [event.kind for event in events] == ["connected", "settled"]
     np.testing.assert_array_equal(live.field, kept.field)
     assert live.unit.inside == kept.unit.inside
@@ -95,13 +93,13 @@ def test_readings_are_those_that_the_file_gives(content: bytes) -> None:
 
 def test_columns_and_unit_that_the_lines_do_not_tell_are_those_asked_for() -> None:
     content = b"x\n" + b"1,2,3,217,4,-586\n" * 30
-    for asked, count in (({}, 0), ({"columns": "c4,c5,c6", "unit": "mG"}, 30)):
+    for options, count in (({}, 0), ({"columns": "c4,c5,c6", "unit": "mG"}, 30)):
         source = Scripted([content])
         with ToFile("out.csv", force=True) as sink:
-            readings, _ = fed(Recorder(source, sink, **asked), source)  # type: ignore[arg-type]
+            readings, _ = fed(Recorder(source, sink, **options), source)  # type: ignore[arg-type]
         assert len(readings) == count
-    assert readings[0].field == pytest.approx((21.7, 0.4, -58.6))
-    assert readings[0].unit == "uT"
+    assert readings.field[0] == pytest.approx((21.7, 0.4, -58.6))
+    assert readings.unit.inside == "uT"
 
 
 def test_a_loss_and_a_return_are_events_between_the_readings() -> None:
@@ -111,7 +109,7 @@ def test_a_loss_and_a_return_are_events_between_the_readings() -> None:
         recorder = Recorder(source, sink)
         while not source.is_done:
             found = recorder.next(0.05)
-            order += [found.kind] if isinstance(found, FeedEvent) else ["readings"] if found else []
+            order += [found.kind] if isinstance(found, FeedEvent) else [] if found is None else ["readings"]
         recorder.close()
     assert order == ["connected", "settled", "readings", "gone", "back", "readings"]
     np.testing.assert_allclose(read("out.csv").field, FIELD)
@@ -159,7 +157,7 @@ def test_bytes_without_line_ends_are_bounded_and_told_as_such() -> None:
     transcript = Transcript("the board")
     for second in range(50):
         taken = transcript.take(b"21.7 0.4 -58.6 " * 1000, second / 100)
-        assert not taken.readings
+        assert taken.readings is None
     assert len(transcript._rest) <= LONGEST
     transcript = Transcript("the board")
     transcript.take(b"21.7 0.4 -58.6 " * 20, 1.0)
@@ -172,21 +170,9 @@ def test_a_layout_that_fits_none_of_the_lines_settles_nothing() -> None:
     transcript = Transcript("the board")
     assert transcript.take(b"12:30:05 1.0 2.0\n" * 30, 0.5).events == []
     assert transcript.statistics.form is None
-    assert len(transcript.take(raw(), 1.0).readings) == 40
-
-
-def test_readings_in_two_units_do_not_go_together() -> None:
-    readings = [Reading(0.0, (1, 2, 3), "uT"), Reading(0.1, (1, 2, 3), "counts")]
-    with pytest.raises(UnitError, match="take those in one unit"):
-        samples_of(readings)
-    assert len(samples_of([])) == 0
-    part = [Reading(0.0, (1, 2, 3), "uT", acceleration=(0, 0, 1)), Reading(0.1, (1, 2, 3), "uT", temperature=20.0)]
-    samples = samples_of(part)
-    assert samples.acceleration is not None
-    assert samples.temperature is not None
-    np.testing.assert_array_equal(np.isnan(samples.acceleration[:, 0]), [False, True])
-    assert readings_of(samples) == part
-    assert readings_of(Samples.of([[1, 2, 3]]))[0].time == 0.0
+    readings = transcript.take(raw(), 1.0).readings
+    assert readings is not None
+    assert len(readings) == 40
 
 
 # what a crash leaves
@@ -218,7 +204,7 @@ def test_a_torn_recording_is_continued_and_nothing_of_it_lost() -> None:
     assert kept.time is not None
     assert (np.diff(kept.time) > 0).all()
     assert 10 <= kept.time[2] < 14  # since the beginning of the first
-    np.testing.assert_array_equal([reading.time for reading in readings], kept.time[2:])
+    np.testing.assert_array_equal(readings.time, kept.time[2:])
 
 
 @pytest.mark.parametrize(
@@ -341,4 +327,4 @@ def test_quiet_is_nothing() -> None:
     with ToFile("out.csv") as sink:
         recorder = Recorder(source, sink)
         assert isinstance(recorder.next(0.01), FeedEvent)
-        assert recorder.next(0.01) == []
+        assert recorder.next(0.01) is None

@@ -28,9 +28,8 @@ from flinders.likelihood.site_field import Site
 from flinders.report import html_file
 from flinders.report.figure_data import FigureData, doubts, restored
 from flinders.report.figures import coverage_map, error_map, offset_over_time, projections
-from flinders.report.formatting import degrees
+from flinders.report.formatting import degrees, mounting
 from flinders.report.html import page, python_of
-from flinders.report.sections import mounting
 from flinders.report.terminal import plot
 from flinders.report.view import tile_errors_deg
 

@@ -217,7 +217,7 @@ def test_ardupilot_holds_every_value_and_no_other_changed() -> None:
         assert seen.name == "ArduPilot, system 1"
         plan = ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1)
         assert autopilot.sets == []
-        plan.carry_out(seen)
+        plan.carry_out()
     held = ardupilot.ArduPilotParameters.read(autopilot.values, 2)
     wanted = ardupilot.ArduPilotParameters.of(found(), compass=2).as_held()
     np.testing.assert_array_equal(held.matrix, wanted.matrix)
@@ -231,7 +231,7 @@ def test_px4_device_ids_travel_byte_by_byte() -> None:
     with vehicle(kind=mavlink.PX4) as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(sensor=f"sensor_mag 1 (device {DEVICE + 1})"))
         assert (plan.compass, plan.device_id) == (1, DEVICE + 1)  # looked up by the id that the calibration names
-        plan.carry_out(seen)
+        plan.carry_out()
     held = px4.Px4Parameters.read(autopilot.values, 1)
     wanted = px4.Px4Parameters.of(found(), compass=1).as_held()
     np.testing.assert_array_equal(held.matrix, wanted.matrix)
@@ -242,7 +242,7 @@ def test_px4_device_ids_travel_byte_by_byte() -> None:
 def test_the_other_scheme_of_names_and_mavlink_1_work() -> None:
     with vehicle(scheme=1, old=True) as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(), compass=1, device_id=DEVICE)
-        plan.carry_out(seen)
+        plan.carry_out()
     assert autopilot.values["COMPASS1_OFS_X"] == np.float32(-123.456789)
 
 
@@ -270,7 +270,7 @@ def test_a_value_that_is_not_taken_brings_all_the_old_ones_back() -> None:
     with vehicle(ignores=("COMPASS_ODI_Y",)) as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match="did not confirm COMPASS_ODI_Y") as caught:
-            plan.carry_out(seen)
+            plan.carry_out()
     assert "holds the values from before again (all 8 that were touched, confirmed)" in str(caught.value)
     assert autopilot.values == autopilot.before
     assert len(autopilot.sets) > 8  # it had been under way
@@ -280,14 +280,19 @@ def test_where_the_old_values_cannot_be_put_back_their_names_are_told() -> None:
     with vehicle(answers_wrongly=("COMPASS_OFS_Y",)) as (_, seen):
         plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match="could not be put back for COMPASS_OFS_Y: DO NOT ARM"):
-            plan.carry_out(seen)
+            plan.carry_out()
 
 
 def test_a_vehicle_that_is_armed_on_the_way_gets_its_old_values_back() -> None:
     with vehicle(arms=2) as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(), compass=1)
+
+        def slow() -> bool:
+            time.sleep(0.12)
+            return False
+
         with pytest.raises(NotConfirmed, match=r"is armed.*holds the values from before again"):
-            plan.carry_out(seen, done=lambda _: time.sleep(0.12))
+            plan.carry_out(stopped=slow)
     assert autopilot.values == autopilot.before
 
 
@@ -296,7 +301,7 @@ def test_a_link_that_is_lost_on_the_way_says_what_is_not_known() -> None:
         plan = ParameterPlan.of(seen, found(), compass=1)
         said: list[str] = []
         with pytest.raises(NotConfirmed, match=r"has been silent for 0\.6 s; and .* COMPASS_OFS_X, COMPASS_OFS_Y, CO"):
-            plan.carry_out(seen, say=said.append, back=0.3)
+            plan.carry_out(say=said.append, back=0.3)
     assert len(autopilot.sets) == 3
     assert any("waiting up to 0.3 s for it, to put the values from before back" in line for line in said)
 
@@ -305,13 +310,13 @@ def test_a_vehicle_that_comes_back_in_time_gets_its_old_values() -> None:
     with vehicle(falls_silent=3, away=1.2) as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match=r"silent for 0\.6 s; the vehicle holds the values from before again"):
-            plan.carry_out(seen, back=5.0)
+            plan.carry_out(back=5.0)
     assert autopilot.values == autopilot.before
 
 
 def test_three_of_ten_packets_lost_each_way_are_sent_again() -> None:
     with vehicle(loses=0.3, answer=0.05) as (autopilot, seen):
-        ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1).carry_out(seen)
+        ParameterPlan.of(seen, found(), compass=2, device_id=DEVICE + 1).carry_out()
     held = ardupilot.ArduPilotParameters.read(autopilot.values, 2)
     np.testing.assert_array_equal(held.offset, ardupilot.ArduPilotParameters.of(found(), compass=2).as_held().offset)
 
@@ -320,7 +325,7 @@ def test_a_vehicle_that_rounds_is_left_as_it_was_and_what_it_says_is_told() -> N
     with vehicle(rounds=2) as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match=r"COMPASS_OFS_X as -123\.456787: it says -123\.4[56]"):
-            plan.carry_out(seen)
+            plan.carry_out()
     assert autopilot.values == autopilot.before
 
 
@@ -347,7 +352,7 @@ def test_an_old_value_that_is_no_number_is_kept_and_put_back() -> None:
         plan = ParameterPlan.of(seen, found(), compass=1)
         assert "COMPASS_OFS_X,nan\n" in plan.backup()
         with pytest.raises(NotConfirmed, match="holds the values from before again"):
-            plan.carry_out(seen)
+            plan.carry_out()
         assert np.isnan(autopilot.values["COMPASS_OFS_X"])
 
 
@@ -362,7 +367,7 @@ def test_other_components_of_the_vehicle_have_no_say() -> None:
         assert (seen.component, seen.autopilot, seen.armed) == (1, mavlink.ARDUPILOT, False)
         plan = ParameterPlan.of(seen, found(), compass=1)
         assert {change.old.value for change in plan.changes} == {0.0, 1.0, 3.0}
-        plan.carry_out(seen)
+        plan.carry_out()
     assert autopilot.values["COMPASS_OFS_X"] == np.float32(-123.456789)
     source = Udp(0, "127.0.0.1")
     autopilot = Autopilot(source.port, crowded=(100,))
@@ -377,13 +382,13 @@ def test_stopping_puts_the_old_values_back() -> None:
     with vehicle() as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(), compass=1)
         with pytest.raises(NotConfirmed, match=r"stopped before all was sent; .* \(all 4 "):
-            plan.carry_out(seen, stopped=lambda: len(autopilot.sets) >= 4)
+            plan.carry_out(stopped=lambda: len(autopilot.sets) >= 4)
     assert autopilot.values == autopilot.before
 
 
 def test_late_and_lost_answers_are_waited_for() -> None:
     with vehicle(late=0.05, drops=2) as (autopilot, seen):
-        ParameterPlan.of(seen, found(), compass=1).carry_out(seen)
+        ParameterPlan.of(seen, found(), compass=1).carry_out()
     assert autopilot.values["COMPASS_OFS_X"] == np.float32(-123.456789)
 
 
@@ -391,7 +396,7 @@ def test_a_late_answer_to_an_earlier_question_does_no_harm() -> None:
     with vehicle(answer=0.08) as (autopilot, seen):
         plan = ParameterPlan.of(seen, found(), compass=1)
         autopilot.late = 0.1  # longer than a first try: many answers are to the try before
-        plan.carry_out(seen)
+        plan.carry_out()
         assert autopilot.values["COMPASS_DIA_Z"] == np.float32(dict(plan_values(plan))["COMPASS_DIA_Z"])
 
 

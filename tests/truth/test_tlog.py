@@ -114,26 +114,6 @@ def test_telemetry_says_what_is_certain_of_it(tmp_path: Path) -> None:
     assert "COMPASS_MOT" not in driven.describe()
 
 
-def test_each_motor_has_the_current_that_was_sent(tmp_path: Path) -> None:
-    """Six motors, in two messages of four."""
-    log, _ = telemetry({})
-    send, none = log.sender, [0] * 4
-    for step in range(200):
-        for first in (0, 4):
-            amperes = [first + place + 1.0 + 0.01 * step if first + place < 6 else 0.0 for place in range(4)]
-            whole = [round(100 * value) for value in amperes]
-            encode = send.esc_telemetry_5_to_8_encode if first else send.esc_telemetry_1_to_4_encode
-            told = encode(bytes(4), none, whole, none, none, none)
-            log.add(told, 0.1)
-        log.add(send.raw_imu_encode(40_000_000 + 200_000 * step, 0, 0, -1000, 0, 0, 0, 100, 200, 300))
-    found = all_of(heard(log.content, tmp_path).instruments[0], "currents")
-    assert found.shape == (400, 6)
-    known = found[np.isfinite(found).all(axis=1)]
-    assert len(known) > 190
-    npt.assert_allclose(np.diff(known, axis=1)[:, [0, 1, 2, 4]], 1.0, atol=1e-6)
-    npt.assert_allclose(known[-1], np.arange(1, 7) + 1.99, atol=0.011)
-
-
 @pytest.mark.parametrize(("by", "kind"), [("current", 2.0), ("throttle", 1.0)])
 def test_motor_compensation_is_taken_off_by_what_was_sent(by: str, kind: float, tmp_path: Path) -> None:
     """Whole mG, cut after it: 1 mG through the matrix; currents in 10 mA, throttles in per cent: 0.2 mG more."""
@@ -297,7 +277,7 @@ def test_the_messages_that_are_asked_for_are_those_of_the_dialect() -> None:
     for number, (name, _) in tlog.COMPASS_MESSAGES.items():
         assert pymavlink.mavlink_map[number].msgname == name
     others = {"HEARTBEAT", "SYS_STATUS", "PARAM_VALUE", "GPS_RAW_INT", "GLOBAL_POSITION_INT", "ATTITUDE",
-              "ATTITUDE_QUATERNION", "VFR_HUD", "ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_9_TO_12"}  # fmt: skip
+              "ATTITUDE_QUATERNION", "VFR_HUD"}  # fmt: skip
     assert others <= {pymavlink.mavlink_map[number].msgname for number in tlog.WANTED}
 
 

@@ -26,7 +26,7 @@ from flinders.estimators.two_axis import TwoAxisRecipe
 from flinders.fitting.result import Fit
 from flinders.geometry.plane import PLANES, PlaneEllipse, Spacing, Turn, order_of, root
 from flinders.heading.error_propagation import level_turn
-from flinders.report.turn import drawing
+from flinders.report.drawings import turn_drawing
 from flinders.simulate import TwoAxis, swing
 from flinders.summary.summary import Summary
 
@@ -703,7 +703,7 @@ def test_the_drawing_shows_every_point_before_and_after() -> None:
     field = read(np.arange(0.0, 360.0, 10.0))
     fit = flinders.fit(field, method="two-axis")
     turn = Turn.of("xy", field[:, :2], PlaneEllipse.of_points(field[:, :2]))
-    picture = drawing(turn, fit)
+    picture = turn_drawing(turn, fit)
     assert picture.count('class="point ') == 2 * 36
     assert picture.count('class="iron-end"') == 1
     assert "prefers-color-scheme: dark" in picture

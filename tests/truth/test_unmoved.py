@@ -17,8 +17,9 @@ from flinders.core.samples import Samples
 from flinders.diagnostics.unmoved import unmoved_deg
 from flinders.errors import FitError, Unmoved
 from flinders.fitting.result import Refused
+from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate
-from flinders.live.session import Snapshot
+from flinders.live.session import Arrived, Session, step
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -227,7 +228,8 @@ def test_info_says_one_thing(still: str) -> None:
 def test_the_live_page_says_one_thing(trials: Choose) -> None:
     for seed in trials(25, 2).seeds:
         field, _ = handled(seed, n=3000)
-        found = evaluate(Snapshot(key=1, samples=Samples(field, time=np.arange(3000) / 50.0)))
+        samples = Samples(field, time=np.arange(3000) / 50.0)
+        found = evaluate(step(Session(), Arrived(60.0, rows_of(samples), samples.unit))[0])
         assert [(reason.code, reason.severity) for reason in found.reasons] == [("no-rotation", "info")]
         assert found.refusal.startswith("all readings lie within ")
         assert found.view is None

@@ -49,7 +49,7 @@ def write(path: str, recording: Recording, options: dict[str, Any], *, force: bo
         Where it cannot be written.
     """
     from flinders.core.files import write_text
-    from flinders.report.convergence import Trace, drawing, table
+    from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
     steps = _watched(recording, options)
     if steps is None or steps.last is None:
@@ -63,7 +63,7 @@ def write(path: str, recording: Recording, options: dict[str, Any], *, force: bo
         target_deg=options["target_deg"],
     )
     is_drawing = Path(path).suffix.lower() == KINDS[0]
-    write_text(drawing(trace) if is_drawing else table(trace), path, force=force)
+    write_text(convergence_drawing(trace) if is_drawing else convergence_table(trace), path, force=force)
     say(f"convergence written to {path}")
 
 

@@ -60,7 +60,7 @@ def command(options: CompareMethods) -> int:
     from flinders.comparison.methods import compare_methods, known
     from flinders.core.samples import Joined, singles
     from flinders.readers import open_recording
-    from flinders.report.comparison_pages import of_methods
+    from flinders.report.comparison_pages import of_contest
 
     known(options.methods)
     refuse_twice(options.recordings)
@@ -76,5 +76,5 @@ def command(options: CompareMethods) -> int:
                 **options.judgement.as_dict(),
                 tell=tell,
             )
-    print_result(contest.as_dict, lambda: of_methods(contest), as_json=options.as_json)
+    print_result(contest.as_dict, lambda: of_contest(contest), as_json=options.as_json)
     return EXITS[contest.verdict]

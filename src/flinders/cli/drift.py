@@ -11,7 +11,7 @@ from flinders.cli._output import Outputs, refuse_twice, working
 from flinders.cli._program import GOOD, LIMITED
 
 if TYPE_CHECKING:
-    from flinders.report.fleet_view import FleetDrift
+    from flinders.report.fleet import FleetDrift
 
 
 class Drift(option.Group):
@@ -67,7 +67,7 @@ def command(options: Drift) -> int:
     drifts slowly. Recordings are taken in the order of their dates, else of their names.
     """
     from flinders.fleet.drift import drift_of, drift_table
-    from flinders.report.drift_page import of_drift
+    from flinders.report.comparison_pages import of_drift
 
     refuse_twice(options.tables)
     outputs = Outputs.of(

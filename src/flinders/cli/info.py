@@ -12,7 +12,7 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from flinders.core.geomag import SiteField
     from flinders.readers import Log
-    from flinders.report.recording_contents import Contents
+    from flinders.report.recording import Contents
 
 
 class Info(option.Group):
@@ -43,7 +43,7 @@ def command(options: Info) -> None:
     directions were seen, and the command to type next. LOG is any recording that `flinders calibrate` takes.
     """
     from flinders.readers import open_log
-    from flinders.report.recording_page import of_contents
+    from flinders.report.recording import of_contents
 
     if is_calibration(options.log):
         raise UsageError(
@@ -57,8 +57,7 @@ def command(options: Info) -> None:
 
 def _contents(log: Log, options: Info) -> Contents:
     """Go through each magnetometer once, and put together what was found."""
-    from flinders.report.recording_contents import Contents, sensors_of
-    from flinders.report.recording_page import commands_for
+    from flinders.report.recording import Contents, commands_for, sensors_of
 
     reading, file, position = options.reading, log.instruments[0].file, log.position
     site = _site(log, options.place)

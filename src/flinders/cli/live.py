@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,12 +18,15 @@ from flinders.cli._output import print_json, say
 from flinders.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.live.opening import Source
+    from flinders.live.messages import Kind
     from flinders.live.session import Session
+    from flinders.live.session_file import Source
 
 ANY_PORT: Final = "?"
 """``--serial`` without a port."""
 PORT: Final = 8410
+SEED: Final = 1
+"""Of the simulation, always the same sensor: a session of it can be resumed."""
 SWITCH_S: Final = 0.0005
 """Seconds that a fit may keep the interpreter from whoever waits for a datagram."""
 
@@ -87,34 +91,43 @@ class LiveSource(option.Group):
 
     def opened(self, stack: contextlib.ExitStack) -> Source:
         """Open what is named; a port where one is plugged in, and else the simulation, where nothing is."""
-        from flinders.live.opening import Source
-        from flinders.live.transports import only_port, opened_lines, opened_link
+        from flinders.live.feeds import Replay
+        from flinders.live.recorder import RecordedFeed, Recorder
+        from flinders.live.session_file import Source
+        from flinders.live.transports import opened_lines, opened_link
         from flinders.readers import open_recording
 
         reading = {name: value for name, value in self.lines.as_dict().items() if value is not None}
         if self.replay is not None:
             recording = open_recording(self.replay, **reading)
             say(str(recording))
-            return Source.of_recording(recording, speed=self.speed or 1.0)
+            return Source("replay", partial(RecordedFeed, Replay(recording, speed=self.speed or 1.0)))
         if self.mavlink is not None:
+            from flinders.live.mavlink import Telemetry, Vehicle
+
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud)))
-            return Source.of_vehicle(link, compass=self.compass)
-        if self.simulate:
-            return Source.simulated()
-        port = self.port
-        if port in (None, ANY_PORT) and self.udp is None and self.tcp is None:
-            port = only_port(is_asked=port is not None)
-            if port is None:
-                say(
-                    "nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there "
-                    "are"
-                )
-                return Source.simulated()
-        wire = stack.enter_context(
-            contextlib.closing(opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp))
-        )
-        kind: Any = "udp" if self.udp is not None else "tcp" if self.tcp is not None else "serial"
-        return Source.of_lines(kind, wire, reading)
+            return Source("mavlink", partial(RecordedFeed, Telemetry(Vehicle.find(link), self.compass)))
+        kind, port = self._lines()
+        if kind == "simulated":
+            from flinders.live.simulated import SimulatedFeed
+
+            return Source(kind, partial(RecordedFeed, SimulatedFeed(SEED)))
+        wire = opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp)
+        stack.enter_context(contextlib.closing(wire))
+        return Source(kind, partial(Recorder, wire, **reading), reading, None if kind == "udp" else wire)
+
+    def _lines(self) -> tuple[Kind, str | None]:
+        """What sends lines, and through which port; the simulation where nothing does."""
+        from flinders.live.transports import only_port
+
+        if self.udp is not None or self.tcp is not None:
+            return "tcp" if self.udp is None else "udp", None
+        if self.port not in (None, ANY_PORT):
+            return "serial", self.port
+        port = None if self.simulate else only_port(is_asked=self.port is not None)
+        if port is None and not self.simulate:
+            say("nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there are")
+        return "simulated" if port is None else "serial", port
 
 
 class Live(option.Group):
@@ -194,26 +207,26 @@ def command(options: Live) -> None:
     from flinders.core.axes import Axes
     from flinders.live.access import Gate, Tokens, listening, own_names, serve
     from flinders.live.hub import Hub
-    from flinders.live.opening import begun
     from flinders.live.server import application
+    from flinders.live.session_file import begun
 
     axes, chosen = Axes.of(options.axes), _chosen(options)
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(contextlib.closing(listening(options.host, options.web_port)))
         source = options.source.opened(stack)
-        supply, session, timeline = stack.enter_context(
+        supply, session = stack.enter_context(
             begun(source, axes, output=options.output, resume=options.resume, say=say)
         )
         session = replace(session, **chosen)
         port = listener.getsockname()[1]
         gate = Gate.of(options.host, port, own_names())
         tokens = Tokens() if gate.is_open else None
-        hub = Hub(session, supply, timeline=timeline)
+        hub = Hub(session, supply)
         _announce(session, port, tokens.current if tokens else None, options)
         serve(application(hub, gate, tokens, say), listener)
         if hub.failure is not None:
             raise hub.failure
-    is_there = supply.path is not None and supply.path.exists()
+    is_there = supply.path.exists()
     say(f"recorded in {supply.path}: flinders calibrate {supply.path}" if is_there else "nothing came to be recorded")
     if options.as_json:
         print_json(_as_dict(hub.session, str(supply.path) if is_there else None))
@@ -232,13 +245,13 @@ def _as_dict(session: Session, recording: str | None) -> dict[str, Any]:
     """JSON-ready: what there was when the page was closed, that is the recording, how far it had come, and the fit."""
     from flinders.live.page_state import session_state
 
-    evaluated, shown = session.shown.evaluated, session_state(session)
+    fit, shown = session.shown.evaluated.fit, session_state(session)
     return {
         "recording": recording,
         "readings": shown.readings,
         "phase": shown.phase,
         "words": shown.words,
-        "fit": None if evaluated is None or evaluated.fit is None else evaluated.fit.as_dict(),
+        "fit": None if fit is None else fit.as_dict(),
     }
 
 

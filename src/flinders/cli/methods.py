@@ -43,7 +43,7 @@ Example:
 def command(options: Methods) -> None:
     """List the methods of estimation and when to use each."""
     from flinders.estimators import ROWS
-    from flinders.report.catalogue_pages import of_methods
+    from flinders.report.comparison_pages import of_methods
 
     values = {name: listed(row.kind) for name, row in ROWS.items()}
     fields = {

@@ -14,7 +14,7 @@ from flinders.cli._program import stopping
 from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from flinders.live.transcript import RecordingStatistics
 
@@ -125,8 +125,8 @@ def command(options: Record) -> None:
             pattern=options.pattern,
             resumed=resumed,
             stopped=stopped,
-            say=watch.say,
-            watch=watch.show,
+            say=say,
+            watch=watch,
         ).run()
     say(str(statistics))
     for line in _remarks(statistics, path):
@@ -153,40 +153,13 @@ def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
         yield f"next: flinders calibrate {output}{unit}"
 
 
-class _Status:
-    """A line on a terminal that tells how it goes; what is said in between stands above it."""
-
-    def __init__(self, *, is_shown: bool) -> None:
-        self._is_shown, self._width = is_shown, 0
-
-    def show(self, record: RecordingStatistics) -> None:
-        """Write the line anew."""
-        if self._is_shown:
-            text = record.brief
-            self._put(f"\r{text.ljust(self._width)}")
-            self._width = len(text)
-
-    def say(self, message: str) -> None:
-        """Say something in a line of its own."""
-        self.clear()
-        say(message)
-
-    def clear(self) -> None:
-        """Take the line away."""
-        if self._width:
-            self._put("\r" + " " * self._width + "\r")
-            self._width = 0
-
-    def _put(self, text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            click.echo(text, nl=False, err=True)
-
-
 @contextlib.contextmanager
-def _status() -> Iterator[_Status]:
-    """Show how it goes where somebody watches."""
-    status = _Status(is_shown=sys.stderr.isatty())
-    try:
-        yield status
-    finally:
-        status.clear()
+def _status() -> Iterator[Callable[[RecordingStatistics], None] | None]:
+    """Show how it goes, where somebody watches; what is said meanwhile stands above it."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status("", refresh_per_second=4) as status:
+        yield lambda record: status.update(record.brief)

@@ -171,18 +171,18 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
     if options.dry_run or not plan.pending:
         _show(plan, as_json=options.as_json, backup=None)
         say(
-            "nothing was changed" if plan.pending else f"{plan.vehicle} holds these values already: nothing was changed"
+            "nothing was changed" if plan.pending else f"{vehicle.name} holds these values already: nothing was changed"
         )
         return
-    suffix = "params" if plan.autopilot == PX4 else "param"
+    suffix = "params" if vehicle.autopilot == PX4 else "param"
     path = options.backup or f"compass-before-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.{suffix}"
     _refuse_backup(path)
     write_text(plan.backup(), path)
     say(f"the values from before are in {path}")
-    _carry_out(plan, vehicle, path)
+    _carry_out(plan, path)
     _show(plan, as_json=options.as_json, backup=path)
     say(
-        f"{plan.vehicle}: compass {plan.compass} holds the calibration, all {len(plan.changes)} values read back. "
+        f"{vehicle.name}: compass {plan.compass} holds the calibration, all {len(plan.changes)} values read back. "
         "Restart the vehicle, and check a known bearing before it moves"
     )
 
@@ -227,7 +227,7 @@ def _refuse_backup(path: str) -> None:
         ) from None
 
 
-def _carry_out(plan: ParameterPlan, vehicle: Vehicle, path: str) -> None:
+def _carry_out(plan: ParameterPlan, path: str) -> None:
     """Change the vehicle; where that fails, say where the old values are.
 
     Raises
@@ -236,7 +236,7 @@ def _carry_out(plan: ParameterPlan, vehicle: Vehicle, path: str) -> None:
     """
     with stopping(patient=True) as stopped:
         try:
-            plan.carry_out(vehicle, stopped=stopped, say=say)
+            plan.carry_out(stopped=stopped, say=say)
         except NotConfirmed as error:
             message = f"{error}. The values from before are in {path}"
             if not stopped():

@@ -328,12 +328,12 @@ def _write(deviation: Deviation | None, card: Card, outputs: Outputs) -> None:
     UsageError
         Where there is no curve to write, or the step does not go round.
     """
-    from flinders.report import heading_pages
-    from flinders.report.heading_pages import drawing
+    from flinders.report.drawings import swing_drawing
+    from flinders.report.heading_pages import card as written
 
     if deviation is not None:
-        outputs.write(heading_pages.card(deviation, card.step_deg), card.output)
-        outputs.write(drawing(deviation), card.svg)
+        outputs.write(written(deviation, card.step_deg), card.output)
+        outputs.write(swing_drawing(deviation), card.svg)
     elif card.output or card.svg:
         raise UsageError("without known headings there is no curve: give --headings, or leave -o and --svg out")
 

@@ -83,7 +83,7 @@ def command(options: Targets) -> None:
 
 def print_targets(*, as_json: bool) -> None:
     """Print the table of targets."""
-    from flinders.report.catalogue_pages import of_targets
+    from flinders.report.comparison_pages import of_targets
     from flinders.targets import registry
 
     rows = registry()

@@ -278,7 +278,7 @@ def _fit(source: Recording, turn: Turn, first: Fit | None, options: dict[str, An
         As `flinders.fit`.
     """
     from flinders.fitting.calibrate import fit
-    from flinders.report.turn import spacing_words
+    from flinders.report.fit_pages import spacing_words
 
     given = {name: options[name] for name in ("method", "plane", "target_deg", "dip_deg", "sensor")}
     strength = options["field_strength"] if first is None else first.calibration.field_strength
@@ -296,17 +296,17 @@ def _fit(source: Recording, turn: Turn, first: Fit | None, options: dict[str, An
 
 def _draw(turn: Turn, fit: Fit, files: PlaneFiles) -> None:
     """Draw the turn where that was asked for; of a refused fit too, which is when an uneven turn should be seen."""
-    from flinders.report.turn import drawing
+    from flinders.report.drawings import turn_drawing
 
     if files.polar:
-        files.outputs.write(drawing(turn, fit), files.polar)
+        files.outputs.write(turn_drawing(turn, fit), files.polar)
         if files.polar != "-" and fit.verdict == "refused":
             say(f"written to {files.polar}")
 
 
 def _show(fit: Fit, turn: Turn, both: Fit | None, after: str | None, files: PlaneFiles) -> None:
     """Print the page; on standard error, where a result has standard output."""
-    from flinders.report.turn import of_turn
+    from flinders.report.fit_pages import of_turn
 
     if files.as_json:
         print_json(_as_dict(fit, turn, both))

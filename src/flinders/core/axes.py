@@ -28,18 +28,10 @@ NAMES: Final = "xyz"
 
 @dataclass(frozen=True, slots=True)
 class Axes:
-    """Where each new axis comes from.
+    """Where each new axis comes from."""
 
-    Attributes
-    ----------
-    order : (3,) int
-        Index of the recorded axis that becomes x, y and z.
-    signs : (3,) int
-        +1, or −1 where it points the other way.
-    """
-
-    order: tuple[int, int, int] = (0, 1, 2)
-    signs: tuple[int, int, int] = (1, 1, 1)
+    order: tuple[int, int, int] = (0, 1, 2)  #: (3,): index of the recorded axis that becomes x, y and z
+    signs: tuple[int, int, int] = (1, 1, 1)  #: (3,): +1, or −1 where it points the other way
 
     @classmethod
     def of(cls, text: str) -> Axes:

@@ -158,9 +158,7 @@ class Calibration:
 
         Examples
         --------
-        The example of MATLAB's ``magcal``: 31.0723 = (30 · 20 · 50)^⅓.
-
-        >>> found = Calibration.from_ellipsoid([-50, 20, 100], np.diag([30.0, 20.0, 50.0]))
+        >>> found = Calibration.from_ellipsoid([-50, 20, 100], np.diag([30.0, 20.0, 50.0]))        # as MATLAB's magcal
         >>> round(found.field_strength, 4), np.diag(found.matrix).round(5)
         (31.0723, array([1.03574, 1.55362, 0.62145]))
         """
@@ -210,17 +208,10 @@ class Calibration:
 
     @property
     def inv(self) -> Calibration:
-        """The way back, from corrected readings to raw ones.
+        """The way back, from corrected readings to raw ones; `UsageError` where the offset follows a disturbance.
 
         Its field strength is the geometric mean of the radii of the raw ellipsoid, so that ``c.inv.inv`` is ``c``.
 
-        Raises
-        ------
-        UsageError
-            Where the offset follows a disturbance: there is a way back from `at` each value of it only.
-
-        Examples
-        --------
         >>> there = Calibration(np.diag([2.0, 1.0, 0.5]), [10, 0, -10], 50.0, raw=Unit.of("uT"))
         >>> there.inv.apply(there.apply([1.0, 2.0, 3.0]))
         array([1., 2., 3.])
@@ -254,8 +245,8 @@ class Calibration:
         raw : (..., 3) in `unit`
             Raw readings in mapped axes (see `axes`); a reading with NaN in it comes out as NaN.
         current, throttle, temperature : (...), A, 0 to 1 and °C, optional
-            What the offset follows, where there are `disturbances`: those of a disturbance with a lag are taken so much
-            before the reading. What the calibration does not ask for is left alone.
+            Values of the `disturbances`; of one with a lag those of so much before the reading. What the calibration
+            does not ask for is left alone.
         **motors : (...) or (..., M)
             The same of each motor, where each has an offset of its own: ``current1``, …, or all of M motors together as
             ``currents`` or ``throttles``.
@@ -278,11 +269,8 @@ class Calibration:
         >>> centred.apply([[10, 20, 80], [60, 20, 30]])
         array([[ 0.,  0., 50.],
                [50.,  0.,  0.]])
-
-        Motors that add half a microtesla for each ampere:
-
         >>> flown = replace(centred, disturbances=(Disturbance("current", [0.5, 0.0, 0.0], highest=20.0),))
-        >>> flown.apply([15, 20, 80], current=10.0)
+        >>> flown.apply([15, 20, 80], current=10.0)                 # motors that add half a microtesla for each ampere
         array([ 0.,  0., 50.])
         """
         shift, gain = effect(
@@ -322,13 +310,8 @@ class Calibration:
     def at(self, **values: float) -> Calibration:
         """The plain calibration at fixed values of its disturbances, of each that is not given at its reference.
 
-        Raises
-        ------
-        UsageError
-            For a value of what is none of its disturbances.
+        A value of what is none of its disturbances raises `UsageError`.
 
-        Examples
-        --------
         >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
         >>> Calibration(np.eye(3), [10, 20, 30], 50.0, disturbances=(motors,)).at(current=10.0).offset
         array([15., 20., 30.])
@@ -338,10 +321,7 @@ class Calibration:
     def holding(self, **values: float) -> Calibration:
         """The calibration at fixed values of some of its disturbances; it goes on following the others.
 
-        Raises
-        ------
-        UsageError
-            For a value of what is none of its disturbances, or is no number.
+        A value of what is none of its disturbances, or is no number, raises `UsageError`.
         """
         ours = {disturbance.name: disturbance for disturbance in self.disturbances}
         for name, value in values.items():
@@ -358,21 +338,9 @@ class Calibration:
     def disturbance_deg(self, disturbance: Disturbance, value: float | None = None, *, dip_deg: float = 60.0) -> float:
         """Heading error, in degrees, of leaving a disturbance out at a value: at the worst attitude and heading.
 
-        Parameters
-        ----------
-        disturbance : Disturbance
-        value : float, optional
-            By default the end of its recorded range that is farther from its reference.
-        dip_deg : float
-            Inclination of the field: what stands across its level part turns the heading.
+        By default the value is the end of its recorded range that is farther from its reference. `dip_deg` is the
+        inclination of the field: what stands across its level part turns the heading, by 180° where it is stronger.
 
-        Returns
-        -------
-        float
-            180 where the disturbance is stronger than the level part of the field.
-
-        Examples
-        --------
         >>> motors = Disturbance("current", [0.5, 0.0, 0.0], highest=20.0)
         >>> round(Calibration(np.eye(3), [0, 0, 0], 50.0, disturbances=(motors,)).disturbance_deg(motors), 1)
         23.6
@@ -444,13 +412,7 @@ class Calibration:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Calibration:
-        """Read a calibration file.
-
-        Raises
-        ------
-        DocumentError
-            For a file that cannot be opened or understood; says what is wrong, in one line.
-        """
+        """Read a calibration file; what cannot be opened or understood raises `DocumentError`, in one line."""
         return cls.from_document(read(path), source=str(path))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -458,10 +420,8 @@ class Calibration:
 
         Raises
         ------
-        OutputExists
-            Where there is a file already, unless `force`.
-        OutputError
-            Where it cannot be written.
+        OutputExists, OutputError
+            Where there is a file already, unless `force`; where it cannot be written.
         """
         write(self.to_document(), path, force=force)
 
@@ -469,10 +429,7 @@ class Calibration:
     def from_document(cls, document: Document, *, source: str = "calibration") -> Calibration:
         """Take the correction out of a calibration file; `source` names it in messages.
 
-        Raises
-        ------
-        DocumentError
-            Where its parts contradict each other or the matrix is singular.
+        Parts that contradict each other and a matrix that is singular raise `DocumentError`.
         """
         correction, raw = document.calibration, document.raw
         try:

@@ -76,100 +76,49 @@ Count: TypeAlias = Annotated[int, Meta(ge=0)]
 
 
 class DisturbanceRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What an offset follows: ``offset + offset_per_unit (value - reference)``.
+    """What an offset follows: ``offset + offset_per_unit (value - reference)``."""
 
-    Attributes
-    ----------
-    offset_per_unit : (3,) in the calibration's unit
-        For each A, at full throttle, or for each °C.
-    reference : float
-        Where the calibration's offset holds.
-    recorded : (2,) float
-        Lowest and highest value that it was found at.
-    lag_s : float, s
-        Readings follow so much later.
-    scale_per_unit : float
-        By which share the earth's part of a reading grows with each °C.
-    """
-
-    offset_per_unit: Triple
-    reference: float = 0.0
-    recorded: tuple[float, float]
-    lag_s: float = 0.0
-    scale_per_unit: float = 0.0
+    offset_per_unit: Triple  #: (3,) in the calibration's unit: for each A, at full throttle, or for each °C
+    reference: float = 0.0  #: where the calibration's offset holds
+    recorded: tuple[float, float]  #: (2,): lowest and highest value that it was found at
+    lag_s: float = 0.0  #: s: readings follow so much later
+    scale_per_unit: float = 0.0  #: by which share the earth's part of a reading grows with each °C
 
 
 class Correction(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """corrected = matrix (raw - offset), of length field_strength.
+    """corrected = matrix (raw - offset), of length field_strength."""
 
-    Attributes
-    ----------
-    matrix : (3, 3)
-        Rows; dimensionless.
-    offset : (3,) in `unit`
-        What the sensor reads in zero field.
-    field_strength : float, in `unit`
-    field_strength_known : bool
-        It was given; otherwise the matrix has determinant 1 and this is the radius that results.
-    unit : str
-        ``uT``, or ``counts`` where the recording had no known unit.
-    rotation : str
-        ``symmetric``: not seen, set by convention; ``estimated`` by a fit that sees it; ``composed`` of others.
-    disturbances : name to DisturbanceRecord, optional
-        What the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of motor 1 by itself
-        ``current1_A``, ``throttle1``.
-    """
-
-    matrix: tuple[Triple, Triple, Triple]
-    offset: Triple
-    field_strength: Positive
+    matrix: tuple[Triple, Triple, Triple]  #: (3, 3): rows; dimensionless
+    offset: Triple  #: (3,) in `unit`: what the sensor reads in zero field
+    field_strength: Positive  #: in `unit`
+    #: it was given; otherwise the matrix has determinant 1 and this is the radius that results
     field_strength_known: bool = False
-    unit: Literal["uT", "counts"]
+    unit: Literal["uT", "counts"]  #: ``uT``, or ``counts`` where the recording had no known unit
+    #: ``symmetric``: not seen, set by convention; ``estimated`` by a fit that sees it; ``composed`` of others
     rotation: Rotation = "symmetric"
+    #: name to DisturbanceRecord: what the offset follows: ``current_A``, ``throttle`` (0 to 1), ``temperature_C``; of
+    #: motor 1 by itself ``current1_A``, ``throttle1``
     disturbances: dict[Driving, DisturbanceRecord] | UnsetType = field(name="drivers", default=UNSET)
 
 
 class Recorded(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the raw readings were recorded.
+    """How the raw readings were recorded."""
 
-    Attributes
-    ----------
-    unit : str
-        The recording's own unit.
-    scale : float
-        What one of it is in the calibration's unit.
-    axes : str
-        Where each axis used comes from, such as ``x,-y,-z``.
-    sensor : str or None
-        Its name or serial number.
-    frame : str
-        What the recorded axes are: ``sensor``, its own, or ``vehicle``, after the mounting.
-    """
-
-    unit: Literal["uT", "mG", "G", "nT", "mT", "T", "counts"]
-    scale: Positive = 1.0
+    unit: Literal["uT", "mG", "G", "nT", "mT", "T", "counts"]  #: the recording's own unit
+    scale: Positive = 1.0  #: what one of it is in the calibration's unit
+    #: where each axis used comes from, such as ``x,-y,-z``
     axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
-    sensor: str | None = None
-    frame: str = "sensor"
+    sensor: str | None = None  #: its name or serial number
+    frame: str = "sensor"  #: what the recorded axes are: ``sensor``, its own, or ``vehicle``, after the mounting
 
 
 class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The heading error to expect, in degrees.
+    """The heading error to expect, in degrees."""
 
-    Attributes
-    ----------
-    rms, worst : float, degrees
-        1 σ over all directions, and in the worst one.
-    dip_deg : float or None
-        Dip of the field it holds for.
-    target_deg : float or None
-        What was asked for.
-    """
-
-    rms: NotNegative
-    worst: NotNegative
-    dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None
-    target_deg: Positive | None = None
+    rms: NotNegative  #: 1 σ over all directions
+    worst: NotNegative  #: 1 σ in the worst one
+    dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field it holds for
+    target_deg: Positive | None = None  #: what was asked for
 
 
 class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -183,19 +132,12 @@ class FindingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What the fit found of the instruments beside the magnetometer.
+    """What the fit found of the instruments beside the magnetometer."""
 
-    Attributes
-    ----------
-    rotation_covariance : (3, 3), rad², optional
-        Of the rotation from the magnetometer's axes to those of the body, about the axes of the body.
-    acceleration_bias, acceleration_bias_sigma : (3,), m/s², optional
-        What the accelerometer reads too much, and 1 σ of that.
-    """
-
+    #: (3, 3), rad²: of the rotation from the magnetometer's axes to those of the body, about the axes of the body
     rotation_covariance: tuple[Triple, Triple, Triple] | UnsetType = UNSET
-    acceleration_bias: Triple | UnsetType = UNSET
-    acceleration_bias_sigma: Triple | UnsetType = UNSET
+    acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: what the accelerometer reads too much, and 1 σ of that
+    acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²
 
 
 def beside_record(**columns: Floats | None) -> BesideRecord | UnsetType:
@@ -206,41 +148,22 @@ def beside_record(**columns: Floats | None) -> BesideRecord | UnsetType:
 
 
 class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the calibration was found, and how far to trust it.
-
-    Attributes
-    ----------
-    method : str
-    samples : int
-        Readings used.
-    noise : float or None, in the calibration's unit
-        Standard deviation of one axis of one reading.
-    covariance_of : (K,) str
-        What the rows of `covariance` stand for, as `PARAMETERS`.
-    covariance : (K, K) or None
-        Symmetric, in squares and products of the calibration's unit.
-    verdict : str or None
-        ``good``, ``limited`` or ``refused``; None where it was not judged.
-    heading_error_deg : HeadingErrorRecord or None
-    coverage : name to number
-    findings : of FindingRecord
-    conditions : of str, optional
-        What a good verdict rests on: ``uniform-field``, ``constant-iron``.
-    beside : BesideRecord, optional
-        Where something beside the magnetometer was used.
-    """
+    """How the calibration was found, and how far to trust it."""
 
     method: str
-    samples: Count
-    noise: NotNegative | None = None
-    covariance_of: tuple[str, ...] = PARAMETERS
+    samples: Count  #: readings used
+    noise: NotNegative | None = None  #: in the calibration's unit: standard deviation of one axis of one reading
+    covariance_of: tuple[str, ...] = PARAMETERS  #: (K,): what the rows of `covariance` stand for, as `PARAMETERS`
+    #: (K, K) or None: symmetric, in squares and products of the calibration's unit
     covariance: tuple[tuple[float, ...], ...] | None = None
+    #: ``good``, ``limited`` or ``refused``; None where it was not judged
     verdict: Literal["good", "limited", "refused"] | None = None
     heading_error_deg: HeadingErrorRecord | None = None
-    coverage: dict[str, float] = {}
+    coverage: dict[str, float] = {}  #: name to number
     findings: tuple[FindingRecord, ...] = ()
+    #: what a good verdict rests on: ``uniform-field``, ``constant-iron``
     conditions: tuple[Literal["uniform-field", "constant-iron"], ...] | UnsetType = UNSET
-    beside: BesideRecord | UnsetType = UNSET
+    beside: BesideRecord | UnsetType = UNSET  #: where something beside the magnetometer was used
 
     def __post_init__(self) -> None:
         """Refuse a covariance that does not belong to its names; called when a file is read."""
@@ -255,63 +178,31 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One recording that a calibration came from.
-
-    Attributes
-    ----------
-    name, sha256 : str
-    bytes, rows : int
-    as_logged : bool
-        The calibration that was in force on board was left on its readings: this one comes on top of that.
-    autopilot : str or None
-        Whose compass it was.
-    compass : int or None
-        Its number there: ArduPilot's 1 to 3, PX4's 0 to 3.
-    device_id : int or None
-        Its device id there.
-    """
+    """One recording that a calibration came from."""
 
     name: str
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
     bytes: Count
     rows: Count
+    #: the calibration that was in force on board was left on its readings: this one comes on top of that
     as_logged: bool = False
-    autopilot: Literal["ardupilot", "px4"] | None = None
-    compass: Annotated[int, Meta(ge=0, le=3)] | None = None
-    device_id: Count | None = None
+    autopilot: Literal["ardupilot", "px4"] | None = None  #: whose compass it was
+    compass: Annotated[int, Meta(ge=0, le=3)] | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
+    device_id: Count | None = None  #: its device id there
 
 
 class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which release made a calibration, when, and from which recordings.
+    """Which release made a calibration, when, and from which recordings."""
 
-    Attributes
-    ----------
-    flinders : str
-        Version.
-    date : datetime
-        With a time zone.
-    files : of SourceFile
-    """
-
-    flinders: str
-    date: Annotated[datetime, Meta(tz=True)]
+    flinders: str  #: version
+    date: Annotated[datetime, Meta(tz=True)]  #: with a time zone
     files: tuple[SourceFile, ...] = ()
 
 
 class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="calibration"):
-    """A calibration file of Flinders.
+    """A calibration file of Flinders."""
 
-    Attributes
-    ----------
-    schema : int
-        Version of this layout.
-    calibration : Correction
-    raw : Recorded
-    fit : Fitted or None
-    provenance : Provenance or None
-    """
-
-    schema: Literal[1] = 1
+    schema: Literal[1] = 1  #: version of this layout
     calibration: Correction
     raw: Recorded
     fit: Fitted | None = None
@@ -319,25 +210,13 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
 
 
 def read(path: str | os.PathLike[str]) -> Document:
-    """Read a calibration file.
-
-    Raises
-    ------
-    DocumentError
-        For a file that cannot be opened, or is no calibration file that this release understands.
-    """
+    """Read a calibration file; one that cannot be opened or understood raises `DocumentError`."""
     text = read_bytes(path, largest=LARGEST, what="calibration file", refused=DocumentError)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "calibration") -> Document:
-    """Understand the text of a calibration file; `source` names it in messages.
-
-    Raises
-    ------
-    DocumentError
-        With the first thing that is wrong and where it stands.
-    """
+    """Understand the text of a calibration file; `source` names it in the `DocumentError` for what is wrong."""
     content = _parse(text.encode() if isinstance(text, str) else text, source)
     if not (isinstance(content, dict) and content.get("flinders") == "calibration"):
         raise DocumentError(f'{source}: is JSON, but not a calibration file: lacks "flinders": "calibration"')
@@ -346,27 +225,14 @@ def loads(text: str | bytes, *, source: str = "calibration") -> Document:
 
 
 def write(document: Document, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a calibration file, whole or not at all.
-
-    Raises
-    ------
-    DocumentError
-        For a document that could not be read again, such as one with NaN in it; nothing is written.
-    OutputExists
-        Where there is a file already, unless `force`.
-    OutputError
-        Where it cannot be written; says why and what to do.
-    """
+    """Write a calibration file, whole or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
     write_text(dumps(document), path, force=force)
 
 
 def dumps(document: Document) -> str:
     """Lay a document out as text: a matrix has a line for each row; numbers are read back to the bit.
 
-    Raises
-    ------
-    DocumentError
-        For values that the schema does not allow, NaN and infinity among them.
+    Values that the schema does not allow, NaN and infinity among them, raise `DocumentError`.
     """
     try:
         content = msgspec.to_builtins(document, enc_hook=_plain)

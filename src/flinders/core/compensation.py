@@ -37,28 +37,15 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True, eq=False)
 class Compensator:
-    """Takes what drives the offset off the blocks of one recording, in their order.
+    """Takes what drives the offset off the blocks of one recording, in their order."""
 
-    Attributes
-    ----------
-    calibration : Calibration
-        With the disturbances; without any, readings stay as they are.
-    beyond : dict of str to float
-        Of each disturbance, how far it was seen outside the range that it was found in, as a share of it.
-    """
-
-    calibration: Calibration
+    calibration: Calibration  #: with the disturbances; without any, readings stay as they are
+    #: of each disturbance, how far it was seen outside the range that it was found in, as a share of it
     beyond: dict[str, float] = field(default_factory=dict)
     _before: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
     def __call__(self, samples: Samples) -> Samples:
-        """Compensate a block.
-
-        Raises
-        ------
-        InputError
-            Where it lacks a column that the calibration corrects for; says what that costs.
-        """
+        """Compensate a block; one that lacks a column raises `InputError`, which says what that costs."""
         disturbances = self.calibration.disturbances
         if not disturbances or not len(samples):
             return samples
@@ -98,17 +85,10 @@ class Compensator:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compensated(Wrapped):
-    """A recording without what drives its offset.
-
-    Attributes
-    ----------
-    recording : Recording
-    calibration : Calibration
-        With the disturbances.
-    """
+    """A recording without what drives its offset."""
 
     recording: Recording
-    calibration: Calibration
+    calibration: Calibration  #: with the disturbances
 
     def blocks(self) -> Iterator[Samples]:
         """Yield compensated blocks."""
@@ -118,14 +98,7 @@ class Compensated(Wrapped):
 
 
 def compensated(recording: Recording, calibration: Calibration) -> Recording:
-    """A recording without what drives its offset; of several joined ones, each on its own.
-
-    Parameters
-    ----------
-    recording : Recording
-    calibration : Calibration
-        A recording of one without disturbances comes back as it is.
-    """
+    """A recording without what drives its offset; of several joined ones, each on its own."""
     if not calibration.disturbances:
         return recording
     if isinstance(recording, Joined):

@@ -42,27 +42,13 @@ if TYPE_CHECKING:
 
 
 class Kind(NamedTuple):
-    """What can drive an offset.
+    """What can drive an offset."""
 
-    Attributes
-    ----------
-    key : str
-        What it is called in a calibration file.
-    unit : str
-        What stands behind its numbers.
-    per : str
-        One unit of it, as an offset per unit names it.
-    least : float
-        A recording over which it changes by less tells nothing of it.
-    plausible : (2,) float
-        Lowest and highest value in that unit: what lies beyond is in another one.
-    """
-
-    key: str
-    unit: str
-    per: str
-    least: float
-    plausible: tuple[float, float]
+    key: str  #: what it is called in a calibration file
+    unit: str  #: what stands behind its numbers
+    per: str  #: one unit of it, as an offset per unit names it
+    least: float  #: a recording over which it changes by less tells nothing of it
+    plausible: tuple[float, float]  #: (2,): lowest and highest value in that unit: what lies beyond is in another one
 
 
 KINDS: Final[Mapping[str, Kind]] = {

@@ -47,10 +47,7 @@ def reason(error: OSError | ValueError) -> str:
 def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused: type[FlindersError]) -> bytes:
     """Read a file that is known to be small, `what`: a name that is mixed up does not fill the memory.
 
-    Raises
-    ------
-    FlindersError
-        Of the type `refused`: for a file that cannot be opened, or has more than `largest` bytes.
+    What cannot be opened, or has more than `largest` bytes, raises the error `refused`.
     """
     try:
         with Path(path).open("rb") as file:
@@ -85,13 +82,7 @@ def write_all(file: FileIO, content: bytes | memoryview) -> None:
 
 
 def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Find out before a long run whether a file could be written at its end.
-
-    Raises
-    ------
-    OutputExists, OutputError
-        As `replacing`.
-    """
+    """Find out before a long run whether a file could be written at its end; raises as `replacing`."""
     with _refusals(path):
         target = _target(path)
         _permissions(target, force=force)
@@ -111,10 +102,8 @@ def replacing(
 
     Raises
     ------
-    OutputExists
-        Where there is a file already, unless `force`.
-    OutputError
-        Where it cannot be written; says why and what to do.
+    OutputExists, OutputError
+        Where there is a file already, unless `force`; where it cannot be written.
     """
     with _refusals(path):
         target = _target(path)

@@ -40,40 +40,21 @@ _NANOTESLA: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class SiteField:
-    """What a magnetometer should meet at a place and time.
+    """What a magnetometer should meet at a place and time."""
 
-    Attributes
-    ----------
-    model : str
-        Its name, such as ``WMM-2025``.
-    latitude_deg, longitude_deg : float, degrees
-        Geodetic; north and east positive.
-    altitude_m : float, m
-    year : float
-        With its fraction.
-    north, east, down : float, µT
-        Components along true north, east and down.
-    declination_deg : float, degrees
-        From true to magnetic north, east positive, in (−180, 180].
-    inclination_deg : float, degrees
-        Dip below the horizon, negative in the south.
-    horizontal, strength : float, µT
-    declination_sigma_deg, inclination_sigma_deg, strength_sigma : float or None
-        The model's published uncertainty, 1 σ, crust and all, in degrees and µT. None for WMM-2010.
-    """
-
-    model: str
-    latitude_deg: float
+    model: str  #: its name, such as ``WMM-2025``
+    latitude_deg: float  #: geodetic; north and east positive
     longitude_deg: float
     altitude_m: float
-    year: float
-    north: float
-    east: float
-    down: float
-    declination_deg: float
-    inclination_deg: float
-    horizontal: float
-    strength: float
+    year: float  #: with its fraction
+    north: float  #: µT: components along true north, east and down
+    east: float  #: µT
+    down: float  #: µT
+    declination_deg: float  #: from true to magnetic north, east positive, in (−180, 180]
+    inclination_deg: float  #: dip below the horizon, negative in the south
+    horizontal: float  #: µT
+    strength: float  #: µT
+    #: the model's published uncertainty, 1 σ, crust and all, in degrees and µT; None for WMM-2010
     declination_sigma_deg: float | None = None
     inclination_sigma_deg: float | None = None
     strength_sigma: float | None = None
@@ -129,8 +110,8 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
 
     Notes
     -----
-    Evaluated by pygeomag, which is loaded here and not before. Checked against NOAA's printed test values for WMM2025
-    in ``tests/truth/test_geomag.py``: all agree to the digit that is printed.
+    Evaluated by pygeomag, which is loaded here. All of NOAA's printed test values for WMM2025 agree to the digit that
+    is printed (``tests/truth/test_geomag.py``).
     """
     _refuse_nowhere(latitude_deg, longitude_deg, altitude_m)
     model = _model(year)
@@ -156,15 +137,10 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
 
 
 def place_of(text: str) -> tuple[float, float, float]:
-    """Read ``"LAT,LON"`` or ``"LAT,LON,ALT"``: degrees, north and east positive, and metres.
+    """Read ``"LAT,LON"`` or ``"LAT,LON,ALT"``: degrees, north and east positive, and metres; else raise `UsageError`.
 
     >>> place_of("47.6, -122.3"), place_of("-33.9,151.2,40")
     ((47.6, -122.3, 0.0), (-33.9, 151.2, 40.0))
-
-    Raises
-    ------
-    UsageError
-        For anything else.
     """
     parts = text.replace("\N{MINUS SIGN}", "-").split(",")
     try:
@@ -184,18 +160,9 @@ def place_of(text: str) -> tuple[float, float, float]:
 def year_of(day: datetime.date | str | float) -> float:
     """Turn a day into a year with its fraction.
 
-    Parameters
-    ----------
-    day : date, datetime, str or float
-        Text as ``2026-11-21`` or ``2026.9``; a number is a year already.
+    Text is ``2026-11-21`` or ``2026.9``, a number is a year already. What is no day, or one without a model, raises
+    `UsageError`.
 
-    Raises
-    ------
-    UsageError
-        For what is no day, or one without a model.
-
-    Examples
-    --------
     >>> year_of("2025-07-02"), year_of(datetime.date(2026, 1, 1)), year_of("2027.5")
     (2025.498..., 2026.0, 2027.5)
     """

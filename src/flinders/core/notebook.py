@@ -31,18 +31,9 @@ def correction(
     words: Iterable[str] = (),
     offset_sigma: Sequence[float] | None = None,
 ) -> str:
-    """Lay out a correction as HTML.
+    """Lay out a (3, 3) matrix and a (3,) offset with its optional standard deviations, in `unit`, as HTML.
 
-    Parameters
-    ----------
-    matrix : (3, 3) float
-    offset : (3,) float, in `unit`
-    unit : str
-    title : str
-        Escaped, as all text is.
-    words : of str
-        Lines below the title.
-    offset_sigma : (3,) float, in `unit`, optional
+    Below the title stand `words`, a line each; all text is escaped.
     """
     sigmas = [None] * 3 if offset_sigma is None else list(offset_sigma)
     rows = "".join(

@@ -38,24 +38,12 @@ BLOCK: Final = 8192
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Rows of a recording that could not be used.
+    """Rows of a recording that could not be used."""
 
-    Attributes
-    ----------
-    reason : str
-        ``"not finite"`` or ``"unreadable"``.
-    rows : int
-        How many.
-    lines : tuple of int
-        Numbers of the first few lines of the file, or rows of the array, counted from 1.
-    example : str
-        What the first of them says, cut short.
-    """
-
-    reason: str
-    rows: int
-    lines: tuple[int, ...] = ()
-    example: str = ""
+    reason: str  #: ``"not finite"`` or ``"unreadable"``
+    rows: int  #: how many
+    lines: tuple[int, ...] = ()  #: numbers of the first few lines of the file, or rows of the array, counted from 1
+    example: str = ""  #: what the first of them says, cut short
 
     def __add__(self, other: Skipped) -> Skipped:
         """Count both; they must have the same reason."""
@@ -162,16 +150,8 @@ class Samples:
             Microtesla in one count; only with ``counts``.
         axes : str or Axes
             Where each new axis comes from, such as ``"x,-y,-z"``.
-        time, acceleration, rate, temperature, current : array-like, optional
-            As the attributes of the same name; acceleration and rate in the recorded axes.
-        strength : (N,) array-like, optional
-            As the attribute of the same name, in `unit`.
-        throttle : (N,) array-like, optional
-            As the attribute of the same name.
-        currents, throttles : (N, M) array-like, optional
-            As the attributes of the same names.
-        attitude : (N, 4) array-like, optional
-            As the attribute of the same name: of the recorded axes, and turned with them.
+        time, acceleration, rate, temperature, current, strength, throttle, attitude, currents, throttles : optional
+            As the attributes of the same names; vectors and attitude in the recorded axes, strength in `unit`.
 
         Raises
         ------
@@ -245,15 +225,8 @@ class Samples:
         """Map samples that are as recorded to other axes: field, acceleration, rate and attitude with them.
 
         The attitude is then that of the new axes. Where those are a mirror image of the recorded ones no rotation
-        leads from them to north, east, down, and there is none.
+        leads from them to north, east, down, and there is none. Samples that were mapped before raise `AxesError`.
 
-        Raises
-        ------
-        AxesError
-            For samples that were mapped before.
-
-        Examples
-        --------
         >>> level = Samples.of([[20.0, 0.0, 45.0]], unit="uT", attitude=[[1.0, 0.0, 0.0, 0.0]])
         >>> over = level.turned(Axes.of("x,-y,-z"))
         >>> over.field, over.attitude
@@ -313,13 +286,7 @@ class Recording(Protocol):
 
 
 class Wrapped:
-    """A recording that goes through another one, and has its source, unit and axes.
-
-    Attributes
-    ----------
-    recording : Recording
-        The other one.
-    """
+    """A recording that goes through another one, and has its source, unit and axes."""
 
     __slots__ = ()
     recording: Recording
@@ -349,13 +316,6 @@ class Wrapped:
 class CountedRecording(Wrapped):
     """A recording that counts its readings, and notes their earliest and latest time, on each pass.
 
-    Attributes
-    ----------
-    recording : Recording
-    rows : int
-    span : (float, float), s
-        NaN where times are not known.
-
     Examples
     --------
     >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
@@ -365,7 +325,7 @@ class CountedRecording(Wrapped):
 
     recording: Recording
     rows: int = 0
-    span: tuple[float, float] = (np.nan, np.nan)
+    span: tuple[float, float] = (np.nan, np.nan)  #: earliest and latest time, s; NaN where not known
 
     def __len__(self) -> int:
         return self.rows
@@ -382,22 +342,15 @@ class CountedRecording(Wrapped):
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """Several recordings of one sensor, one after the other.
-
-    Attributes
-    ----------
-    recordings : tuple of Recording
-        At least one; all in one unit and one set of axes.
+    """Several recordings of one sensor, one after the other, all in one unit and one set of axes.
 
     Raises
     ------
-    UnitError
-        If one is in µT and another in counts.
-    AxesError
-        If one is in the axes of the vehicle and another in those of the sensor.
+    UnitError, AxesError
+        If one is in µT and another in counts; if one is in the axes of the vehicle and another in those of the sensor.
     """
 
-    recordings: tuple[Recording, ...]
+    recordings: tuple[Recording, ...]  #: at least one; all in one unit and one set of axes
 
     def __post_init__(self) -> None:
         """Refuse recordings whose numbers do not belong together."""

@@ -56,26 +56,17 @@ FEWEST: Final = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paired:
-    """Readings at common moments.
+    """Readings at common moments."""
 
-    Attributes
-    ----------
-    time : (N,) float, s
-        By the clock of the reference; counted readings where there is no time.
-    fields : (m, N, 3) float
-        NaN where a sensor has no reading.
-    delays_s, delay_sigmas_s : (m,) float, s
-        By how much each is behind the reference, 0 where that is not proven, and how well that is told.
-    """
-
-    time: Floats
-    fields: Floats
+    time: Floats  #: (N,), s: by the clock of the reference; counted readings where there is no time
+    fields: Floats  #: (m, N, 3): NaN where a sensor has no reading
+    #: (m,), s: by how much each is behind the reference, 0 where that is not proven, and how well that is told
     delays_s: Floats
-    delay_sigmas_s: Floats
+    delay_sigmas_s: Floats  #: (m,), s
 
 
 def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int = 0) -> Paired:
-    """Take readings to common moments.
+    """Take readings to common moments, those at which two sensors or more have a reading.
 
     Parameters
     ----------
@@ -84,11 +75,6 @@ def paired(times: Sequence[Floats], fields: Sequence[Floats], *, reference: int 
     fields : sequence of (N, 3) float
     reference : int
         Whose clock counts.
-
-    Returns
-    -------
-    Paired
-        Moments at which two sensors or more have a reading.
     """
     delays, sigmas = np.zeros(len(times)), np.zeros(len(times))
     for sensor in range(len(times)):

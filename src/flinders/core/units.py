@@ -44,21 +44,11 @@ SPELLINGS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """The unit a recording is written in.
+    """The unit a recording is written in."""
 
-    Attributes
-    ----------
-    name : str
-        ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``.
-    scale : float
-        What one of it is, in the unit used inside.
-    inside : str
-        ``uT``, or ``counts`` where no scale is known.
-    """
-
-    name: str
-    scale: float
-    inside: str
+    name: str  #: ``uT``, ``mG``, ``G``, ``nT``, ``mT``, ``T`` or ``counts``
+    scale: float  #: what one of it is, in the unit used inside
+    inside: str  #: ``uT``, or ``counts`` where no scale is known
 
     @classmethod
     def of(cls, name: str = COUNTS, scale: float | None = None) -> Unit:

@@ -13,7 +13,7 @@ import numpy as np
 from flinders.findings import current
 from flinders.fleet.history import MOST, BatchRule, batch_rule, whole_units
 from flinders.fleet.results import LISTS, lists, named_rows, numbers, texts
-from flinders.report.fleet_view import FleetUnit, Histogram, Overview
+from flinders.report.fleet import FleetUnit, Histogram, Overview
 
 if TYPE_CHECKING:
     import os

@@ -30,8 +30,7 @@ from flinders.fleet.change_points import ChangePoint, change_points
 from flinders.fleet.history import MOST, BatchRule, OffsetSeries, batch_rule, histories
 from flinders.fleet.results import VERDICTS, needs_arrow
 from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
-from flinders.report.fleet import standing_out
-from flinders.report.fleet_view import STATES, BatchDrift, FleetDrift, Histogram, Undated, UnitDrift, UnitStep
+from flinders.report.fleet import STATES, BatchDrift, FleetDrift, Histogram, Undated, UnitDrift, UnitStep, standing_out
 
 if TYPE_CHECKING:
     import os

@@ -69,24 +69,11 @@ def magnetic_heading_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 def level_heading_deg(field: ArrayLike) -> Floats:
     """Heading of a sensor that stays level, x forward, y right: ψ = atan2(−m_y, m_x), from two axes.
 
-    A tilt by τ degrees puts it off by up to τ tan I: 1.7° for each degree at a dip of 60°.
+    (..., 3) or (..., 2) corrected readings give (...,) degrees in [0, 360); errors as `magnetic_heading_deg`. A tilt by
+    τ degrees puts it off by up to τ tan I: 1.7° for each degree at a dip of 60°.
 
     >>> level_heading_deg([[20.0, 0.0, 45.0], [0.0, -20.0, 45.0], [-20.0, 0.0, 45.0], [0.0, 20.0, 45.0]])
     array([  0.,  90., 180., 270.])
-
-    Parameters
-    ----------
-    field : (..., 3) or (..., 2)
-        Corrected readings.
-
-    Returns
-    -------
-    (...,) degrees in [0, 360)
-
-    Raises
-    ------
-    ArrayError
-        As `magnetic_heading_deg`.
     """
     flat = np.asarray(field)
     if flat.ndim and flat.shape[-1] == 2:
@@ -119,8 +106,6 @@ def an3192(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 
     Parameters, result and errors as `magnetic_heading_deg`.
 
-    Examples
-    --------
     >>> def turned(roll, pitch):  # what sensors read that head north, dip 60°, ψ → θ → φ
     ...     (cr, cp), (sr, sp) = np.cos([roll, pitch]), np.sin([roll, pitch])
     ...     rows = [[cp, 0, -sp], [sr * sp, cr, sr * cp], [cr * sp, -sr, cr * cp]]
@@ -146,20 +131,10 @@ FORMULAS: Final[Mapping[str, Callable[[ArrayLike, ArrayLike], Floats]]] = Mappin
 
 
 def roll_pitch_deg(specific_force: ArrayLike) -> tuple[Floats, Floats]:
-    """Roll in (−180, 180] and pitch in [−90, 90] of a body with x forward, y right, z down, in degrees.
+    """Roll in (−180, 180] and pitch in [−90, 90] of a body with x forward, y right, z down: (...,) degrees of (..., 3).
 
-    Parameters
-    ----------
-    specific_force : (..., 3)
-        In any unit.
+    Right side down and nose up are positive.
 
-    Returns
-    -------
-    roll, pitch : (...,) degrees
-        Right side down and nose up are positive.
-
-    Examples
-    --------
     >>> roll, pitch = roll_pitch_deg([[0.0, 0.0, -1.0], [0.0, -0.5, -(0.75**0.5)], [0.5, 0.0, -(0.75**0.5)]])
     >>> roll.round(6), pitch.round(6)
     (array([ 0., 30.,  0.]), array([ 0.,  0., 30.]))

@@ -75,21 +75,11 @@ class ForeignAxes(InputError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frames:
-    """Sums of products of field and specific force, from which each way to swap axes is judged.
+    """Sums of products of field and specific force, from which each way to swap axes is judged."""
 
-    Attributes
-    ----------
-    readings : int
-        In which the acceleration was that of gravity.
-    total : (9,) float
-        Of u = m f, row by row, both of length one.
-    squares : (9, 9) float
-        Of u uᵀ.
-    """
-
-    readings: int = 0
-    total: Floats | None = None
-    squares: Floats | None = None
+    readings: int = 0  # in which the acceleration was that of gravity
+    total: Floats | None = None  # (9,) of u = m f, row by row, both of length one
+    squares: Floats | None = None  # (9, 9) of u uᵀ
 
     @classmethod
     def of(cls, field: ArrayLike, specific_force: ArrayLike, *, gravity: float | None = None) -> Self:
@@ -106,11 +96,10 @@ class Frames:
             than a tenth are left out: the sensor was shaken.
         """
         m, f = table(field, finite=False), table(specific_force, "specific_force", finite=False)
-        length = np.linalg.norm(f, axis=1)
-        gravity = float(np.nanmedian(length)) if gravity is None and np.isfinite(length).any() else gravity
-        strength = np.linalg.norm(m, axis=1)
-        with np.errstate(invalid="ignore"):
-            still = (np.abs(length - (gravity or 0.0)) <= STILL * (gravity or 0.0)) & (length > 0.0) & (strength > 0.0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            length, strength = np.linalg.norm(f, axis=1), np.linalg.norm(m, axis=1)
+            usual = (usual_length(f) if gravity is None else gravity) or 0.0
+            still = (np.abs(length - usual) <= STILL * usual) & (length > 0.0) & (strength > 0.0)
         m, f = m[still] / strength[still, np.newaxis], f[still] / length[still, np.newaxis]
         products = (m[:, :, np.newaxis] * f[:, np.newaxis, :]).reshape(-1, 9)
         return cls(len(products), products.sum(axis=0), products.T @ products)
@@ -146,12 +135,8 @@ class Frames:
     def fitting(self, sign: float = 0.0, *, applied: Axes = EVERY[0]) -> tuple[Axes, ...]:
         """The axes of the acceleration that fit the readings, those that change least first; alone where it is clear.
 
-        Parameters
-        ----------
-        sign : float
-            That of the site's dip; 0 where it is not known, and the axes are taken to be right-handed.
-        applied : Axes
-            How the acceleration was turned before: where taking that back fits, whatever its hand, that comes first.
+        `sign` is that of the site's dip; where it is not known, 0, the axes are taken to be right-handed. Where taking
+        back how the acceleration was turned before, `applied`, fits, whatever its hand, that comes first.
         """
         seen = [(axes, *self.dip(axes)) for axes in EVERY]
         back = next(axes for axes in EVERY if _after(axes, applied) == EVERY[0])
@@ -166,19 +151,10 @@ class Frames:
         return (back, *(axes for axes in fits if axes not in (back, turned_over)))
 
     def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
-        """Refuse axes that do not fit each other, and name those that do.
+        """Refuse axes that do not fit each other, and name those that do; `ForeignAxes` where the mistake is plain.
 
-        Parameters
-        ----------
-        site_dip_deg : float, optional
-            Inclination at the site, where it is known: its sign tells specific force from gravity.
-        applied : Axes
-            How the acceleration was turned before; what is named is to take its place.
-
-        Raises
-        ------
-        ForeignAxes
-            Where readings are enough and the mistake is plain.
+        The sign of `site_dip_deg`, the inclination at the site, tells specific force from gravity. The acceleration was
+        turned by `applied` before, and what is named is to take its place.
         """
         if self.readings < ENOUGH:
             return
@@ -203,6 +179,14 @@ class Frames:
             scatter_deg=scatter_deg,
             fitting_deg=self._in_degrees(self.dip(fitting[0])[0], best),
         )
+
+
+def usual_length(force: Floats) -> float | None:
+    """Median length of (N, 3) vectors, of those that are finite; None where none is."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(force, axis=1)
+    finite = length[np.isfinite(length)]
+    return float(np.median(finite)) if len(finite) else None
 
 
 def _advice(fitting: tuple[Axes, ...], applied: Axes) -> str:

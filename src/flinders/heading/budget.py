@@ -64,18 +64,10 @@ NUMBER: Final = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?!\d)\s
 
 @dataclass(frozen=True, slots=True)
 class UnitValue:
-    """A number with the unit it was typed in.
+    """A number with the unit it was typed in."""
 
-    Attributes
-    ----------
-    value : float
-        In the unit used here: µT, m, A, °, A·m², m³.
-    unit : str
-        As it was typed, in its usual spelling.
-    """
-
-    value: float
-    unit: str
+    value: float  # in the unit used here: µT, m, A, °, A·m², m³
+    unit: str  # as it was typed, in its usual spelling
 
     @classmethod
     def of(cls, kind: Kind, text: str) -> Self:
@@ -120,22 +112,13 @@ class Heading:
 
     At an angle φ between both the error is atan(b sin φ/(H + b cos φ)), and asin(b/H) at its worst. Small ones are
     b/H in radians: 1° at 150 mG is 2.62 mG either way. Beyond b = H a compass shows any heading.
-
-    Attributes
-    ----------
-    field : float, µT
-        Horizontal part of the earth's field.
-    stray : float, µT
-        Horizontal part of what is added to it, fixed to the vehicle.
-    error_deg : float, degrees
-        Worst over all headings, at most 90.
     """
 
     formula: ClassVar[str] = "b = H sin δ"
 
-    field: float
-    stray: float
-    error_deg: float
+    field: float  # µT, horizontal part of the earth's field
+    stray: float  # µT, horizontal part of what is added to it, fixed to the vehicle
+    error_deg: float  # worst over all headings, at most 90
 
     @classmethod
     def solve(cls, *, field: float | None = None, stray: float | None = None, error_deg: float | None = None) -> Self:
@@ -168,46 +151,21 @@ class Heading:
             "anywhere: no heading error can be given; keep the source farther away"
         )
 
-    @property
-    def small_angle_deg(self) -> float:
-        """The error as the rule of thumb has it: b/H in radians, which is too little.
-
-        >>> round(Heading.solve(field=25.0, stray=10.0).small_angle_deg, 2)
-        22.92
-        """
-        return math.degrees(self.stray / self.field)
-
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """A long straight wire whose current returns far away: B = µ₀ I/(2π r).
-
-    Attributes
-    ----------
-    current : float, A
-    distance : float, m
-        From the middle of the wire.
-    stray : float, µT
-        Its whole field; how much of it is horizontal depends on how the wire runs.
-    """
+    """A long straight wire whose current returns far away: B = µ₀ I/(2π r)."""
 
     formula: ClassVar[str] = "B = µ₀ I / (2π r)"
 
-    current: float
-    distance: float
-    stray: float
+    current: float  # A
+    distance: float  # m, from the middle of the wire
+    stray: float  # µT, its whole field; how much of it is horizontal depends on how the wire runs
 
     @classmethod
     def solve(cls, *, current: float | None = None, distance: float | None = None, stray: float | None = None) -> Self:
-        """Find the one that is left out.
+        """Find the one that is left out; `UsageError` unless that is exactly one and the others are positive.
 
-        Raises
-        ------
-        UsageError
-            Unless exactly one is left out and the others are positive.
-
-        Examples
-        --------
         >>> [round(Wire.solve(current=i, distance=r).stray, 9) for i, r in ((1, 0.01), (10, 0.02), (30, 0.05))]
         [20.0, 100.0, 120.0]
         """
@@ -228,23 +186,14 @@ class Pair:
     That is the worst place, in the plane of both wires; out of it the field is less, down to µ₀ I s/(2π (r² + s²/4)).
     Far away either is µ₀ I s/(2π r²). A **twisted** pair makes less by far: its field falls off exponentially with
     distance, and 1.5 pitches away it is 50 dB below that of a straight pair (Moser and Spencer 1968).
-
-    Attributes
-    ----------
-    current : float, A
-    separation : float, m
-        From the middle of one wire to the middle of the other.
-    distance : float, m
-        From the middle between both.
-    stray : float, µT
     """
 
     formula: ClassVar[str] = "B = µ₀ I s / (2π (r² − s²/4))"
 
-    current: float
-    separation: float
-    distance: float
-    stray: float
+    current: float  # A
+    separation: float  # m, from the middle of one wire to the middle of the other
+    distance: float  # m, from the middle between both
+    stray: float  # µT
 
     @classmethod
     def solve(
@@ -266,8 +215,8 @@ class Pair:
         Examples
         --------
         >>> near = Pair.solve(current=10, separation=0.01, distance=0.1)
-        >>> round(near.stray, 3), round(near.far_field, 3), Wire.solve(current=10, distance=0.1).stray
-        (2.005, 2.0, 20.0)
+        >>> round(near.stray, 3), Wire.solve(current=10, distance=0.1).stray
+        (2.005, 20.0)
         """
         known = _known(current=current, separation=separation, distance=distance, stray=stray)
         if known.get("distance", math.inf) <= known.get("separation", 0.0) / 2:
@@ -288,32 +237,18 @@ class Pair:
                 return cls(_sound(b / MU0_2PI * ((r - s / 2) * ((r + s / 2) / s))), s, r, b)
         raise AssertionError  # `_known` lets three of four through
 
-    @property
-    def far_field(self) -> float:
-        """µT: the field as the rule of thumb has it, µ₀ I s/(2π r²); a little too low near by."""
-        return MU0_2PI * self.current * (self.separation / self.distance) / self.distance
-
 
 @dataclass(frozen=True, slots=True)
 class Magnet:
     """A magnet as a dipole: B = µ₀ m/(2π r³) on its axis, half as much beside it.
 
     The axis is the worst direction. Within three times its size a magnet is no dipole.
-
-    Attributes
-    ----------
-    moment : float, A·m²
-    distance : float, m
-        From the middle of the magnet.
-    stray : float, µT
-    position : str
-        ``axial``: off its poles; ``equatorial``: off its side.
     """
 
-    moment: float
-    distance: float
-    stray: float
-    position: Position = "axial"
+    moment: float  # A·m²
+    distance: float  # m, from the middle of the magnet
+    stray: float  # µT
+    position: Position = "axial"  # off its poles, or "equatorial": off its side
 
     @property
     def formula(self) -> str:
@@ -329,15 +264,8 @@ class Magnet:
         stray: float | None = None,
         position: Position = "axial",
     ) -> Self:
-        """Find the one that is left out.
+        """Find the one that is left out; `UsageError` unless that is exactly one and the others are positive.
 
-        Raises
-        ------
-        UsageError
-            Unless exactly one is left out and the others are positive.
-
-        Examples
-        --------
         A magnet of neodymium, 1 cm across and 3 mm thick, at 30 cm:
 
         >>> moment = magnet_moment(remanence=1.3e6, volume=0.236e-6)

@@ -22,7 +22,7 @@ from flinders.core.axes import Axes
 from flinders.errors import NoAccelerometer, UsageError
 from flinders.geometry.angles import wrapped
 from flinders.heading.attitude import FORMULAS, dip_deg, level_heading_deg, roll_pitch_deg
-from flinders.heading.axis_consistency import Frames
+from flinders.heading.axis_consistency import Frames, usual_length
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -40,34 +40,16 @@ AS_THEY_ARE: Final = Axes()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Headings:
-    """Headings of N readings, in degrees, NaN where there is none.
+    """Headings of N readings, in degrees, NaN where there is none; roll, pitch and dip need an accelerometer."""
 
-    Attributes
-    ----------
-    magnetic_deg : (N,)
-        In [0, 360).
-    true_deg : (N,), optional
-        Where the declination is known.
-    roll_deg, pitch_deg : (N,), optional
-        Of a body with x forward, y right, z down; with an accelerometer.
-    dip_deg : (N,), optional
-        Of the field, as it is seen; with an accelerometer.
-    strength : (N,)
-        Length of the corrected reading, as a share of the calibration's field.
-    frames : Frames
-        What tells whether the accelerometer has the axes of the magnetometer; of a level sensor, whether z is down.
-    shaken : int
-        Readings whose acceleration was not that of gravity alone.
-    """
-
-    magnetic_deg: Floats
-    strength: Floats
-    true_deg: Floats | None = None
-    roll_deg: Floats | None = None
-    pitch_deg: Floats | None = None
-    dip_deg: Floats | None = None
-    frames: Frames = field(default_factory=Frames)
-    shaken: int = 0
+    magnetic_deg: Floats  # (N,) in [0, 360)
+    strength: Floats  # (N,) length of the corrected reading, as a share of the calibration's field
+    true_deg: Floats | None = None  # (N,) where the declination is known
+    roll_deg: Floats | None = None  # (N,) of a body with x forward, y right, z down
+    pitch_deg: Floats | None = None  # (N,)
+    dip_deg: Floats | None = None  # (N,) of the field, as it is seen
+    frames: Frames = field(default_factory=Frames)  # axes of the accelerometer; of a level sensor, whether z is down
+    shaken: int = 0  # readings whose acceleration was not that of gravity alone
 
     def __len__(self) -> int:
         return len(self.magnetic_deg)
@@ -87,35 +69,14 @@ class Headings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Compass:
-    """What is needed to turn readings into headings.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    formula : str
-        One of `flinders.heading.attitude.FORMULAS`, or ``"level"``: two axes, for a sensor that is never tilted.
-    acceleration_axes : Axes
-        How the acceleration is turned into the calibration's axes, beyond what turns the field.
-    declination_deg : float, optional
-        Added to magnetic headings it gives true ones.
-    gravity : float, optional
-        Length of the acceleration at rest, in its own unit; by default the median of each block.
-    acceleration_bias : (3,) float, optional, m/s²
-        What the accelerometer reads too much, in the calibration's axes, and is taken off; as a share of gravity, so
-        that the acceleration may be in any unit.
-
-    Raises
-    ------
-    UsageError
-        For a formula that is not known.
-    """
+    """What is needed to turn readings into headings; `UsageError` for a formula that is not known."""
 
     calibration: Calibration
-    formula: str = "exact"
-    acceleration_axes: Axes = AS_THEY_ARE
-    declination_deg: float | None = None
-    gravity: float | None = None
-    acceleration_bias: Floats | None = None
+    formula: str = "exact"  # of `flinders.heading.attitude.FORMULAS`, or "level": two axes, never tilted
+    acceleration_axes: Axes = AS_THEY_ARE  # what turns the acceleration further than the field
+    declination_deg: float | None = None  # added to magnetic headings it gives true ones
+    gravity: float | None = None  # length of the acceleration at rest, in its own unit; else the median of each block
+    acceleration_bias: Floats | None = None  # (3,) m/s², read too much in the calibration's axes, and taken off
 
     def __post_init__(self) -> None:
         """Refuse a name that is none."""
@@ -158,10 +119,7 @@ class Compass:
             return force
         gravity = self.gravity
         if gravity is None:
-            with np.errstate(over="ignore", invalid="ignore"):
-                length = np.linalg.norm(force, axis=1)
-            finite = length[np.isfinite(length)]
-            gravity = float(np.median(finite)) if len(finite) else 0.0
+            gravity = usual_length(force) or 0.0
         unbiased: Floats = force - self.acceleration_bias * (gravity / STANDARD_GRAVITY)
         return unbiased
 
@@ -172,24 +130,13 @@ class Compass:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Voyage:
-    """What a stretch of headings was like, in sums that add.
-
-    Attributes
-    ----------
-    readings, without : int
-        All, and those without a heading.
-    shaken : int
-        Those whose acceleration was not that of gravity alone.
-    frames : Frames
-    tilts : (181,) int
-        Readings by the angle between z and down, in whole degrees.
-    """
+    """What a stretch of headings was like, in sums that add."""
 
     readings: int = 0
-    without: int = 0
-    shaken: int = 0
+    without: int = 0  # those without a heading
+    shaken: int = 0  # those whose acceleration was not that of gravity alone
     frames: Frames = field(default_factory=Frames)
-    tilts: Floats = field(default_factory=lambda: np.zeros(181))
+    tilts: Floats = field(default_factory=lambda: np.zeros(181))  # readings by the angle between z and down, in degrees
 
     @classmethod
     def of(cls, headings: Headings) -> Self:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.arrays import column, floats, matrix, refuse_gaps, vectors
+from flinders.arrays import column, floats, refuse_gaps
 from flinders.errors import ArrayError, FitError, UsageError, counted
 from flinders.geometry.angles import folded, wrapped
 from flinders.summary.pooling import chance_of, chi_square_of
@@ -53,30 +53,17 @@ CHANCE: Final = 1e-3
 class Deviation:
     """A deviation curve, and the swing that it came from.
 
-    Attributes
-    ----------
-    coefficients_deg : (5,) degrees
-        A, B, C, D and E.
-    covariance : (5, 5) degrees², optional
-        Of the coefficients; None where neither the swing nor the user says how well a heading was read.
-    sigma_deg : float or None
-        Scatter of one observation about the curve, or what was given for it.
-    compass_deg, observed_deg : (N,) degrees
-        Headings by the compass, and the deviation seen there.
-    residual_deg : (N,) degrees
-        Observed less curve.
-    chi_square : float or None
-        Of the residuals against what was given as their 1 σ. Where it is larger than chance makes it, the covariance
-        is enlarged by its ratio to the degrees of freedom.
+    Where residuals are larger than chance makes them of the 1 σ that was given, the covariance is enlarged by the ratio
+    of χ² to the degrees of freedom.
     """
 
-    coefficients_deg: Floats
-    covariance: Floats | None
-    sigma_deg: float | None
-    compass_deg: Floats
-    observed_deg: Floats
-    residual_deg: Floats
-    chi_square: float | None = None
+    coefficients_deg: Floats  # (5,) A, B, C, D and E
+    covariance: Floats | None  # (5, 5) degrees²; None where nothing says how well a heading was read
+    sigma_deg: float | None  # scatter of one observation about the curve, or what was given for it
+    compass_deg: Floats  # (N,) headings by the compass
+    observed_deg: Floats  # (N,) the deviation seen there
+    residual_deg: Floats  # (N,) observed less curve
+    chi_square: float | None = None  # of the residuals against what was given as their 1 σ
 
     @property
     def freedom(self) -> int:
@@ -202,20 +189,11 @@ class Expected:
 
     It is one and the same error on every heading of a swing, which therefore sees it: it is in the curve, and no part
     of the uncertainty of that.
-
-    Attributes
-    ----------
-    covariance : (4, 4) degrees²
-        Of B, C, D and E; A is a matter of mounting, of which a calibration claims nothing.
-    dip_deg : float
-        For which it holds.
-    dip_from : str
-        Where that comes from.
     """
 
-    covariance: Floats
-    dip_deg: float
-    dip_from: str
+    covariance: Floats  # (4, 4) degrees², of B, C, D and E; A is a matter of mounting, of which nothing is claimed
+    dip_deg: float  # for which it holds
+    dip_from: str  # where that comes from
 
     @property
     def sigmas_deg(self) -> Floats:
@@ -314,14 +292,10 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
 
 
 def eight_points(deviation_deg: ArrayLike) -> Floats:
-    """A to E from the deviations on N, NE, E, SE, S, SW, W and NW by compass, as adjusters work them out by hand.
+    """A to E in degrees from (8,) deviations on N, NE, E, SE, S, SW, W and NW, as adjusters work them out by hand.
 
     A = mean; B = (E − W)/2; C = (N − S)/2; D = ((NE + SW) − (SE + NW))/4; E = ((N + S) − (E + W))/4
     (H.O. 226, Handbook of Magnetic Compass Adjustment). B and C use two of the headings; `fit` uses all.
-
-    Parameters
-    ----------
-    deviation_deg : (8,) degrees
 
     Raises
     ------
@@ -343,61 +317,6 @@ def eight_points_sigma(sigma_deg: float) -> Floats:
     array([0.354, 0.707, 0.707, 0.5  , 0.5  ])
     """
     return sigma_deg * np.array([8.0**-0.5, 2.0**-0.5, 2.0**-0.5, 0.5, 0.5])
-
-
-def of_iron(soft: ArrayLike, hard: ArrayLike, *, horizontal: float, down: float) -> Floats:
-    """Coefficients that iron makes, to first order: what to expect before a swing.
-
-    A reading is h = (1 + K) field + b, held level with x forward, y right, z down, and the compass shows
-    atan2(−h_y, h_x). Then A = (K₂₁ − K₁₂)/2, B = (b_x + K₁₃ Z)/H, C = (b_y + K₂₃ Z)/H, D = (K₁₁ − K₂₂)/2 and
-    E = (K₂₁ + K₁₂)/2, in radians.
-
-    Parameters
-    ----------
-    soft : (3, 3)
-        K, dimensionless.
-    hard : (3,) µT
-        b.
-    horizontal, down : float, µT
-        H and Z at the site.
-
-    Returns
-    -------
-    (5,) degrees
-
-    Raises
-    ------
-    ArrayError
-        For a wrong shape, or numbers that are not finite.
-    UsageError
-        For a horizontal field that is not positive.
-    """
-    K, b = matrix(soft, "soft"), vectors(hard, "hard")
-    if not horizontal > 0.0:
-        raise UsageError(f"horizontal field is {horizontal:g}: need a positive number")
-    radians = [
-        (K[1, 0] - K[0, 1]) / 2.0,
-        (b[0] + K[0, 2] * down) / horizontal,
-        (b[1] + K[1, 2] * down) / horizontal,
-        (K[0, 0] - K[1, 1]) / 2.0,
-        (K[1, 0] + K[0, 1]) / 2.0,
-    ]
-    coefficients: Floats = np.rad2deg(np.array(radians))
-    return coefficients
-
-
-def largest_error_deg(disturbance: ArrayLike, horizontal: ArrayLike) -> Floats:
-    """How far a horizontal field that does not belong there can turn a compass: asin(Bₑ/H), in degrees.
-
-    NaN where it is stronger than the earth's own: then the compass need not go round at all.
-
-    >>> largest_error_deg([1.0, 5.0, 10.0], 25.0).round(2)
-    array([ 2.29, 11.54, 23.58])
-    """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = floats(disturbance, "disturbance") / floats(horizontal, "horizontal")
-        angle: Floats = np.rad2deg(np.arcsin(share))
-    return angle
 
 
 def _listed(values: ArrayLike, name: str) -> Floats:

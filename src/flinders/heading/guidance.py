@@ -39,12 +39,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from flinders.heading.error_propagation import (
-    direction_errors_deg,
-    direction_gradients,
-    level_gradients,
-    upright,
-)
+from flinders.heading.error_propagation import direction_errors_deg, direction_gradients, level_gradients, upright
 from flinders.likelihood import magnitude
 from flinders.summary.coverage import CELLS
 
@@ -77,32 +72,15 @@ EFFORT_DEG: Final = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Guidance:
-    """What is known in each direction, and where the next readings would tell most.
+    """What is known in each direction, and where the next readings would tell most; all in corrected sensor axes."""
 
-    Attributes
-    ----------
-    errors_deg : (100,) float
-        Direction error of the corrected field to expect in each of `flinders.summary.coverage.CELLS`, 1 σ.
-    worst_deg : float
-        The error that matters: of a level heading for the goal ``heading``, of any direction for ``attitude``.
-    direction : (3,) float
-        One of the cells, in corrected sensor axes: where the field should point next.
-    after_deg : float
-        `worst_deg` after a batch there, as far as can be told before it is taken.
-    goal : str
-    dip_deg : float
-        Inclination of the field at the site.
-    down : (3,) float
-        Which way is down when the vehicle is level, in corrected sensor axes.
-    """
-
-    errors_deg: Floats
-    worst_deg: float
-    direction: Floats
-    after_deg: float
+    errors_deg: Floats  # (100,) 1 σ of the direction of the field in each of `flinders.summary.coverage.CELLS`
+    worst_deg: float  # the error that matters: of a level heading, or of any direction for the goal "attitude"
+    direction: Floats  # (3,), one of the cells: where the field should point next
+    after_deg: float  # `worst_deg` after a batch there, as far as can be told before it is taken
     goal: Goal = "heading"
-    dip_deg: float = 60.0
-    down: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    dip_deg: float = 60.0  # inclination of the field at the site
+    down: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))  # (3,), which way is down when level
 
     def is_reached(self, target_deg: float) -> bool:
         """The worst error is no larger than was asked for. As far as the covariance tells: a verdict knows more."""
@@ -123,11 +101,8 @@ class Guidance:
     def words(self, frame: Frame = "vehicle") -> str:
         """Say what to do, to somebody who knows neither where north is nor which way the field points.
 
-        Parameters
-        ----------
-        frame : str
-            ``vehicle`` where the axes are forward, right, down (at least when it is level): nose, sides, upside
-            down. ``sensor`` where they are those of a bare sensor: the sides that its axes point out of.
+        For a ``vehicle`` with axes forward, right, down (at least when it is level): nose, sides, upside down. For a
+        bare ``sensor``: the sides that its axes point out of.
         """
         return f"hold it {self.pose(frame).words} and turn it slowly once around, keeping it so"
 
@@ -137,21 +112,11 @@ class Guidance:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """An attitude, but for its heading.
+    """An attitude, but for its heading."""
 
-    Attributes
-    ----------
-    down : (3,) float
-        Unit vector in the axes of the body (or of the sensor): what points to the ground.
-    words : str
-        After "hold it".
-    effort : int
-        How many angles have to be judged by eye: none where a side points down.
-    """
-
-    down: Floats
-    words: str
-    effort: int
+    down: Floats  # (3,) unit vector in the axes of the body: what points to the ground
+    words: str  # after "hold it"
+    effort: int  # how many angles have to be judged by eye: none where a side points down
 
 
 def guide(
@@ -212,22 +177,13 @@ def guide(
 def reading_variance(jacobian: Floats, covariance: Floats, noise: float, counts: Floats) -> float:
     """Variance v of a reading with which the readings counted give the covariance that is claimed, in unit².
 
-    Independent readings claim P = σ² M⁻¹ with M = Σ JJᵀ, and all eigenvalues of M P are σ². Where residuals hang
-    together, P is wider, and a reading more of the same kind is worth as much less. Directions of parameter space
+    Independent readings claim P = σ² M⁻¹ with M = Σ JJᵀ, and all eigenvalues of M P are σ². Where residuals are
+    correlated, P is wider, and a reading more of the same kind is worth as much less. Directions of parameter space
     that nobody saw say nothing of that: there a prior makes the eigenvalue too small, or, M being a sum over
     cells, the cells' width makes it too large. So the median speaks; but no reading is better than its noise.
 
-    Parameters
-    ----------
-    jacobian : (K, 9) float
-        In the middle of each cell.
-    covariance : (9, 9) float
-    noise : float
-    counts : (K,) float
-        Readings in each cell.
+    `jacobian` is (K, 9), in the middle of each cell, and `counts` (K,) the readings there.
 
-    Examples
-    --------
     >>> jacobian = np.random.default_rng(1).normal(size=(100, 9))
     >>> claimed = 3.0 * 0.5**2 * np.linalg.inv(20.0 * jacobian.T @ jacobian)   # as of a third of the readings
     >>> round(reading_variance(jacobian, claimed, 0.5, np.full(100, 20.0)) / 0.5**2, 6)

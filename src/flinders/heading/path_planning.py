@@ -98,23 +98,12 @@ class FittedSurface(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """What is known before the next reading, and what a reading is worth.
-
-    Attributes
-    ----------
-    ellipsoid : Ellipsoid
-    covariance : (9, 9) float
-        Of (b, S), in unit².
-    variance : float
-        Of the distance of a further reading from the surface, in unit².
-    is_rough : bool
-        It comes from `rough` and no fit.
-    """
+    """What is known before the next reading, and what a reading is worth."""
 
     ellipsoid: Ellipsoid
-    covariance: Floats
-    variance: float
-    is_rough: bool = False
+    covariance: Floats  # (9, 9) of (b, S), in unit²
+    variance: float  # of the distance of a further reading from the surface, in unit²
+    is_rough: bool = False  # it comes from `rough` and no fit
 
     @classmethod
     def of_fit(cls, fit: FittedSurface) -> Self:
@@ -124,13 +113,7 @@ class Belief:
         return cls(fit.ellipsoid, fit.covariance, variance)
 
     def direction(self, reading: ArrayLike) -> Floats:
-        """(3,) where the corrected field of a raw reading points.
-
-        Raises
-        ------
-        ArrayError
-            For another shape, or what is not finite.
-        """
+        """(3,) where the corrected field of a raw reading points; `ArrayError` where that is not three numbers."""
         departure = np.linalg.solve(self.ellipsoid.shape, triple(reading, "reading") - self.ellipsoid.centre)
         direction: Floats = departure / max(float(np.linalg.norm(departure)), np.finfo(float).tiny)
         return direction
@@ -138,34 +121,18 @@ class Belief:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """Where the field should walk, as seen from the body.
+    """Where the field should walk, as seen from the body; unit vectors in corrected sensor axes."""
 
-    Attributes
-    ----------
-    start : (3,) float
-        Unit vector, corrected sensor axes: where it points now.
-    waypoints : (K, 3) float
-        Unit vectors, on great circles one after the other.
-    worst_deg, after_deg : float
-        The error that matters, now and at the end of the walk, as far as can be told before it is walked.
-    """
-
-    start: Floats
-    waypoints: Floats
-    worst_deg: float
-    after_deg: float
+    start: Floats  # (3,) where it points now
+    waypoints: Floats  # (K, 3) on great circles one after the other
+    worst_deg: float  # the error that matters now
+    after_deg: float  # and at the end of the walk, as far as can be told before it is walked
 
     def words(self, frame: Frame = "vehicle") -> str:
-        """Say how to turn the body, in at most two turns.
+        """Say how to turn the body, in at most two turns, as `flinders.heading.guidance.Guidance.words` does.
 
         The field stays where it is, so to let its direction walk from u to v in the body's axes, the body turns
         about v × u.
-
-        Parameters
-        ----------
-        frame : str
-            ``vehicle`` where the axes are forward, right, down: nose and sides. ``sensor`` for a bare sensor: the
-            sides that its axes point out of.
         """
         legs = pairwise([self.start, *self.waypoints])
         turns = [turn for turn, _ in groupby(_turn(np.cross(there, here), frame) for here, there in legs)]
@@ -217,7 +184,8 @@ def plan(
     now = _information(belief.covariance)
     target = math.radians(target_deg) ** 2
     paths = _begun(now, start, belief.ellipsoid, weight)
-    stretches = _stretches(belief.ellipsoid, weight)
+    graph = _graph()
+    stretches = _information_along(graph.between, graph.lengths_deg, belief.ellipsoid, weight)  # (42, 6, 9, 9)
     for step in range(STEPS):
         variances = _variances(wanted, paths.information)
         worst = variances.max(axis=1)
@@ -229,23 +197,12 @@ def plan(
     return Route(start, _graph().nodes[paths.nodes[best]], _in_degrees(before), _in_degrees(float(worst[best])))
 
 
-def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:
-    """Put a sphere through readings that no fit can do anything with yet.
+def rough(readings: ArrayLike) -> Belief | None:
+    """Put a sphere through (N, 3) raw readings that no fit can do anything with yet; None of too few, or a short arc.
 
     A linear least-squares sphere (|x|² = 2 c·x + k) in the plane, or space, in which the readings are spread; along
     an axis without spread its centre is their mean. Where nothing was seen, the covariance is that of what hard and
     soft iron commonly do: a radius each way, and `DEPARTURE` of it in shape.
-
-    Parameters
-    ----------
-    readings : (N, 3) array-like
-        Raw, in their unit.
-    arc_deg : float
-        The arc that it takes.
-
-    Returns
-    -------
-    Belief, or None where even that is too much to ask.
 
     Raises
     ------
@@ -263,15 +220,13 @@ def rough(readings: ArrayLike, *, arc_deg: float = ARC_DEG) -> Belief | None:
         return None
     flat = (points - mean) @ plane.T
     sphere, *_ = np.linalg.lstsq(np.c_[2.0 * flat, np.ones(len(flat))], np.sum(flat**2, axis=1))
-    centre, radius = (
-        mean + sphere[:-1] @ plane,
-        math.sqrt(max(sphere[-1] + sphere[:-1] @ sphere[:-1], 0.0)),
-    )
+    centre = mean + sphere[:-1] @ plane
+    radius = math.sqrt(max(sphere[-1] + sphere[:-1] @ sphere[:-1], 0.0))
     lengths = np.linalg.norm(points - centre, axis=1)
     if radius == 0.0 or not lengths.all():
         return None
     directions = (points - centre) / lengths[:, np.newaxis]
-    if float((directions @ directions.T).min()) > math.cos(math.radians(arc_deg)):
+    if float((directions @ directions.T).min()) > math.cos(math.radians(ARC_DEG)):
         return None
     ellipsoid = Ellipsoid(centre, radius * np.eye(3))
     variance = max(float(np.mean((lengths - radius) ** 2)), (ROUGHEST * radius) ** 2)
@@ -329,12 +284,6 @@ def _begun(now: Floats, start: Floats, ellipsoid: Ellipsoid, weight: float) -> _
     reached = np.flatnonzero((angles > NEAREST_DEG) & (angles < FARTHEST_DEG))
     arcs = np.array([_arc(start, _graph().nodes[node], 4)[0] for node in reached])
     return _Paths(now + _information_along(arcs, angles[reached], ellipsoid, weight), reached[:, np.newaxis])
-
-
-def _stretches(ellipsoid: Ellipsoid, weight: float) -> Floats:
-    """(42, 6, 9, 9) information of the way from each node to each of its neighbours."""
-    graph = _graph()
-    return _information_along(graph.between, graph.lengths_deg, ellipsoid, weight)
 
 
 def _information_along(arcs: Floats, lengths_deg: Floats, ellipsoid: Ellipsoid, weight: float) -> Floats:

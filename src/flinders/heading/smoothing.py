@@ -20,7 +20,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, Literal, Protocol, TypeAlias, get_args
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -122,13 +122,7 @@ class Filter:
 
     @classmethod
     def of(cls, text: str) -> Filter:
-        """Read ``NAME`` or ``NAME:WIDTH``.
-
-        Raises
-        ------
-        UsageError
-            For anything else.
-        """
+        """Read ``NAME`` or ``NAME:WIDTH``; `UsageError` for anything else."""
         name, colon, width = text.strip().partition(":")
         number = width.strip()
         if colon and not (number.isascii() and number.isdecimal() and len(number) < 10):
@@ -136,20 +130,13 @@ class Filter:
         return cls(name.strip().casefold(), int(number) if colon else WIDTH)  # type: ignore[arg-type]  # checked there
 
     def keeps(self, angle_deg: float) -> float:
-        """Share of the radius that is left of a circle, gone round uniformly at an angle from reading to reading.
+        """Share of the radius that is left of a circle, gone round uniformly at 0 to 180° from reading to reading.
 
         A mean of w readings leaves |sin(wθ/2) / (w sin(θ/2))|. A Kalman filter in its steady state is an exponential
         mean, and leaves K / √(K² + 4(1 − K) sin²(θ/2)). A median leaves all but the ends of each axis, which it
         cuts off at cos((w − 1)θ/4) of the radius where steps are fine, and a little lower where they are not: no
         circle is left, and this is half of its width along the axes, up to (w − 1)θ/2 = 90°.
 
-        Parameters
-        ----------
-        angle_deg : float
-            0 to 180.
-
-        Examples
-        --------
         >>> round(Filter("moving-average", 9).keeps(20.0), 3), round(Filter("median", 9).keeps(20.0), 3)
         (0.64, 0.766)
         """
@@ -174,11 +161,8 @@ class Filter:
     def start(self, *, centred: bool) -> SmoothingStream:
         """Begin with a recording.
 
-        Parameters
-        ----------
-        centred : bool
-            A window lies around its reading, and readings come out when those behind it have come in; otherwise it
-            ends with its reading, which comes out at once. A Kalman filter never waits.
+        A centred window lies around its reading, and readings come out when those behind it have come in; otherwise it
+        ends with its reading, which comes out at once. A Kalman filter never waits.
         """
         return SmoothingStream(self, centred=centred)
 
@@ -199,13 +183,7 @@ def filtered(recording: Recording, by: Filter) -> Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filtered(Wrapped):
-    """One recording with its readings filtered, see `filtered`.
-
-    Attributes
-    ----------
-    recording : Recording
-    by : Filter
-    """
+    """One recording with its readings filtered, see `filtered`."""
 
     recording: Recording
     by: Filter
@@ -230,18 +208,10 @@ class Filtered(Wrapped):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passed:
-    """Readings that have come through.
+    """Readings that have come through; in the place of one that was dropped stands what was expected of it."""
 
-    Attributes
-    ----------
-    field : (N, 3) float
-        In the place of a reading that was dropped stands what was expected of it.
-    accepted : (N,) bool
-        Not dropped.
-    """
-
-    field: Floats
-    accepted: NDArray[np.bool_]
+    field: Floats  # (N, 3)
+    accepted: NDArray[np.bool_]  # (N,) not dropped
 
     @classmethod
     def nothing(cls) -> Passed:
@@ -280,7 +250,7 @@ class SmoothingStream:
     """
 
     def __init__(self, by: Filter, *, centred: bool) -> None:
-        self._run: _Filter = _Kalman(by.gain) if by.name == "kalman" else _Window(by, centred=centred)
+        self._run: _Kalman | _Window = _Kalman(by.gain) if by.name == "kalman" else _Window(by, centred=centred)
         self._clock = _Clock()
         self._pauses = 0
         self.dropped = 0
@@ -305,18 +275,6 @@ class SmoothingStream:
     def finish(self) -> Passed:
         """Give back what still waits for readings to come, and forget what was before."""
         return self._run.finish()
-
-
-class _Filter(Protocol):
-    """A filter between two pauses."""
-
-    restarts: int
-
-    def push(self, field: Floats) -> Passed:
-        """Take readings, and give back what is ready."""
-
-    def finish(self) -> Passed:
-        """Give back the rest; what comes next has nothing to do with it."""
 
 
 class _Clock:

@@ -43,25 +43,13 @@ SLACK_DEG: Final = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """A stretch of one heading.
+    """A stretch of one heading."""
 
-    Attributes
-    ----------
-    start, stop : int
-        First reading, and the one after the last.
-    heading_deg : float, degrees
-        Mean, in [0, 360).
-    spread_deg : float, degrees
-        Scatter of a reading.
-    sigma_deg : float, degrees
-        1 σ of the mean, from the scatter of the means of its eighths: noise that creeps is in it, iron is not.
-    """
-
-    start: int
-    stop: int
-    heading_deg: float
-    spread_deg: float
-    sigma_deg: float
+    start: int  # first reading
+    stop: int  # the one after the last
+    heading_deg: float  # mean, in [0, 360)
+    spread_deg: float  # scatter of a reading
+    sigma_deg: float  # 1 σ of the mean, from the means of its eighths: noise that creeps is in it, iron is not
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready, under the names of the attributes."""
@@ -72,20 +60,14 @@ class Rest:
 class HalfTurn:
     """Two rests, half a turn apart.
 
-    Attributes
-    ----------
-    first, second : Rest
-    off_deg : float, degrees
-        Change of the heading, less 180°, in (−180, 180]. A compass whose deviation is δ(ζ) is off by
-        δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ): hard iron shows, and what repeats every half turn does not.
-    sigma_deg : float, degrees
-        1 σ of that from the noise of the readings.
+    A compass whose deviation is δ(ζ) is off by δ(ζ) − δ(ζ + 180°) = 2 (B sin ζ + C cos ζ): hard iron shows, and what
+    repeats every half turn does not.
     """
 
     first: Rest
     second: Rest
-    off_deg: float
-    sigma_deg: float
+    off_deg: float  # change of the heading, less 180°, in (−180, 180]
+    sigma_deg: float  # 1 σ of that from the noise of the readings
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -97,25 +79,11 @@ class HalfTurn:
         }
 
 
-def rests(
-    heading_deg: ArrayLike, *, within_deg: float = WITHIN_DEG, least_readings: int = LEAST_READINGS
-) -> tuple[Rest, ...]:
-    """Find where a heading was kept.
+def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tuple[Rest, ...]:
+    """Find where (N,) headings, in the order of time and NaN where there is none, were kept for `least_readings`.
 
-    Parameters
-    ----------
-    heading_deg : (N,) degrees
-        In the order of time; NaN where there is none.
-    within_deg : float, degrees
-        A moment, an eighth of the shortest rest, belongs to a rest if its mean is so near to that of the rest.
-    least_readings : int
-        In the shortest rest; eight at the least.
-
-    Returns
-    -------
-    tuple of Rest
-        In the order of time. Neighbours on the same heading, with a bump between them, are one. The first and the last
-        moment of each are left out: the turn begins and ends in them.
+    Neighbours on the same heading, with a bump between them, are one rest. The first and the last moment (an eighth of
+    the shortest rest) of each are left out: the turn begins and ends in them.
 
     Raises
     ------
@@ -129,19 +97,18 @@ def rests(
     moments = np.exp(1j * np.deg2rad(headings[: len(headings) // size * size])).reshape(-1, size)
     with np.errstate(invalid="ignore"):
         mean = np.where(np.isfinite(moments).any(axis=1), np.nansum(moments, axis=1), np.nan)
-    runs = [run for run in _runs(mean, within_deg) if run[1] - run[0] >= MOMENTS]
     joined: list[tuple[int, int]] = []
-    for run in runs:
-        near = joined and run[0] - joined[-1][1] <= MOMENTS
-        if near and abs(_apart(mean, joined[-1], run)) <= within_deg:
+    for run in _runs(mean):
+        is_next = joined and run[0] - joined[-1][1] <= MOMENTS
+        if is_next and abs(_apart(mean, joined[-1], run)) <= WITHIN_DEG:
             joined[-1] = (joined[-1][0], run[1])
         else:
             joined.append(run)
     return tuple(_rest(headings, (start + 1) * size, (stop - 1) * size) for start, stop in joined)
 
 
-def half_turns(rests: Sequence[Rest], *, slack_deg: float = SLACK_DEG) -> tuple[HalfTurn, ...]:
-    """Pair each rest with the next that is half a turn away, within `slack_deg`.
+def half_turns(rests: Sequence[Rest]) -> tuple[HalfTurn, ...]:
+    """Pair each rest with the next that is about half a turn away.
 
     >>> north, south = Rest(0, 100, 1.0, 0.5, 0.1), Rest(200, 300, 178.0, 0.5, 0.1)
     >>> [round(half.off_deg, 9) for half in half_turns([north, south])]
@@ -151,7 +118,7 @@ def half_turns(rests: Sequence[Rest], *, slack_deg: float = SLACK_DEG) -> tuple[
     for place, first in enumerate(rests):
         for second in rests[place + 1 :]:
             off = float(folded(second.heading_deg - first.heading_deg - 180.0))
-            if abs(off) <= slack_deg:
+            if abs(off) <= SLACK_DEG:
                 halves.append(HalfTurn(first, second, off, float(np.hypot(first.sigma_deg, second.sigma_deg))))
                 break
     return tuple(halves)
@@ -174,17 +141,16 @@ def hard_iron(halves: Sequence[HalfTurn]) -> tuple[float, float] | None:
     return b, c
 
 
-def _runs(mean: Floats, within_deg: float) -> list[tuple[int, int]]:
-    """Stretches of moments, first and one past the last, that stay near their own mean."""
+def _runs(mean: Floats) -> list[tuple[int, int]]:
+    """Stretches of moments, first and one past the last, that stay near their own mean for long enough."""
     runs, start, total = [], 0, 0.0 + 0.0j
     for place, moment in enumerate(mean.tolist()):
-        near = start < place and abs(_angle(moment, total)) <= within_deg  # false for NaN
-        if not near:
+        belongs = start < place and abs(_angle(moment, total)) <= WITHIN_DEG  # false for NaN
+        if not belongs:
             runs.append((start, place))
             start, total = place, 0.0 + 0.0j
         total += moment
-    runs.append((start, len(mean)))
-    return runs
+    return [(first, stop) for first, stop in [*runs, (start, len(mean))] if stop - first >= MOMENTS]
 
 
 def _apart(mean: Floats, one: tuple[int, int], other: tuple[int, int]) -> float:

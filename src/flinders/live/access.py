@@ -16,7 +16,9 @@ http://evil.example is another site: only pages of this server may do that
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import errno
 import hmac
 import ipaddress
 import logging
@@ -30,16 +32,19 @@ from urllib.parse import urlsplit
 
 import h11
 import uvicorn
+from starlette.datastructures import MutableHeaders
+from starlette.requests import ClientDisconnect, HTTPConnection
+from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.websockets import WebSocketClose
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from flinders.errors import LinkError
 from flinders.live.messages import LONGEST
 
 if TYPE_CHECKING:
-    import asyncio
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-    from starlette.types import ASGIApp
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 CSP: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
@@ -56,22 +61,15 @@ HEADERS: Final = {
     "Cache-Control": "no-store",
 }
 """On every answer."""
-LONGEST_NAME: Final = 100
-"""Letters of a file's name that are shown."""
+LONGEST_NAME: Final = 100  # Letters of a file's name that are shown
 TOKEN_BYTES: Final = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """What is let through.
+    """What is let through to a port: requests that call the server by one of its names.
 
-    Attributes
-    ----------
-    port : int
-    names : frozenset of str
-        By which this server may be called, besides addresses in figures where it listens on all of them.
-    is_open : bool
-        It listens on addresses that other machines reach.
+    One that is open listens on addresses that other machines reach, and may be called by any address in figures.
     """
 
     port: int
@@ -88,14 +86,9 @@ class Gate:
         return cls(port, frozenset(names), is_open)
 
     def refusal(self, *, host: str | None, origin: str | None, needs_origin: bool) -> str | None:
-        """Say why a request is refused; None where it is let through.
+        """Say why a request with these headers is refused; None where it is let through.
 
-        Parameters
-        ----------
-        host, origin : str or None
-            Its headers.
-        needs_origin : bool
-            It changes something, or opens a socket: browsers then always say where they come from.
+        One that changes something, or opens a socket, needs an origin: browsers then always say where they come from.
         """
         if host is None or not self._is_own(host):
             return f"this server is not {host or 'without a name'}: open the address that flinders live prints"
@@ -162,13 +155,7 @@ def is_address(name: str) -> bool:
 
 @dataclass(slots=True)
 class Tokens:
-    """One-time tokens: the first browser that shows one gets a cookie, and the next one needs a new token.
-
-    Attributes
-    ----------
-    current : str
-        To be printed.
-    """
+    """One-time tokens: the first browser that shows the current one gets a cookie, and the next needs a new one."""
 
     current: str = field(default_factory=lambda: secrets.token_urlsafe(TOKEN_BYTES))
     _cookies: set[str] = field(default_factory=set)
@@ -193,24 +180,6 @@ def cookie_name(port: int) -> str:
     return f"flinders-{port}"
 
 
-def set_cookie(port: int, value: str) -> str:
-    """The header that gives a cookie: not for scripts, not for other sites."""
-    return f"{cookie_name(port)}={value}; HttpOnly; SameSite=Strict; Path=/"
-
-
-def cookie_of(header: str | None, port: int) -> str | None:
-    """Find the cookie of this server in a header.
-
-    >>> cookie_of("theme=dark; flinders-8410=abc", 8410)
-    'abc'
-    """
-    for part in (header or "").split(";"):
-        name, _, value = part.strip().partition("=")
-        if name == cookie_name(port):
-            return value
-    return None
-
-
 def shown_name(name: str) -> str:
     r"""A file's name from a browser as it may be shown: no folder, nothing that is not printed, not too long.
 
@@ -224,22 +193,82 @@ def shown_name(name: str) -> str:
     return text[:LONGEST_NAME] or "a file"
 
 
-STOPPING_S: Final = 1
-"""Seconds that pages have to let go, when the server stops."""
-HEAD_S: Final = 10.0
-"""Seconds that the head of a request may take to come."""
-MOST_CONNECTIONS: Final = 200
-"""Open at one time; a further one is closed."""
+def answer(words: str, status: int) -> Response:
+    """Words for a person, as JSON."""
+    return JSONResponse({"words": words}, status_code=status)
+
+
+class Guard:
+    """An application behind a gate, with `HEADERS` on every answer.
+
+    Each browser is asked for a token, where there are any; `say` is told the next one.
+    """
+
+    def __init__(self, app: ASGIApp, gate: Gate, tokens: Tokens | None, say: Callable[[str], None]) -> None:
+        self._app, self._gate, self._tokens, self._say = app, gate, tokens, say
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """As ASGI has it; a request that the browser has given up, or that is under way at the end, is no fault."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        refused = self._refused(HTTPConnection(scope))
+        if scope["type"] == "websocket":
+            await (WebSocketClose(1008) if refused else self._app)(scope, receive, send)
+            return
+        send = _with_headers(send)
+        try:
+            await (refused or self._app)(scope, receive, send)
+        except ClientDisconnect:
+            return
+        except asyncio.CancelledError:
+            with contextlib.suppress(Exception):
+                await answer("flinders live has been stopped", 503)(scope, receive, send)
+
+    def _refused(self, request: HTTPConnection) -> Response | None:
+        """What a stranger gets; None for a page of ours."""
+        is_socket = request.scope["type"] == "websocket"
+        refusal = self._gate.refusal(
+            host=request.headers.get("host"),
+            origin=request.headers.get("origin"),
+            needs_origin=is_socket or request.scope["method"] not in ("GET", "HEAD"),
+        )
+        if refusal is not None:
+            return answer(refusal, 403)
+        name = cookie_name(self._gate.port)
+        if self._tokens is None or self._tokens.knows(request.cookies.get(name)):
+            return None
+        shown = request.query_params.get("token", "")
+        cookie = self._tokens.redeem(shown) if not is_socket and request.url.path == "/" else None
+        if cookie is None:
+            return answer("open the address that flinders live prints, with its token; each works once", 401)
+        self._say(f"for another browser: http://HOST:{self._gate.port}/?token={self._tokens.current}")
+        let_in = RedirectResponse("/", 303)
+        let_in.set_cookie(name, cookie, httponly=True, samesite="strict")
+        return let_in
+
+
+def _with_headers(send: Send) -> Send:
+    """Put `HEADERS` on the answer, which may be stricter."""
+
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in HEADERS.items():
+                headers.setdefault(name, value)
+        await send(message)
+
+    return sending
+
+
+SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+STOPPING_S: Final = 1  # Seconds that pages have to let go, when the server stops
+HEAD_S: Final = 10.0  # Seconds that the head of a request may take to come
+MOST_CONNECTIONS: Final = 200  # Open at one time; a further one is closed
 
 
 def listening(host: str, port: int) -> socket.socket:
-    """Open the socket to listen on; port 0 takes any that is free.
-
-    Raises
-    ------
-    LinkError
-        Where it is taken, or the address is not one of this machine.
-    """
+    """Open the socket to listen on; port 0 takes any that is free. `LinkError` says why it cannot be."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -253,8 +282,6 @@ def listening(host: str, port: int) -> socket.socket:
 
 
 def _why_not(host: str, port: int, error: Exception) -> str:
-    import errno
-
     number = getattr(error, "errno", None)
     if number == errno.EADDRINUSE:
         return f"port {port} is taken, perhaps by another flinders live: give another --port, or 0 for any"
@@ -275,15 +302,11 @@ class _Server(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-        before = {}
-        with contextlib.suppress(ValueError):  # not the main thread, which alone gets signals
-            before = {name: signal.signal(getattr(signal, name), self._stop) for name in names}
-        try:
+        with contextlib.ExitStack() as before:
+            with contextlib.suppress(ValueError):  # not the main thread, which alone gets signals
+                for number in SIGNALS:
+                    before.callback(signal.signal, number, signal.signal(number, self._stop))
             yield
-        finally:
-            for name, handler in before.items():
-                signal.signal(getattr(signal, name), handler)
 
     def _stop(self, _number: int, _frame: object) -> None:
         self.force_exit = self.should_exit

@@ -28,16 +28,11 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.samples import Samples
-    from flinders.live.feeds import Reading
 
-CAPACITY: Final = 1 << 20
-"""Readings in memory, at most: 59 MB, and as much again for a moment while they are moved."""
-SHOWN: Final = 40_000
-"""Readings shown, at most; when there are more, every second one, which leaves half as many."""
-COLUMNS: Final = 7
-"""Time in s, field and acceleration."""
-GAP: Final = (np.nan, np.nan, np.nan)
-"""What stands for an acceleration that is not there."""
+CAPACITY: Final = 1 << 20  # Readings in memory, at most: 59 MB, and as much again for a moment while they are moved
+SHOWN: Final = 40_000  # Readings shown, at most; when there are more, every second one, which leaves half as many
+COLUMNS: Final = 7  # Time in s, field and acceleration
+GAP: Final = (np.nan, np.nan, np.nan)  # What stands for an acceleration that is not there
 FIRST_ROOM: Final = 4096
 
 
@@ -47,25 +42,13 @@ def stride_for(total: int, most: int) -> int:
     >>> stride_for(40_000, 40_000), stride_for(40_001, 40_000)
     (1, 2)
     """
-    stride = 1
-    while -(-total // stride) > most:
-        stride *= 2
-    return stride
+    parts = -(-total // most)
+    return 1 << max(parts - 1, 0).bit_length()
 
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """Where a timeline has got to.
-
-    Attributes
-    ----------
-    last : float, s
-        Latest time of the source's own clock; NaN before the first.
-    shift : float, s
-        From there to the session's.
-    at : float, s
-        Latest time of the session.
-    """
+    """Where a timeline has got to: the source's clock `last` read, the session's time `at`, the shift between them."""
 
     last: float = np.nan
     shift: float = 0.0
@@ -76,8 +59,6 @@ class Timeline:
 
         A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
 
-        Examples
-        --------
         >>> times, clock = Timeline()(np.array([1.0, 1.5, 0.0, 0.5]))
         >>> times.tolist(), clock
         ([1.0, 1.5, 1.5, 2.0], Timeline(last=0.5, shift=1.5, at=2.0))
@@ -104,17 +85,9 @@ class _Room:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadingBuffer:
-    """Readings in the order in which they came.
+    """Readings in the order in which they came: of `total`, one of `stride` is in memory, and at most `most` are.
 
-    Attributes
-    ----------
-    total : int
-        Received.
-    stride : int
-        One of so many readings is in memory; reading j in memory is reading number j · `stride`.
-    has_acceleration : bool
-    most : int
-        Held, at most.
+    Reading j in memory is reading number j · `stride`.
     """
 
     total: int = 0
@@ -217,38 +190,28 @@ class ReadingBuffer:
         ]
 
 
-def rows_of(samples: Samples) -> Floats:
-    """(N, 7) samples as rows of a buffer; without times, a reading counts a second."""
+def rows_of(samples: Samples, axes: Axes | None = None) -> Floats:
+    """(N, 7) samples as rows of a buffer, turned to other axes; without times, a reading counts a second.
+
+    >>> from flinders.core.axes import Axes
+    >>> from flinders.core.samples import Samples
+    >>> rows_of(Samples.of([[1, 2, 3]], time=[0.5]), Axes.of("x,-y,-z"))[0, :4]
+    array([ 0.5,  1. , -2. , -3. ])
+    """
     rows = np.full((len(samples), COLUMNS), np.nan)
     rows[:, 0] = np.arange(len(samples)) if samples.time is None else samples.time
     rows[:, 1:4] = samples.field
     if samples.acceleration is not None:
         rows[:, 4:] = samples.acceleration
-    return rows
-
-
-def rows_of_readings(readings: list[Reading], axes: Axes, timeline: Timeline) -> tuple[Floats, Timeline]:
-    """(N, 7) readings as rows of a session's buffer, in its axes and on its timeline.
-
-    >>> from flinders.core.axes import Axes
-    >>> from flinders.live.feeds import Reading
-    >>> rows, timeline = rows_of_readings([Reading(0.5, (1.0, 2.0, 3.0), "uT")], Axes.of("x,-y,-z"), Timeline())
-    >>> rows[0, :4]
-    array([ 0.5,  1. , -2. , -3. ])
-    """
-    rows = np.array([(one.time, *one.field, *(one.acceleration or GAP)) for one in readings], float)
-    rows[:, 0], timeline = timeline(rows[:, 0])
-    if not axes.is_identity:
+    if axes is not None and not axes.is_identity:
         rows[:, 1:4], rows[:, 4:] = axes.apply(rows[:, 1:4]), axes.apply(rows[:, 4:])
-    return rows, timeline
+    return rows
 
 
 Span = tuple[float, float]
 
-REMEMBERED: Final = 200
-"""Steps that can be undone."""
-MOST: Final = 1000
-"""Spans, at most: nobody takes out more by hand."""
+REMEMBERED: Final = 200  # Steps that can be undone
+MOST: Final = 1000  # Spans, at most: nobody takes out more by hand
 
 
 def merged(spans: Iterable[Span]) -> tuple[Span, ...]:
@@ -270,16 +233,8 @@ def without(spans: Iterable[Span], hole: Span) -> tuple[Span, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Exclusions:
-    """Excluded intervals of time, ascending and disjoint, with undo and redo.
+    """Excluded intervals of time, ascending and disjoint; the last of `past` and `future` is the nearest.
 
-    Attributes
-    ----------
-    spans : tuple of (start, end), s
-    past, future : tuple of such
-        The last is the nearest.
-
-    Examples
-    --------
     >>> exclusions = Exclusions().excluding((3.0, 5.0)).excluding((4.0, 8.0)).restoring((6.0, 7.0))
     >>> exclusions.spans
     ((3.0, 6.0), (7.0, 8.0))

@@ -1,14 +1,15 @@
 """Fits of a session: of a snapshot while readings arrive, and of all readings in the end.
 
 >>> from flinders import simulate
->>> from flinders.live.session import Snapshot
->>> evaluated = evaluate(Snapshot(key=7, samples=simulate.tumble(seed=1).samples))
->>> evaluated.key, evaluated.view.verdict, evaluated.used, [reason.code for reason in evaluated.reasons]
-(7, 'good', 3000, [])
->>> [reason.code for reason in evaluate(Snapshot(key=8, samples=Samples.of(np.ones((50, 3))))).reasons]
-['stuck-axis', 'stale']
+>>> from flinders.core.units import Unit
+>>> from flinders.live.buffer import rows_of
+>>> from flinders.live.session import Arrived, Session, step
+>>> session, _ = step(Session(), Arrived(at=60.0, rows=rows_of(simulate.tumble(seed=1).samples), unit=Unit.of("uT")))
+>>> evaluated = evaluate(session)
+>>> evaluated.view.verdict, evaluated.used, [reason.code for reason in evaluated.reasons]
+('good', 3000, [])
 
-The same snapshot gives the same, in whichever thread, so that the server may run it while readings arrive. Guidance
+The same session gives the same, in whichever thread, so that the server may run it while readings arrive. Guidance
 begins at the present attitude of the sensor: `flinders.report.view` knows a fit and nothing of where the field points
 now, so it names the best single direction; `guided` puts the first waypoint of `flinders.heading.path_planning` in its
 place, on a sphere through the readings before any fit has a surface.
@@ -28,16 +29,15 @@ import numpy as np
 
 from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import SourceFile
-from flinders.core.samples import CountedRecording, Samples, frame_of
-from flinders.core.units import EARTH_UT, MICROTESLA, Unit
+from flinders.core.samples import CountedRecording, Samples
+from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import FitError, FlindersError, UnreadableInput, counted, figures
 from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit as fit_samples
 from flinders.fitting.result import Refused
 from flinders.heading import path_planning
-from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.messages import PreviousState, Reason
-from flinders.live.session import Evaluated, Series, snapshot
+from flinders.live.session import Evaluated, used_readings
 from flinders.live.session_file import Edits, TrimmedRecording
 from flinders.readers import open_recording
 from flinders.report.view import GuidanceView, Shown, view
@@ -52,56 +52,48 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
-    from flinders.live.buffer import Span, Timeline
-    from flinders.live.session import Session, Snapshot
+    from flinders.live.session import Session
     from flinders.report.view import Triple, View
 
-STALE_S: Final = 2.0
-"""Seconds of equal readings after which a sensor is said to have stopped."""
+STALE_S: Final = 2.0  # Seconds of equal readings after which a sensor is said to have stopped
 STALE_ROWS: Final = 10
 FROZEN_ROWS: Final = 20
 FROZEN_S: Final = 2.0
 """Readings and seconds in which one axis stays as it is and the others do not, after which that is said."""
-LIVELY: Final = 0.9
-"""Of its steps before, so many have to be changes: a coarse axis is equal for a while by itself."""
-MOVING: Final = 0.1
-"""Of their range so far, that the other axes move by meanwhile."""
-CONVERGED: Final = 5.0
-"""A fit has converged, and its findings are shown, once its error is below so many targets, …"""
-CONVERGED_FRACTION: Final = 0.7
-"""… or so much of the sphere has been seen, …"""
-CONVERGED_S: Final = 30.0
-"""… or so many seconds of readings are there: more of the same would not help."""
-STILL_S: Final = 6.0
-"""Seconds without a turn after which somebody is reminded."""
+LIVELY: Final = 0.9  # Of its steps before, so many have to be changes: a coarse axis is equal for a while by itself
+MOVING: Final = 0.1  # Of their range so far, that the other axes move by meanwhile
+CONVERGED: Final = 5.0  # A fit has converged, and its findings are shown, once its error is below so many targets, …
+CONVERGED_FRACTION: Final = 0.7  # … or so much of the sphere has been seen, …
+CONVERGED_S: Final = 30.0  # … or so many seconds of readings are there: more of the same would not help
+STILL_S: Final = 6.0  # Seconds without a turn after which somebody is reminded
 STILL_DEG: Final = 5.0
-LEAST_DEG: Final = 0.001
-"""A smaller difference is not shown as a number."""
+LEAST_DEG: Final = 0.001  # A smaller difference is not shown as a number
 OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
 
 
-def evaluate(snapshot: Snapshot) -> Evaluated:
-    """Fit a snapshot and look at what came out."""
-    samples = snapshot.samples
-    fit, refusal, code = _fitted(snapshot)
+def evaluate(session: Session) -> Evaluated:
+    """Fit what a session shows and look at what came out."""
+    samples, numbers = used_readings(session)
+    fit, refusal, code = _fitted(session, samples)
     page_view = None
     if fit is not None:
-        page_view = view(fit, samples, numbers=snapshot.numbers, goal=snapshot.goal, frame=snapshot.frame)
-        if snapshot.is_followed:
-            page_view = guided(page_view, fit, samples, goal=snapshot.goal, frame=snapshot.frame)
+        goal, frame = session.goal, session.shown.advice_frame
+        page_view = view(fit, samples, numbers=numbers, goal=goal, frame=frame)
+        if session.is_followed:
+            page_view = guided(page_view, fit, samples, goal=goal, frame=frame)
         page_view = _beyond_level(page_view, fit)
     reasons = [*_of_refusal(code, refusal), *_of_motion(samples, fit), *_of_fit(fit, samples)]
-    used = 0 if page_view is None else sum(page_view.tiles_seen) or samples.field.shape[0]
+    used = 0 if page_view is None else sum(page_view.tiles_seen) or len(samples)
     return Evaluated(
-        key=snapshot.key,
+        key=session.shown.key,
         fit=fit,
         view=page_view,
         refusal=refusal,
         reasons=tuple(sorted(reasons, key=lambda reason: reason.severity != "warning")),
         used=used,
         rejected=0 if page_view is None else len(samples) - used,
-        previous=_compared(fit, snapshot),
+        previous=_compared(fit, session),
     )
 
 
@@ -114,10 +106,10 @@ def _beyond_level(page_view: View, fit: Fit) -> View:
     return msgspec.structs.replace(page_view, guidance=msgspec.structs.replace(page_view.guidance, words=words))
 
 
-def _fitted(snapshot: Snapshot) -> tuple[Fit | None, str, str]:
+def _fitted(session: Session, samples: Samples) -> tuple[Fit | None, str, str]:
     """The fit, or why there is none and the code of that."""
     try:
-        return fit_samples(snapshot.samples, target_deg=snapshot.target_deg, dip_deg=snapshot.dip_deg), "", ""
+        return fit_samples(samples, target_deg=session.target_deg, dip_deg=session.dip_deg), "", ""
     except Refused as refused:
         return refused.fit, "", ""
     except FitError as error:
@@ -241,17 +233,15 @@ def _widest_deg(corrected: Floats) -> float:
     return float(np.rad2deg(np.arccos(np.clip(directions @ mean, -1.0, 1.0))).max())
 
 
-def _compared(fit: Fit | None, snapshot: Snapshot) -> PreviousState | None:
+def _compared(fit: Fit | None, session: Session) -> PreviousState | None:
     """How far the calibration from before is off the present one."""
-    previous = snapshot.previous
+    previous = session.previous
     if previous is None:
         return None
     if fit is None or fit.verdict == "refused":
         return PreviousState(previous.name, None, "nothing to compare with yet")
     try:
-        apart = compare(
-            previous, replace(fit, name="this one"), dip_deg=snapshot.dip_deg, target_deg=snapshot.target_deg
-        )
+        apart = compare(previous, replace(fit, name="this one"), dip_deg=session.dip_deg, target_deg=session.target_deg)
     except FlindersError as error:
         return PreviousState(previous.name, None, str(error))
     worst = apart.heading_difference_deg.worst
@@ -264,28 +254,13 @@ def _compared(fit: Fit | None, snapshot: Snapshot) -> PreviousState | None:
     return PreviousState(previous.name, worst, f"{meaning} ({difference} of heading at the worst)")
 
 
-KNOWN_DEG: Final = 10.0
-"""A fit that is farther off than this in some direction is asked for none."""
-SPEED_DEG: Final = 90.0
-"""Degrees a second that a hand turns a sensor by, for what its readings along the way are worth."""
+KNOWN_DEG: Final = 10.0  # A fit that is farther off than this in some direction is asked for none
+SPEED_DEG: Final = 90.0  # Degrees a second that a hand turns a sensor by, for what its readings along the way are worth
 
 
 def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", frame: Frame = "sensor") -> View:
-    """Put the path from the newest reading into a view; no path is shown where it would gain nothing.
+    """Put the path from the newest reading into the view of a fit, which may be refused; not where it gains nothing.
 
-    Parameters
-    ----------
-    view : View
-        Of this fit.
-    fit : Fit
-        Also that of a `Refused`.
-    samples : Samples
-        All so far, the newest last.
-    goal, frame : str
-        As in `flinders.heading.guidance`.
-
-    Examples
-    --------
     >>> from flinders import simulate
     >>> samples = simulate.tumble(seed=1, motion="tilted").samples
     >>> fit = fit_samples(samples, target_deg=0.1)
@@ -318,14 +293,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
 
 
 def believe(fit: Fit | None, readings: ArrayLike) -> path_planning.Belief | None:
-    """What is known after a fit, also a refused one: what it claims where that makes sense, else a sphere.
-
-    Parameters
-    ----------
-    fit : Fit, optional
-    readings : (N, 3) array-like
-        Those that it was made of.
-    """
+    """What is known after a fit of (N, 3) readings, also a refused one: what it claims, or else a sphere."""
     if fit is None or fit.is_flat or fit.direction_error_deg.worst > KNOWN_DEG:
         return path_planning.rough(readings)
     return path_planning.Belief.of_fit(fit)
@@ -350,24 +318,9 @@ def _triple(vector: Floats) -> Triple:
     return x, y, z
 
 
-CHUNK: Final = 1 << 20
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Finished:
-    """What a session comes to.
-
-    Attributes
-    ----------
-    key : int
-        Of what was shown, as in `flinders.live.session`.
-    name : str
-        What it was made from.
-    recording : Recording
-        The readings.
-    outcome : Fit or FlindersError
-    files : tuple of SourceFile
-    """
+    """What a session comes to: the outcome of the readings that were shown under this key, and what they are from."""
 
     key: int
     name: str
@@ -377,13 +330,7 @@ class Finished:
 
     @property
     def fit(self) -> Fit:
-        """The fit, good or limited.
-
-        Raises
-        ------
-        FlindersError
-            Why there is none, or none that may be used.
-        """
+        """The fit, good or limited; raises why there is none, or none that may be used."""
         if isinstance(self.outcome, FlindersError):
             raise self.outcome
         return self.outcome
@@ -407,30 +354,17 @@ class Finished:
 def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Finished:
     """Fit all readings of what is shown, but for those taken out.
 
-    Parameters
-    ----------
-    session : Session
-    path : Path, optional
-        The file of the session; without it, and of a log, what is in memory is all.
-    reading : dict
-        How it is read, as `flinders.open_recording` takes it.
-
-    Examples
-    --------
-    >>> from flinders import simulate
-    >>> from flinders.live.session import Arrived, Session, step
-    >>> session, _ = step(Session(), Arrived(0.0, rows_of(simulate.tumble(seed=1).samples), Unit.of("uT")))
-    >>> finished(session, None, {}).fit.verdict
-    'good'
+    They are in the file at `path`, which is read as `flinders.open_recording` takes `reading`; without it, and of a
+    log, what is in memory is all.
     """
     key, name = session.shown.key, session.opened_name or session.source.name
     if session.opened is not None or path is None:
-        samples = snapshot(session, None).samples
+        samples = used_readings(session, None)[0]
         return Finished(key, name, samples, _outcome(session, samples))
     try:
         file = open_recording(path, **reading)
     except FlindersError as error:
-        return Finished(key, path.name, snapshot(session, None).samples, _nothing_yet(error))
+        return Finished(key, path.name, used_readings(session, None)[0], _nothing_yet(error))
     counting = CountedRecording(TrimmedRecording(file, Edits.of(session).left_out))
     outcome = _outcome(session, counting)
     return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows),))
@@ -454,38 +388,6 @@ def _outcome(session: Session, recording: Recording) -> Fit | FlindersError:
 
 def _source_file(path: Path, rows: int) -> SourceFile:
     """The file as it is now; of one that grows, its beginning."""
-    digest, size = hashlib.sha256(), 0
     with path.open("rb") as file:
-        while chunk := file.read(CHUNK):
-            digest.update(chunk)
-            size += len(chunk)
-    return SourceFile(name=path.name, sha256=digest.hexdigest(), bytes=size, rows=rows)
-
-
-def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Series, str, Timeline]:
-    """Read a recording as a series of readings, as many as a buffer holds, how it was read, and where its time ends.
-
-    Parameters
-    ----------
-    path : Path
-    name : str
-        For messages, in place of its own.
-    spans : tuple of (start, end), s
-        Stretches of time to leave out.
-    **reading
-        As `flinders.open_recording` takes it.
-
-    Raises
-    ------
-    InputError
-        For what cannot be read.
-    """
-    recording = open_recording(path, **reading)
-    trimmed = TrimmedRecording(recording, spans)
-    buffer = ReadingBuffer.empty()
-    for block in trimmed.blocks():
-        buffer = buffer.extended(rows_of(block))
-    words = str(recording).replace(str(path), name).replace(path.name, name)
-    words = words if words.startswith(name) else f"{name}: {words}"
-    series = Series(buffer, getattr(recording, "unit", Unit.of()), recording.axes, frame_of(recording))
-    return series, f"{words}; {counted(buffer.total, 'reading')}", trimmed.timeline
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return SourceFile(name=path.name, sha256=digest, bytes=file.tell(), rows=rows)

@@ -19,13 +19,14 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from flinders.core.units import Unit
-from flinders.live.buffer import Timeline, rows_of_readings
+from flinders.live.buffer import rows_of
 from flinders.live.feeds import FeedEvent, FeedThread
-from flinders.live.messages import FitMessage, Hello, Limits, Notice, TargetInfo
+from flinders.live.messages import Hello, Limits, Notice, TargetInfo
 from flinders.live.page_state import Cursor, session_state
 from flinders.live.session import (
-    Announced,
     Arrived,
     Event,
     FitDone,
@@ -34,7 +35,6 @@ from flinders.live.session import (
     Ticked,
     Unrecorded,
     begin_fit,
-    snapshot,
     step,
     wants_fit,
 )
@@ -43,62 +43,24 @@ from flinders.report.view import tiles_view
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
-    from flinders.core.axes import Axes
+    from flinders.core.samples import Samples
     from flinders.live.evaluation import Finished
-    from flinders.live.feeds import Feed, Reading
     from flinders.live.messages import Link
-    from flinders.live.recorder import Sink
     from flinders.live.session import Evaluated
-    from flinders.live.transports import ByteSource
+    from flinders.live.session_file import Supply
+    from flinders.report.view import View
 
 SOONEST_S: Final = 0.04
 LATEST_S: Final = 0.1
 """From one look at what came to the next, and so from one frame to the next: as soon as something has come."""
-MOST_NOTICES: Final = 50
-"""Notices that wait for a page, at most; older ones go."""
+MOST_NOTICES: Final = 50  # Notices that wait for a page, at most; older ones go
 UPLOAD_BYTES: Final = 64 << 20
 LINKS: Final[dict[str, Link]] = {
-    "connected": "connected", "back": "connected", "nothing": "waiting", "gone": "gone", "ended": "ended"
+    "connected": "connected", "back": "connected", "nothing": "waiting", "unclear": "waiting", "gone": "gone",
+    "ended": "ended",
 }  # fmt: skip
 """What an event of a feed makes of the link; others leave it as it is."""
-UNCLEAR_S: Final = 3.0
-"""Seconds without a reading after which the supply is asked why."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Supply:
-    """Source and recording of the readings.
-
-    Attributes
-    ----------
-    feed : Feed
-        Records what it gives.
-    sink : Sink, optional
-        The file of the session, for what a person does.
-    path : Path, optional
-        The same file, to be read again.
-    axes : Axes
-        What becomes of the sensor's axes.
-    board : ByteSource, optional
-        The board at the other end, where a calibration can be sent to it.
-    reading : dict
-        How `path` is read again, as `flinders.open_recording` takes it.
-    hint : callable
-        Says why no reading comes of what arrives; nothing where it does not know.
-    unrecorded : callable
-        Says why what arrives cannot be written down at present; nothing where it can.
-    """
-
-    feed: Feed
-    sink: Sink | None
-    path: Path | None
-    axes: Axes
-    board: ByteSource | None = None
-    reading: dict[str, Any] = field(default_factory=dict)
-    hint: Callable[[], str] = str
-    unrecorded: Callable[[], str] = str
 
 
 @dataclass(slots=True, eq=False)
@@ -109,50 +71,24 @@ class Page:
     notices: deque[Notice] = field(default_factory=lambda: deque(maxlen=MOST_NOTICES))
     cursor: Cursor = field(default_factory=Cursor)
     state_revision: int = -1
-    fit_revision: int = -1
+    view: View | None = None
     stated_at: float = -1.0
     is_urgent: bool = False
 
 
 class Hub:
-    """The session, what goes into it, and the pages that look at it.
+    """The session, what goes into it, and the pages that look at it; `failure` is what has ended it."""
 
-    Parameters
-    ----------
-    session : Session
-        As it begins, or goes on.
-    supply : Supply
-    clock : callable
-        Seconds, ascending.
-
-    Attributes
-    ----------
-    session : Session
-    pages : set of Page
-    failure : Exception, optional
-        What has ended it.
-    """
-
-    def __init__(
-        self,
-        session: Session,
-        supply: Supply,
-        clock: Callable[[], float] = time.monotonic,
-        *,
-        timeline: Timeline | None = None,
-    ) -> None:
+    def __init__(self, session: Session, supply: Supply, clock: Callable[[], float] = time.monotonic) -> None:
         self.session, self.supply, self.pages = session, supply, set[Page]()
         self.failure: Exception | None = None
         self.name = secrets.token_hex(4)
-        self.fit_message = FitMessage(0, None)
         self._clock, self._start = clock, clock()
-        self._timeline = timeline or Timeline()
         self._feed_thread = FeedThread(supply.feed)
         self._edits = Edits.of(session)
         self._fits: set[asyncio.Task[None]] = set()
         self._final: Finished | None = None
         self._finishing = asyncio.Lock()
-        self._is_hinted = False
         self._came = asyncio.Event()
 
     @property
@@ -183,13 +119,9 @@ class Hub:
     def take(self, event: Event) -> None:
         """Take one event into the session, and tell all pages what follows from it."""
         before = self.session
-        self.session, replies = step(self.session, event)
-        for message in replies:
-            if isinstance(message, FitMessage):
-                self.fit_message = message
-            else:
-                for page in self.pages:
-                    page.notices.append(message)
+        self.session, notices = step(self.session, event)
+        for notice in notices:
+            self._tell(notice)
         if isinstance(event, Arrived | Ticked):
             return
         if self.session is not before:
@@ -240,47 +172,41 @@ class Hub:
 
     def _take(self) -> None:
         """Take what the sensor gave: readings that came together as one event."""
-        rows: list[list[Reading]] = []
+        batches: list[Samples] = []
         for received in self._feed_thread.taken():
             if isinstance(received, FeedEvent):
-                self._arrive(rows)
-                rows = []
+                self._arrive(batches)
+                batches = []
                 self._note(received)
             else:
-                rows.append(received)
-        self._arrive(rows)
+                batches.append(received)
+        self._arrive(batches)
         self.take(Ticked(self.now))
-        if (why := self.supply.unrecorded()) != self.session.unrecorded:
+        if (why := self.supply.sink.why) != self.session.unrecorded:
             self.take(Unrecorded(self.now, why))
-        if not self._is_hinted and self.now > UNCLEAR_S and not self.session.live.buffer.total:
-            self._is_hinted = True
-            if words := self.supply.hint():
-                self.take(Linked(self.now, "waiting", words))
 
-    def _arrive(self, batches: list[list[Reading]]) -> None:
-        readings = [reading for batch in batches for reading in batch]
-        if readings:
-            rows, self._timeline = rows_of_readings(readings, self.supply.axes, self._timeline)
-            self.take(Arrived(self.now, rows, Unit.of(readings[-1].unit)))
+    def _arrive(self, batches: list[Samples]) -> None:
+        if not batches:
+            return
+        rows = np.concatenate([rows_of(batch, self.supply.axes) for batch in batches])
+        self.take(Arrived(self.now, rows, Unit.of(batches[-1].unit.inside)))
 
     def _note(self, event: FeedEvent) -> None:
         """Say what happened to the sensor."""
         link = LINKS.get(event.kind)
-        if link is None:
-            is_settled = event.kind == "settled"
-            words = f"understood as {event.words}" if is_settled else event.words
-            self.take(Announced(self.now, "info" if is_settled else "warning", words))
-        else:
+        if link is not None:
             self.take(Linked(self.now, link, event.words))
+        elif event.kind == "settled":
+            self._tell(Notice("info", f"understood as {event.words}"))
+        else:
+            self._tell(Notice("warning", event.words))
 
     def _record_edits(self) -> None:
         """Write down what a person did, between the readings."""
-        edits, sink = Edits.of(self.session), self.supply.sink
-        if edits == self._edits:
-            return
-        self._edits = edits
-        if sink is not None:
-            self._feed_thread.do(lambda: sink.write(edits.line()))
+        edits = Edits.of(self.session)
+        if edits != self._edits:
+            self._edits = edits
+            self._feed_thread.do(lambda: self.supply.sink.write(edits.line()))
 
     def _fit_if_due(self) -> None:
         """Begin a fit in a thread of its own, where one is due."""
@@ -295,6 +221,10 @@ class Hub:
         evaluated, seconds = await asyncio.to_thread(_timed, session)
         self.take(FitDone(self.now, evaluated, seconds))
 
+    def _tell(self, notice: Notice) -> None:
+        for page in self.pages:
+            page.notices.append(notice)
+
     def _wake_pages(self) -> None:
         for page in self.pages:
             page.wake.set()
@@ -305,4 +235,4 @@ def _timed(session: Session) -> tuple[Evaluated, float]:
     from flinders.live.evaluation import evaluate
 
     begun = time.thread_time()
-    return evaluate(snapshot(session)), time.thread_time() - begun
+    return evaluate(session), time.thread_time() - begun

@@ -26,7 +26,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, LinkError, NotSent, UsageError
-from flinders.live.feeds import FeedEvent, Reading, readings_of
+from flinders.live.feeds import FeedEvent
 from flinders.readers._extras import needs
 from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, names
@@ -35,40 +35,29 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.live.feeds import Received
     from flinders.live.transports import ByteSource
 
-ARDUPILOT, PX4 = 3, 12
-"""MAV_AUTOPILOT in a vehicle's HEARTBEAT."""
+ARDUPILOT, PX4 = 3, 12  # MAV_AUTOPILOT in a vehicle's HEARTBEAT
 AUTOPILOTS: Final = {ARDUPILOT: "ArduPilot", PX4: "PX4"}
-NO_AUTOPILOT: Final = 8
-"""MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a companion computer."""
+NO_AUTOPILOT: Final = 8  # MAV_AUTOPILOT_INVALID: a ground station, a gimbal, a companion computer
 AUTOPILOT: Final = 1
 """MAV_COMP_ID_AUTOPILOT1, the component that is asked where others of the vehicle have heartbeats too."""
-SET_MESSAGE_INTERVAL, RAW_SENSORS = 511, 1
-"""MAV_CMD, and MAV_DATA_STREAM of RAW_IMU and SCALED_IMU."""
-FIRST_VERSION: Final = 0xFE
-"""First byte of a packet of MAVLink 1."""
-ARMED: Final = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED."""
-GROUND_STATION: Final = 6
-"""MAV_TYPE_GCS, what we say we are."""
+SET_MESSAGE_INTERVAL, RAW_SENSORS = 511, 1  # MAV_CMD, and MAV_DATA_STREAM of RAW_IMU and SCALED_IMU
+FIRST_VERSION: Final = 0xFE  # First byte of a packet of MAVLink 1
+ARMED: Final = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+GROUND_STATION: Final = 6  # MAV_TYPE_GCS, what we say we are
 OUR_SYSTEM, OUR_COMPONENT = 255, 190
 
-HEARTBEAT_S: Final = 6.0
-"""Seconds that a vehicle has to show itself; they do once a second."""
-LISTEN_S: Final = 1.5
-"""Seconds that further vehicles on the same link are listened for."""
-SILENT_S: Final = 5.0
-"""Seconds without a heartbeat after which the link is lost."""
+HEARTBEAT_S: Final = 6.0  # Seconds that a vehicle has to show itself; they do once a second
+LISTEN_S: Final = 1.5  # Seconds that further vehicles on the same link are listened for
+SILENT_S: Final = 5.0  # Seconds without a heartbeat after which the link is lost
 ANSWER_S: Final = 0.8
 TRIES: Final = 10
 """Questions before it is given up: where three of ten packets are lost each way, one in a thousand goes unanswered."""
-MOST_OTHERS: Final = 4
-"""Answers with another value, after which the vehicle is taken to keep it."""
-REOPEN_S: Final = 0.2
-"""Seconds between tries to open a lost link again."""
-BACKLOG: Final = 1000
-"""Datagrams that are taken in before anything is set, at most."""
+MOST_OTHERS: Final = 4  # Answers with another value, after which the vehicle is taken to keep it
+REOPEN_S: Final = 0.2  # Seconds between tries to open a lost link again
+BACKLOG: Final = 1000  # Datagrams that are taken in before anything is set, at most
 KINDS: Final = {1: "<B", 2: "<b", 3: "<H", 4: "<h", 5: "<I", 6: "<i"}
 """MAV_PARAM_TYPE of whole numbers, as `struct` packs them."""
 REAL32: Final = 9
@@ -76,28 +65,11 @@ REAL32: Final = 9
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter as a vehicle holds it.
-
-    Attributes
-    ----------
-    name : str
-    value : float
-    kind : int
-        Its MAV_PARAM_TYPE.
-    """
+    """A parameter as a vehicle holds it; `kind` is its MAV_PARAM_TYPE."""
 
     name: str
     value: float
     kind: int = REAL32
-
-
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
-    """What a HEARTBEAT says: which component sent it, what autopilot it is, and whether it is armed."""
-
-    component: int
-    autopilot: int
-    armed: bool
 
 
 class Vehicle:
@@ -105,6 +77,9 @@ class Vehicle:
 
     Attributes
     ----------
+    name : str
+        For messages.
+    source : ByteSource
     autopilot : int
         `ARDUPILOT` or `PX4`.
     system, component : int
@@ -115,7 +90,7 @@ class Vehicle:
 
     def __init__(self, source: ByteSource, *, answer: float = ANSWER_S, silent: float = SILENT_S) -> None:
         self._dialect = needs("pymavlink.dialects.v20.common", "mavlink", "a vehicle on MAVLink")
-        self._source, self._answer, self._silent = source, answer, silent
+        self.source, self._answer, self._silent = source, answer, silent
         self._link: Any = self._dialect.MAVLink(source, srcSystem=OUR_SYSTEM, srcComponent=OUR_COMPONENT)
         self._link.robust_parsing = True
         self._is_old = False
@@ -134,20 +109,13 @@ class Vehicle:
         answer: float = ANSWER_S,
         silent: float = SILENT_S,
     ) -> Self:
-        """Wait for a vehicle.
+        """Wait for a vehicle, the one of this MAVLink system where there are several.
 
-        Parameters
-        ----------
-        source : ByteSource
-        system : int, optional
-            Its MAVLink system number, where there are several.
-        wait, listen, answer, silent : float, s
-            How long for the first heartbeat, for those of others, for an answer, and until the link counts as lost.
+        Seconds are those to `wait` for the first heartbeat, to `listen` for those of others, for an `answer`, and until
+        a `silent` link counts as lost.
 
         Raises
         ------
-        MissingExtra
-            Without pymavlink.
         LinkError
             Where none is heard.
         UsageError
@@ -156,37 +124,36 @@ class Vehicle:
             Where its autopilot is neither ArduPilot nor PX4.
         """
         vehicle = cls(source, answer=answer, silent=silent)
-        heartbeats: dict[int, Heartbeat] = {}
-        until, first = time.monotonic() + wait, None
-        while time.monotonic() < (until if first is None else first + listen):
+        heartbeats: dict[int, Any] = {}
+        until, is_first = time.monotonic() + wait, True
+        while time.monotonic() < until:
             for message in vehicle._arrived():
-                if message.get_type() == "HEARTBEAT":
-                    _note(heartbeats, message)
-            if first is None and heartbeats and (system is None or system in heartbeats):
-                first = time.monotonic()
-            if system in heartbeats and heartbeats[system].component == AUTOPILOT:
+                _note(heartbeats, message)
+            if is_first and heartbeats and system in (None, *heartbeats):
+                is_first, until = False, time.monotonic() + listen
+            if system in heartbeats and heartbeats[system].get_srcComponent() == AUTOPILOT:
                 break
         vehicle._choose(heartbeats, system)
         return vehicle
 
-    def _choose(self, heartbeats: dict[int, Heartbeat], system: int | None) -> None:
+    def _choose(self, heartbeats: dict[int, Any], system: int | None) -> None:
         """Settle on one of the vehicles that were heard."""
         systems = ", ".join(map(str, sorted(heartbeats)))
-        if not heartbeats or (system is not None and system not in heartbeats):
+        if not heartbeats or system not in (None, *heartbeats):
             only = f" of system {system} (there is {systems})" if heartbeats else ""
             raise LinkError(
-                f"no heartbeat{only} from {self._source.name}: see that the vehicle is on, that it sends MAVLink "
+                f"no heartbeat{only} from {self.source.name}: see that the vehicle is on, that it sends MAVLink "
                 "there, and that no ground station holds the port"
             )
         if system is None and len(heartbeats) > 1:
-            raise UsageError(f"{self._source.name} has several vehicles, systems {systems}: say which with --system")
-        self.system = sorted(heartbeats)[0] if system is None else system
+            raise UsageError(f"{self.source.name} has several vehicles, systems {systems}: say which with --system")
+        self.system = next(iter(heartbeats)) if system is None else system
         beat = heartbeats[self.system]
-        self.component, self.autopilot, self.armed = beat.component, beat.autopilot, beat.armed
+        self.component, self.autopilot, self.armed = beat.get_srcComponent(), beat.autopilot, _is_armed(beat)
         self._seen = time.monotonic()
         if self.autopilot not in AUTOPILOTS:
             raise NotSent(
-                f"system {self.system} on {self._source.name} is autopilot {self.autopilot}: parameters are known of "
+                f"system {self.system} on {self.source.name} is autopilot {self.autopilot}: parameters are known of "
                 "ArduPilot (3) and PX4 (12); write them with flinders export and set them by hand"
             )
 
@@ -196,28 +163,16 @@ class Vehicle:
         return f"{AUTOPILOTS.get(self.autopilot, 'vehicle')}, system {self.system}"
 
     def get(self, *names: str, tries: int = TRIES) -> Parameter | None:
-        """Ask for a parameter; None where the vehicle has none of this name, or does not answer.
+        """Ask for a parameter by the names it may have; None where the vehicle has none of them, or does not answer.
 
-        Parameters
-        ----------
-        *names : str
-            What it may be called; the first that is answered counts.
-        tries : int
-            How often it is asked.
-
-        Raises
-        ------
-        LinkError
-            Where the link is lost.
+        `LinkError` where the link is lost.
         """
         unknown: set[str] = set()
         for attempt in range(tries):
             for name in names:
-                self._send(
-                    self._dialect.MAVLink_param_request_read_message(self.system, self.component, name.encode(), -1)
-                )
+                self._ask("param_request_read", name.encode(), -1)
             for message in self.messages(self._patience(attempt)):
-                name = self._parameter_name(message, names)
+                name = _parameter_name(message, names)
                 if name and message.get_type() == "PARAM_VALUE":
                     return Parameter(name, self._decoded(message), message.param_type)
                 if name:
@@ -230,22 +185,13 @@ class Vehicle:
         """Set a parameter, and return the value that the vehicle answers with; None where it does not.
 
         It is asked again while it answers with another value, since that may be late and to an earlier question.
-
-        Raises
-        ------
-        LinkError
-            Where the link is lost.
+        `LinkError` where the link is lost.
         """
         answered, others = None, 0
         for attempt in range(TRIES):
-            encoded = self._encoded(parameter)
-            self._send(
-                self._dialect.MAVLink_param_set_message(
-                    self.system, self.component, parameter.name.encode(), encoded, parameter.kind
-                )
-            )
+            self._ask("param_set", parameter.name.encode(), self._encoded(parameter), parameter.kind)
             for message in self.messages(self._patience(attempt)):
-                if not self._parameter_name(message, (parameter.name,)):
+                if not _parameter_name(message, (parameter.name,)):
                     continue
                 if message.get_type() == "PARAM_ERROR":
                     return answered
@@ -255,74 +201,55 @@ class Vehicle:
                 break
         return answered
 
+    def ask_for(self, message: int) -> None:
+        """Ask for a message `RATE_HZ` times a second, by MAV_CMD and as old ArduPilots have it; it may not be heard."""
+        self._ask("command_long", SET_MESSAGE_INTERVAL, 0, message, 1e6 / RATE_HZ, 0, 0, 0, 0, 0)
+        self._ask("request_data_stream", RAW_SENSORS, round(RATE_HZ), 1)
+
     def come_back(self, seconds: float) -> bool:
         """Wait for a vehicle whose link was lost, and tell whether it is heard again."""
         until, before = time.monotonic() + seconds, self._seen
-        while time.monotonic() < until:
+        while time.monotonic() < until and self._seen == before:
             try:
                 for _ in self._arrived(0.1):
                     pass
             except LinkError:
                 time.sleep(REOPEN_S)
                 with contextlib.suppress(LinkError):
-                    self._source.reopen()
-            if self._seen > before:
-                return True
-        return False
+                    self.source.reopen()
+        return self._seen > before
 
     def messages(self, seconds: float) -> Iterator[Any]:
-        """Yield the messages of this vehicle for so long.
-
-        Raises
-        ------
-        LinkError
-            Where its heartbeats have ended.
-        """
+        """Yield the messages of this vehicle for so long; `LinkError` where its heartbeats have ended."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             for message in self._arrived(max(min(0.05, until - time.monotonic()), 0.0)):
-                if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:
+                if self._is_from(message):
                     yield message
             if time.monotonic() - self._seen > self._silent:
-                raise LinkError(f"{self.name} on {self._source.name} has been silent for {self._silent:g} s")
-
-    def ask_for(self, message: int, rate_hz: float) -> None:
-        """Ask for a message so many times a second, in the new way and in ArduPilot's old one; it may not be heard.
-
-        Raises
-        ------
-        LinkError
-            Where the link is lost.
-        """
-        system, component, dialect = self.system, self.component, self._dialect
-        interval = [float(message), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0]
-        self._send(dialect.MAVLink_command_long_message(system, component, SET_MESSAGE_INTERVAL, 0, *interval))
-        self._send(dialect.MAVLink_request_data_stream_message(system, component, RAW_SENSORS, round(rate_hz), 1))
-
-    def _patience(self, attempt: int) -> float:
-        """Seconds that an answer is waited for: longer at first, as a slow link needs it."""
-        return self._answer * min(1 + attempt / 2, 2)
+                raise LinkError(f"{self.name} on {self.source.name} has been silent for {self._silent:g} s")
 
     def listen(self) -> None:
         """Take in what has arrived, so that `armed` is up to date."""
         for _ in range(BACKLOG):
-            content = self._source.read(0.0)
+            content = self.source.read(0.0)
             if not content:
                 return
             for _ in self._messages(content):
                 pass
 
-    def _parameter_name(self, message: Any, names: Sequence[str]) -> str:  # noqa: ANN401 - pymavlink has no types
-        """Which of these parameters a message is about; empty where it is about none."""
-        if message.get_type() not in ("PARAM_VALUE", "PARAM_ERROR"):
-            return ""
-        name = str(message.param_id).rstrip("\0")
-        return name if name in names else ""
+    def _ask(self, kind: str, *fields: float | bytes) -> None:
+        """Send a message that is addressed to the vehicle."""
+        make = getattr(self._dialect, f"MAVLink_{kind}_message")
+        self._send(make(self.system, self.component, *fields))
 
-    def _decoded(self, message: Any) -> float:  # noqa: ANN401
+    def _patience(self, attempt: int) -> float:
+        """Seconds that an answer is waited for: longer after the first time, as a slow link needs it."""
+        return self._answer * min(1 + attempt / 2, 2)
+
+    def _decoded(self, message: Any) -> float:  # noqa: ANN401 - pymavlink has no types
         if self.autopilot == PX4 and message.param_type in KINDS:
-            layout = KINDS[message.param_type]
-            return float(struct.unpack_from(layout, struct.pack("<f", message.param_value))[0])
+            return float(struct.unpack_from(KINDS[message.param_type], struct.pack("<f", message.param_value))[0])
         return float(message.param_value)
 
     def _encoded(self, parameter: Parameter) -> float:
@@ -339,29 +266,43 @@ class Vehicle:
         if time.monotonic() - self._beaten > 1.0:
             self._beaten = time.monotonic()
             self._send(self._dialect.MAVLink_heartbeat_message(GROUND_STATION, NO_AUTOPILOT, 0, 0, 4, 3))
-        yield from self._messages(self._source.read(timeout))
+        yield from self._messages(self.source.read(timeout))
 
     def _messages(self, content: bytes) -> Iterator[Any]:
         """Yield the messages in some bytes, and keep what they say of the vehicle."""
         for message in self._link.parse_buffer(content) or []:
             if message.get_type() == "BAD_DATA":
                 continue
-            if message.get_srcSystem() == self.system and message.get_srcComponent() == self.component:
+            if self._is_from(message):
                 self._seen = time.monotonic()
                 self._is_old = message.get_msgbuf()[0] == FIRST_VERSION  # answer in kind
                 if message.get_type() == "HEARTBEAT":
-                    self.armed = bool(message.base_mode & ARMED)
+                    self.armed = _is_armed(message)
             yield message
 
+    def _is_from(self, message: Any) -> bool:  # noqa: ANN401
+        return bool((message.get_srcSystem(), message.get_srcComponent()) == (self.system, self.component))
 
-def _note(heartbeats: dict[int, Heartbeat], message: Any) -> None:  # noqa: ANN401
+
+def _is_armed(heartbeat: Any) -> bool:  # noqa: ANN401
+    return bool(heartbeat.base_mode & ARMED)
+
+
+def _note(heartbeats: dict[int, Any], message: Any) -> None:  # noqa: ANN401
     """Keep the heartbeat of an autopilot, by its system; that of its own component before those of others."""
-    beat = Heartbeat(message.get_srcComponent(), message.autopilot, bool(message.base_mode & ARMED))
-    if beat.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
+    if message.get_type() != "HEARTBEAT" or message.autopilot == NO_AUTOPILOT or message.type == GROUND_STATION:
         return
-    system = message.get_srcSystem()
-    if beat.component == AUTOPILOT or heartbeats.get(system, beat).component != AUTOPILOT:
-        heartbeats[system] = beat
+    before = heartbeats.get(message.get_srcSystem(), message)
+    if message.get_srcComponent() == AUTOPILOT or before.get_srcComponent() != AUTOPILOT:
+        heartbeats[message.get_srcSystem()] = message
+
+
+def _parameter_name(message: Any, names: Sequence[str]) -> str:  # noqa: ANN401
+    """Which of these parameters a message is about; empty where it is about none."""
+    if message.get_type() not in ("PARAM_VALUE", "PARAM_ERROR"):
+        return ""
+    name = str(message.param_id).rstrip("\0")
+    return name if name in names else ""
 
 
 def same(one: float, other: float) -> bool:
@@ -369,72 +310,39 @@ def same(one: float, other: float) -> bool:
     return bool(np.array_equal(np.float32(one), np.float32(other), equal_nan=True))
 
 
-RATE_HZ: Final = 20.0
-"""Readings a second that the vehicle is asked for."""
-ASK_AGAIN_S: Final = 3.0
-"""Seconds without a reading after which it is asked again, and advice is given."""
-TOGETHER_S: Final = 0.03
-"""Seconds of readings that are handed on together."""
-FETCH_TRIES: Final = 4
-"""Questions for each parameter."""
+RATE_HZ: Final = 20.0  # Readings a second that the vehicle is asked for
+ASK_AGAIN_S: Final = 3.0  # Seconds without a reading after which it is asked again, and advice is given
+TOGETHER_S: Final = 0.03  # Seconds of readings that are handed on together
+FETCH_TRIES: Final = 4  # Questions for each parameter
 REPORTED: Final = ("OFS_X", "OFS_Y", "OFS_Z", "DIA_X", "DIA_Y", "DIA_Z", "ODI_X", "ODI_Y", "ODI_Z")
 """Of the calibration in force; SCALE came later."""
-LOOK_S: Final = 1.0
-"""Seconds that a better message is waited for."""
+LOOK_S: Final = 1.0  # Seconds that a better message is waited for
 GRAVITY: Final = 9.80665
-BACK_S: Final = 0.5
-"""Seconds that a lost vehicle is waited for at a time."""
+BACK_S: Final = 0.5  # Seconds that a lost vehicle is waited for at a time
 
 
 class Telemetry:
-    """A compass of a vehicle on a link, as the vehicle sends it to a ground station: a `Feed`.
+    """A compass of a vehicle, as the vehicle sends it to a ground station: a `Feed`.
 
     RAW_IMU and SCALED_IMU hold the first compass, SCALED_IMU2 and SCALED_IMU3 the second and the third, in whole mG.
-    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and taken off, unless
-    `as_logged`. Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
+    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and taken off.
+    Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
     A RAW_IMU that is not ArduPilot's is in counts, as the protocol has it. Whether PX4's SCALED_IMU is corrected is
-    **unverified**. Sources and messages are those of `flinders.readers.tlog`.
+    **unverified**. Messages are those of `flinders.readers.tlog`.
 
     Parameters
     ----------
-    source : ByteSource
+    vehicle : Vehicle
     compass : int
         1 to 3, as ArduPilot counts.
-    system : int, optional
-        Which vehicle, where there are several.
-    as_logged : bool
-        Leave ArduPilot's correction on.
-    rate_hz : float
-        Readings a second to ask for.
-    vehicle : Vehicle, optional
-        A vehicle that has answered.
-
-    Attributes
-    ----------
-    name : str
-
-    Raises
-    ------
-    MissingExtra, LinkError, UsageError, NotSent
-        As `Vehicle.find`, and for another compass.
     """
 
-    def __init__(
-        self,
-        source: ByteSource,
-        *,
-        compass: int = 1,
-        system: int | None = None,
-        as_logged: bool = False,
-        rate_hz: float = RATE_HZ,
-        vehicle: Vehicle | None = None,
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, compass: int = 1) -> None:
         if compass not in COMPASSES:
             raise UsageError(f"compass {compass}: MAVLink has messages for compass 1, 2 and 3")
-        self._source, self._compass, self._as_logged, self._rate = source, compass, as_logged, rate_hz
-        self._vehicle = Vehicle.find(source, system=system) if vehicle is None else vehicle
-        self.name = f"compass {compass} of {self._vehicle.name}"
-        self._messages = _ranked(self._vehicle.autopilot, compass)
+        self._vehicle, self._compass = vehicle, compass
+        self.name = f"compass {compass} of {vehicle.name}"
+        self._messages = _ranked(vehicle.autopilot, compass)
         self._start = self._heard = time.monotonic()
         self._parameters: ArduPilotParameters | None = None
         self._kinds: dict[int, float] = {}
@@ -444,30 +352,30 @@ class Telemetry:
         self._waiting: deque[FeedEvent] = deque([FeedEvent("connected", 0.0, f"{self.name}: {self._fetch()}")])
         self._ask()
 
-    def next(self, timeout: float) -> list[Reading] | FeedEvent:
+    def next(self, timeout: float) -> Received:
         """As `Feed.next`."""
         if self._waiting:
             return self._waiting.popleft()
         if self._is_over:
             time.sleep(timeout)
-            return []
+            return None
         if self._is_gone:
             return self._come_back(timeout)
-        readings: list[Reading] = []
+        rows: list[tuple[float, ...]] = []
         try:
-            for message in self._vehicle.messages(min(timeout, TOGETHER_S)):
-                readings += self._taken(message)
+            messages = self._vehicle.messages(min(timeout, TOGETHER_S))
+            rows = [row for message in messages if (row := self._row(message)) is not None]
         except LinkError as error:
             self._is_gone = True
             self._waiting.append(FeedEvent("gone", self._now(), str(error)))
         else:
-            self._remind(bool(readings))
-        return readings
+            self._remind(bool(rows))
+        return self._samples(np.array(rows)) if rows else None
 
     def close(self) -> None:
         """As `Feed.close`."""
         self._is_over = True
-        self._source.close()
+        self._vehicle.source.close()
 
     def _now(self) -> float:
         return time.monotonic() - self._start
@@ -476,8 +384,6 @@ class Telemetry:
         """Fetch the calibration that is in force, and say what becomes of the readings."""
         if self._vehicle.autopilot != ARDUPILOT:
             return "readings as they are sent; whether they are raw or corrected is not known for this autopilot"
-        if self._as_logged:
-            return "corrected readings, as they are sent"
         values: dict[str, float] = {}
         for name in (*REPORTED, "SCALE"):
             group, _, axis = name.partition("_")
@@ -495,7 +401,7 @@ class Telemetry:
         self._heard = time.monotonic()
         with contextlib.suppress(LinkError):
             for message in self._messages:
-                self._vehicle.ask_for(message, self._rate)
+                self._vehicle.ask_for(message)
 
     def _remind(self, has_readings: bool) -> None:
         """Ask again where nothing comes, and say so once."""
@@ -515,25 +421,27 @@ class Telemetry:
                     )
                 )
 
-    def _come_back(self, timeout: float) -> list[Reading] | FeedEvent:
+    def _come_back(self, timeout: float) -> FeedEvent | None:
         if not self._vehicle.come_back(min(timeout, BACK_S)):
-            return []
+            return None
         self._is_gone = False
         self._ask()
         return FeedEvent("back", self._now(), f"{self.name} is back")
 
-    def _taken(self, message: Any) -> list[Reading]:  # noqa: ANN401 - pymavlink has no types
-        """Make a reading of a message of the kind that is taken; one that repeats, and zeros, are none."""
+    def _row(self, message: Any) -> tuple[float, ...] | None:  # noqa: ANN401 - pymavlink has no types
+        """Time, field, force, rate and temperature of a message of the kind that is taken; None for a repeated one."""
         number = message.get_msgId()
         if number not in self._messages or (number == HIGHRES_IMU and not message.fields_updated & MAG_UPDATED):
-            return []
+            return None
         field = (message.xmag, message.ymag, message.zmag)
         in_micros = number in (RAW_IMU, HIGHRES_IMU)
         clock = 1e-6 * message.time_usec if in_micros else 1e-3 * message.time_boot_ms
         if not any(field) or number != self._chosen(number) or (clock, *field) == self._last:
-            return []
+            return None
         self._last = (clock, *field)
-        return readings_of(self._samples(message, clock, np.array([field], float)))
+        warm = getattr(message, "temperature", 0)  # 0 where it is not known
+        force, rate = (message.xacc, message.yacc, message.zacc), (message.xgyro, message.ygyro, message.zgyro)
+        return (clock, *field, *force, *rate, warm or np.nan)
 
     def _chosen(self, number: int) -> int | None:
         """Which kind of message is taken: the best of those that came within a second."""
@@ -543,24 +451,22 @@ class Telemetry:
                 self._kind = min(self._kinds, key=self._messages.index)
         return self._kind
 
-    def _samples(self, message: Any, clock: float, field: Floats) -> Samples:  # noqa: ANN401
-        force = np.array([[message.xacc, message.yacc, message.zacc]], float)
-        rate = np.array([[message.xgyro, message.ygyro, message.zgyro]], float)
-        warm = getattr(message, "temperature", 0)  # 0 where it is not known
+    def _samples(self, rows: Floats) -> Samples:
+        clock, field, force, rate, warm = rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:10], rows[:, 10]
         units = IN_SI if self._kind == HIGHRES_IMU else WHOLE
         is_raw = self._kind == RAW_IMU and self._vehicle.autopilot != ARDUPILOT
         return Samples.of(
             self._raw(field),
             unit="counts" if is_raw else units.field,
-            time=[clock],
+            time=clock,
             acceleration=force if is_raw or units is IN_SI else 1e-3 * GRAVITY * force,
             rate=None if is_raw else units.rate * rate,
-            temperature=[units.temperature * warm] if warm else None,
+            temperature=units.temperature * warm if np.isfinite(warm).any() else None,
             source=self.name,
         )
 
     def _raw(self, field: Floats) -> Floats:
-        """(1, 3) what the compass read, in mG."""
+        """(N, 3) what the compass read, in mG."""
         if self._parameters is None:
             return field
         try:

@@ -5,7 +5,7 @@
     vehicle = Vehicle.find(source)
     plan = ParameterPlan.of(vehicle, calibration, compass=1)
     backup.write_text(plan.backup())
-    plan.carry_out(vehicle)
+    plan.carry_out()
 
 Before anything is set it is seen that the vehicle is disarmed and that the compass is the one that is meant. Where a
 value is not confirmed, the link is lost, the vehicle is armed or the program is stopped, the values from before are put
@@ -24,19 +24,16 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
 from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Parameter, Vehicle, same
 from flinders.targets import ardupilot, px4
-from flinders.targets._affine import refuse_mounted
+from flinders.targets._target import refuse_mounted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from flinders.core.calibration import Calibration
 
-COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}
-"""How they number them."""
-READS: Final = 4
-"""How often a value is read back that is not the one that was set."""
-BACK_S: Final = 30.0
-"""Seconds that a lost vehicle is waited for, to put the values from before back."""
+COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}  # How they number them
+READS: Final = 4  # How often a value is read back that is not the one that was set
+BACK_S: Final = 30.0  # Seconds that a lost vehicle is waited for, to put the values from before back
 AXES: Final = {
     ARDUPILOT: "it acts after COMPASS_ORIENT: the recording must be in the axes of the vehicle, as its logs are",
     PX4: "it acts before CAL_MAGn_ROT: the recording must be in the axes of the sensor, as sensor_mag of its logs is",
@@ -63,27 +60,21 @@ class ParameterPlan:
 
     Attributes
     ----------
-    vehicle : str
-        Its name, for messages.
-    autopilot : int
+    vehicle : Vehicle
     compass : int
         As the vehicle counts: ArduPilot from 1 to 3, PX4 from 0 to 3.
     device_id : int
         Of the compass that the vehicle has there.
-    changes : tuple of Change
+    changes : tuple of ParameterChange
         Every parameter of the calibration, also those that the vehicle holds already.
-    system, component : int
     notes : tuple of str
         What to know, a sentence each.
     """
 
-    vehicle: str
-    autopilot: int
+    vehicle: Vehicle
     compass: int
     device_id: int
     changes: tuple[ParameterChange, ...]
-    system: int = 1
-    component: int = 1
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -122,23 +113,9 @@ class ParameterPlan:
         notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, number, present, wanted))
         changes = []
         for names, value in _wanted(vehicle.autopilot, calibration, number):
-            old = vehicle.get(names[scheme])
-            if old is None:
-                raise NotSent(
-                    f"{vehicle.name} does not know {names[scheme]}, nothing was changed: its firmware is older than "
-                    "this parameter, or keeps compass numbers otherwise; update it, or set what it has by hand "
-                    "(flinders export)"
-                )
-            if old.kind in KINDS:
-                raise NotSent(
-                    f"{vehicle.name} keeps {old.name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
-                    f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the "
-                    "values by hand (flinders export)"
-                )
+            old = _held(vehicle, names[scheme], value)
             changes.append(ParameterChange(old, replace(old, value=value)))
-        return cls(
-            vehicle.name, vehicle.autopilot, number, present, tuple(changes), vehicle.system, vehicle.component, notes
-        )
+        return cls(vehicle, number, present, tuple(changes), notes)
 
     @property
     def pending(self) -> tuple[ParameterChange, ...]:
@@ -148,7 +125,7 @@ class ParameterPlan:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         return {
-            "vehicle": self.vehicle,
+            "vehicle": self.vehicle.name,
             "compass": self.compass,
             "device_id": self.device_id,
             "parameters": [
@@ -172,21 +149,18 @@ class ParameterPlan:
 
         ArduPilot's ``NAME,value``, or the five columns of QGroundControl for PX4.
         """
-        remark = f"# {self.vehicle}, compass {self.compass} (device {self.device_id}), before a calibration was sent"
-        if self.autopilot == PX4:
-            rows = [
-                f"{self.system}\t{self.component}\t{old.name}\t{_spelled(old.value)}\t{old.kind}"
-                for old in (change.old for change in self.changes)
-            ]
-        else:
-            rows = [f"{change.old.name},{_spelled(change.old.value)}" for change in self.changes]
-        return "\n".join([remark, *rows, ""])
+        vehicle, lines = self.vehicle, []
+        for old in (change.old for change in self.changes):
+            cells = [old.name, _spelled(old.value)]
+            if vehicle.autopilot == PX4:
+                cells = [str(vehicle.system), str(vehicle.component), *cells, str(old.kind)]
+            lines.append(("\t" if vehicle.autopilot == PX4 else ",").join(cells))
+        remark = f"# {vehicle.name}, compass {self.compass} (device {self.device_id}), before a calibration was sent"
+        return "\n".join([remark, *lines, ""])
 
     def carry_out(
         self,
-        vehicle: Vehicle,
         *,
-        done: Callable[[ParameterChange], None] = lambda _: None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
         back: float = BACK_S,
@@ -195,9 +169,6 @@ class ParameterPlan:
 
         Parameters
         ----------
-        vehicle : Vehicle
-        done : callable
-            Called after each that is confirmed.
         stopped : callable
             Tells whether to give up.
         say : callable
@@ -213,26 +184,25 @@ class ParameterPlan:
         touched: list[ParameterChange] = []
         try:
             for change in self.pending:
-                vehicle.listen()
-                refuse_armed(vehicle)
+                self.vehicle.listen()
+                refuse_armed(self.vehicle)
                 _refuse_stopped(stopped)
                 touched.append(change)
-                _set(vehicle, change.new)
-                done(change)
+                _set(self.vehicle, change.new)
             _refuse_stopped(stopped)
-            self._verify(vehicle)
+            self._verify()
         except (LinkError, NotSent, NotConfirmed) as error:
-            raise NotConfirmed(f"{error}; {_put_back(vehicle, touched, say=say, back=back)}") from None
+            raise NotConfirmed(f"{error}; {_put_back(self.vehicle, touched, say=say, back=back)}") from None
         except BaseException:
-            _put_back(vehicle, touched, say=say, back=back)
+            _put_back(self.vehicle, touched, say=say, back=back)
             raise
 
-    def _verify(self, vehicle: Vehicle) -> None:
+    def _verify(self) -> None:
         """Ask for each parameter again."""
         for change in self.changes:
             parameter = None
             for _ in range(READS):  # a late answer may be to an earlier question
-                parameter = vehicle.get(change.new.name)
+                parameter = self.vehicle.get(change.new.name)
                 if parameter is None or same(parameter.value, change.new.value):
                     break
             if parameter is None or not same(parameter.value, change.new.value):
@@ -241,12 +211,7 @@ class ParameterPlan:
 
 
 def refuse_armed(vehicle: Vehicle) -> None:
-    """Refuse a vehicle that may be moving.
-
-    Raises
-    ------
-    NotSent
-    """
+    """Refuse a vehicle that may be moving."""
     if vehicle.armed:
         raise NotSent(f"{vehicle.name} is armed: a compass is not changed under way; land, disarm, and send again")
 
@@ -270,6 +235,23 @@ def _wanted(autopilot: int, calibration: Calibration, compass: int) -> list[tupl
     parameters = ardupilot.ArduPilotParameters.of(ardupilot.in_vehicle_axes(calibration), compass=compass)
     rows = zip(parameters.rows("COMPASS_OFS2_X"), parameters.rows("COMPASS2_OFS_X"), strict=True)
     return [((name, other), value) for (name, value), (other, _) in rows]
+
+
+def _held(vehicle: Vehicle, name: str, value: float) -> Parameter:
+    """A parameter that can take a value, as the vehicle holds it."""
+    old = vehicle.get(name)
+    if old is None:
+        raise NotSent(
+            f"{vehicle.name} does not know {name}, nothing was changed: its firmware is older than this parameter, or "
+            "keeps compass numbers otherwise; update it, or set what it has by hand (flinders export)"
+        )
+    if old.kind in KINDS:
+        raise NotSent(
+            f"{vehicle.name} keeps {name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
+            f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the values by "
+            "hand (flinders export)"
+        )
+    return old
 
 
 def _identity(autopilot: int, compass: int) -> Sequence[str]:
@@ -333,12 +315,9 @@ def _refuse_another(vehicle: Vehicle, compass: int, present: int, wanted: int | 
 def _set(vehicle: Vehicle, new: Parameter) -> None:
     """Set a parameter."""
     answered = vehicle.set(new)
-    if answered is None:
-        raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}: it does not answer")
-    if not same(answered, new.value):
-        raise NotConfirmed(
-            f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}: it says {_spelled(answered)}"
-        )
+    if answered is None or not same(answered, new.value):
+        why = "does not answer" if answered is None else f"says {_spelled(answered)}"
+        raise NotConfirmed(f"{vehicle.name} did not confirm {new.name} as {_spelled(new.value)}: it {why}")
 
 
 def _refuse_stopped(stopped: Callable[[], bool]) -> None:
@@ -375,6 +354,4 @@ def _put_back(vehicle: Vehicle, touched: list[ParameterChange], *, say: Callable
 
 def _spelled(value: float) -> str:
     """Write a value so that it is the same float32 when it is read."""
-    return (
-        f"{int(value)}" if math.isfinite(value) and float(value).is_integer() and abs(value) < 1e9 else f"{value:.9g}"
-    )
+    return f"{int(value)}" if float(value).is_integer() and abs(value) < 1e9 else f"{value:.9g}"

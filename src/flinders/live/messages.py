@@ -35,8 +35,7 @@ Phase = Literal["collecting", "good", "limited", "wrong"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 
-LONGEST: Final = 65_536
-"""Bytes of a message from a page."""
+LONGEST: Final = 65_536  # Bytes of a message from a page
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
 HAS_ACCELERATION: Final = 1
@@ -72,33 +71,22 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
 
     Attributes
     ----------
-    revision : int
-        Grows with each change.
-    source : SourceState
-    unit : str
-        ``µT`` or ``counts``.
     readings, used, rejected, excluded_readings : int
         Received; of those fitted, used and rejected as outliers; excluded by hand.
     rate_hz : float or None
         Over the last two seconds.
     seconds : float
         Time of the newest reading since the session began.
-    phase : str
     words : str
         The phase in a sentence.
     reasons : list of Reason
         By severity.
-    target_deg, dip_deg : float
-    goal : str
     excluded : list of (start, end), s
         Ascending, apart from each other.
-    can_undo, can_redo : bool
     stride : int
         Every so many readings one is shown.
-    has_acceleration, paused : bool
     recording : str or None
         File that the server writes to.
-    previous : PreviousState or None
     opened : str or None
         Name of the log that is shown in place of the sensor.
     can_send : bool
@@ -124,7 +112,6 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     can_undo: bool
     can_redo: bool
     stride: int
-    has_acceleration: bool
     paused: bool
     recording: str | None
     previous: PreviousState | None
@@ -243,13 +230,7 @@ def encode(message: SessionState | FitMessage | Notice | Hello) -> str:
 
 
 def parse(text: str | bytes) -> Command:
-    """Understand what a page sends, and see that it can be done.
-
-    Raises
-    ------
-    UsageError
-        For what is too long, no message, or out of range.
-    """
+    """Understand what a page sends; `UsageError` for what is too long, no message, or out of range."""
     if len(text) > LONGEST:
         raise UsageError(f"a message of {len(text):,} bytes: need at most {LONGEST:,}")
     try:

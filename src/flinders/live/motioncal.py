@@ -35,35 +35,23 @@ if TYPE_CHECKING:
     from flinders.live.transports import ByteSource
 
 TRIES: Final = 3
-ANSWER_S: Final = 3.0
-"""Seconds that the echo of a packet is waited for; sketches print it once in a second or so."""
-BOOT_S: Final = 4.0
-"""Seconds that a board is waited for that starts anew when its port is opened, as many do."""
+ANSWER_S: Final = 3.0  # Seconds that the echo of a packet is waited for; sketches print it once in a second or so
+BOOT_S: Final = 4.0  # Seconds that a board is waited for that starts anew when its port is opened, as many do
 PIECE, PAUSE_S = 16, 0.01
 """From the second time on bytes are sent in pieces, for boards whose buffer is shorter than a packet."""
 LONGEST: Final = 4096
 MOTIONCAL_SLACK, MOTIONCAL_SHARE = 0.0001, 0.00003
 FEWEST_PLACES: Final = 2
 """Decimals that an echo is taken to have: what it prints with fewer has to agree with that many."""
-EITHER: Final = "the board may hold the old values or the new ones"
-"""What is known where the packet was on its way."""
-REOPEN_S: Final = 0.1
-"""Seconds between tries to open a port again."""
+EITHER: Final = "the board may hold the old values or the new ones"  # What is known where the packet was on its way
+REOPEN_S: Final = 0.1  # Seconds between tries to open a port again
 NUMBER: Final = re.compile(r"[-+]?\d+(?:\.(\d*))?")
 NUMBERS: Final = {"Cal1": 10, "Cal2": 9}
 
 
 @dataclass(frozen=True, slots=True)
 class Echo:
-    """One line in which a board says what it holds.
-
-    Attributes
-    ----------
-    values : tuple of float
-        As printed.
-    places : tuple of int
-        Decimals of each.
-    """
+    """One line in which a board says what it holds: values as printed, and the decimals of each."""
 
     values: tuple[float, ...]
     places: tuple[int, ...]
@@ -71,8 +59,6 @@ class Echo:
     def differs(self, expected: tuple[float, ...]) -> int | None:
         """The place of the first number that is not the expected one; None where all agree.
 
-        Examples
-        --------
         >>> Echo.of("12.346,-0.500", 2).differs((12.3456, -0.5)), Echo.of("12.346,-0.51", 2).differs((12.3456, -0.5))
         (None, 1)
         """
@@ -94,15 +80,7 @@ class Echo:
 
 @dataclass(frozen=True, slots=True)
 class Confirmed:
-    """A board has said that it holds what was sent.
-
-    Attributes
-    ----------
-    places : int
-        Fewest decimals in its echo: how far that is known.
-    tries : int
-        How often it was sent.
-    """
+    """A board has said that it holds what was sent, to so many decimals, after so many tries."""
 
     places: int
     tries: int
@@ -175,23 +153,10 @@ def echo_lines(packet: MotionCalPacket) -> list[str]:
 
 @dataclass(slots=True)
 class _EchoListener:
-    """What the board has said.
+    """What the board has said: the last echo of each kind since the packet was sent, at all, and from before that.
 
-    Attributes
-    ----------
-    source : ByteSource
-    rest : bytes
-        A line without its end.
-    received : int
-        Bytes, since the port was opened.
-    garbled : str
-        The last line that begins as an echo does and is none.
-    echoes : dict of Echo
-        The last of each kind since the packet was sent.
-    known : dict of Echo
-        The last of each kind at all.
-    before : dict of Echo
-        The last of each kind from before anything was sent.
+    `rest` is a line without its end, `received` counts bytes since the port was opened, and `garbled` is the last line
+    that begins as an echo does and is none.
     """
 
     source: ByteSource

@@ -13,34 +13,30 @@ from typing import TYPE_CHECKING, Final
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.live.messages import Reason, SessionState, points_frame
-from flinders.live.session import ENOUGH_FITS, RATE_S, SURE_S, is_usable, worst_deg
+from flinders.live.session import ENOUGH_FITS, RATE_S, SURE_S, worst_deg
 
 if TYPE_CHECKING:
     from flinders.live.messages import Phase
     from flinders.live.session import Session
     from flinders.report.view import View
 
-SILENT_S: Final = 3.0
-"""Seconds without a reading after which that is said; or so many usual steps of a slow sensor."""
+SILENT_S: Final = 3.0  # Seconds without a reading after which that is said; or so many usual steps of a slow sensor
 SILENT_STEPS: Final = 5.0
-FRAME_POINTS: Final = 20_000
-"""Points in one frame, at most: a page that comes late gets them in two."""
-LEVEL_DEG: Final = 89.0
-"""A calibration that is good to so much tilt needs no word about tilt."""
+FRAME_POINTS: Final = 20_000  # Points in one frame, at most: a page that comes late gets them in two
+LEVEL_DEG: Final = 89.0  # A calibration that is good to so much tilt needs no word about tilt
 
 
 def session_state(session: Session) -> SessionState:
     """The state message of a session."""
     shown, evaluated = session.shown, session.shown.evaluated
     phase, words, reasons = _phase(session)
-    rejected = 0 if evaluated is None else evaluated.rejected
     return SessionState(
         revision=session.revision,
         source=session.source,
         unit=label(shown.unit.inside),
         readings=shown.buffer.total,
-        used=0 if evaluated is None else evaluated.used,
-        rejected=rejected,
+        used=evaluated.used,
+        rejected=evaluated.rejected,
         excluded_readings=shown.buffer.count_within(shown.excluded),
         rate_hz=_rate_hz(session),
         seconds=shown.buffer.seconds,
@@ -54,12 +50,11 @@ def session_state(session: Session) -> SessionState:
         can_undo=bool(shown.exclusions.past),
         can_redo=bool(shown.exclusions.future),
         stride=shown.buffer.shown_stride,
-        has_acceleration=shown.buffer.has_acceleration,
         paused=session.live.paused_at is not None,
         recording=session.recording or None,
-        previous=None if evaluated is None or session.previous is None else evaluated.previous,
+        previous=None if session.previous is None else evaluated.previous,
         opened=session.opened_name or None,
-        can_send=session.has_board and session.opened is None and is_usable(evaluated),
+        can_send=session.has_board and session.opened is None and evaluated.is_usable,
     )
 
 
@@ -78,10 +73,9 @@ def _rate_hz(session: Session) -> float | None:
 
 def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
     """Phase of the session, a sentence about it, and the reasons against it."""
-    evaluated = session.shown.evaluated
     link = [] if session.opened is not None else _of_link(session)
     unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
-    reasons = (*link, *(() if evaluated is None else evaluated.reasons), *unrecorded)
+    reasons = (*link, *session.shown.evaluated.reasons, *unrecorded)
     wrong = next((reason for reason in reasons if reason.severity == "warning"), None)
     if wrong is not None:
         return "wrong", _sentence(wrong.advice), reasons
@@ -132,7 +126,7 @@ def _is_sure(session: Session) -> bool:
     shown, within = session.shown, session.shown.within
     if len(within) >= ENOUGH_FITS or (within and within[-1] - within[0] >= SURE_S):
         return True
-    is_of_all = shown.evaluated is not None and shown.evaluated.key == shown.key
+    is_of_all = shown.evaluated.key == shown.key
     is_over = shown.paused_at is not None or session.source.link in ("ended", "gone")
     is_still = is_over or session.at - session.arrived_at >= SURE_S
     return is_of_all and (session.opened is not None or is_still)
@@ -140,12 +134,11 @@ def _is_sure(session: Session) -> bool:
 
 def _before_a_fit(session: Session) -> str:
     """What to say while there are no numbers."""
-    evaluated = session.shown.evaluated
     if not session.shown.buffer.total:
         return "Waiting for the first reading."
-    if evaluated is None or not evaluated.refusal:
+    if not session.shown.evaluated.refusal:
         return "Looking at the first readings. Turn the sensor slowly through all directions."
-    return _sentence(evaluated.refusal)
+    return _sentence(session.shown.evaluated.refusal)
 
 
 def _sentence(words: str) -> str:

@@ -41,7 +41,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol, Self
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self
+
+import numpy as np
 
 from flinders.core.files import reason, refuse_existing
 from flinders.core.units import MICROTESLA
@@ -53,16 +55,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from types import TracebackType
 
-    from flinders.live.feeds import Feed, Reading
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.live.feeds import Feed, Received
     from flinders.live.transports import ByteSource
 
-SYNC_S: Final = 1.0
-"""Seconds after which what was received is forced to the disk."""
-WAIT_S: Final = 0.1
-"""Longest wait for bytes: how soon the end of a recording is noticed."""
+SYNC_S: Final = 1.0  # Seconds after which what was received is forced to the disk
+WAIT_S: Final = 0.1  # Longest wait for bytes: how soon the end of a recording is noticed
 WATCH_S: Final = 0.5
-TOGETHER: Final = 5000
-"""Datagrams that are taken together, at most."""
+TOGETHER: Final = 5000  # Datagrams that are taken together, at most
 FIRST_RETRY_S, LAST_RETRY_S = 0.1, 2.0
 """Seconds between tries to open a lost port again: each twice the one before, up to the last."""
 
@@ -76,11 +77,6 @@ class Recorder:
     sink : Sink
     seconds, readings : float and int, optional
         When `run` stops, and after how many rows nothing more is taken.
-    columns, unit, scale : optional
-        For the readings that `next` hands on, where the lines do not tell; as `flinders.open_recording` takes them.
-        What is written does not depend on them.
-    pattern : str, optional
-        How a line with a reading is written, where that is not recognised.
     resumed : Resumed, optional
         The recording that is continued, of which `sink` is the file.
     stopped : callable
@@ -91,13 +87,9 @@ class Recorder:
         Called by `run` twice a second with what has been recorded.
     clock : callable
         Seconds, ascending.
-
-    Attributes
-    ----------
-    name : str
-        Of the source.
-    statistics : RecordingStatistics
-        What has been recorded so far.
+    **reading
+        ``columns``, ``unit``, ``scale`` and ``pattern``, where the lines do not tell, as `flinders.open_recording`
+        takes them. What is written depends on the pattern alone.
     """
 
     def __init__(
@@ -107,30 +99,18 @@ class Recorder:
         *,
         seconds: float | None = None,
         readings: int | None = None,
-        columns: str | None = None,
-        unit: str | None = None,
-        scale: float | None = None,
-        pattern: str | None = None,
         resumed: Resumed | None = None,
         stopped: Callable[[], bool] = lambda: False,
         say: Callable[[str], None] = lambda _: None,
         watch: Callable[[RecordingStatistics], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        **reading: Any,
     ) -> None:
         self.name = source.name
         self._source, self._sink, self._clock = source, sink, clock
         self._seconds, self._stopped, self._say, self._watch = seconds, stopped, say, watch
-        self._transcript = Transcript(
-            source.name,
-            is_framed=source.is_framed,
-            columns=columns,
-            unit=unit,
-            scale=scale,
-            pattern=pattern,
-            most=readings,
-            header=resumed.header if resumed else None,
-            rows=resumed.rows if resumed else (),
-        )
+        before: dict[str, Any] = {} if resumed is None else {"header": resumed.header, "rows": resumed.rows}
+        self._transcript = Transcript(source.name, is_framed=source.is_framed, most=readings, **before, **reading)
         self._earlier = resumed.seconds if resumed else 0.0
         self._start = clock()
         self._title = title(source.name, is_new=resumed is None)
@@ -138,23 +118,15 @@ class Recorder:
         self._retry: tuple[float, float] | None = None
         self._lost = 0
         self._is_closed = False
-        self._waiting: deque[list[Reading] | FeedEvent] = deque([FeedEvent("connected", 0.0, f"{source.name} is open")])
+        self._waiting: deque[Samples | FeedEvent] = deque([FeedEvent("connected", 0.0, f"{source.name} is open")])
 
     @property
     def statistics(self) -> RecordingStatistics:
         """What has been recorded so far."""
         return self._transcript.statistics
 
-    def next(self, timeout: float = WAIT_S) -> list[Reading] | FeedEvent:
-        """Record what has come, and return it; nothing where nothing came within `timeout` seconds.
-
-        Each event is returned once, before the readings that came after it.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be written; what came before is saved.
-        """
+    def next(self, timeout: float = WAIT_S) -> Received:
+        """As `Feed.next`; `OutputError` where what has come cannot be written: what came before is saved."""
         if self._is_closed and not self._waiting:
             time.sleep(timeout)
         elif not self._waiting:
@@ -166,7 +138,7 @@ class Recorder:
                 self._synced = self._now()
                 self._note_lost()
                 self._sink.sync()
-        return self._waiting.popleft() if self._waiting else []
+        return self._waiting.popleft() if self._waiting else None
 
     def close(self) -> None:
         """Write what waits, see that it lasts, and let go of the source; `next` still hands on what is left."""
@@ -187,7 +159,7 @@ class Recorder:
             Where no line of numbers came at all.
         """
         while not self._is_over():
-            received = self.next(self._wait())
+            received = self.next(max(min(WAIT_S, self._left()), 0.0))
             if isinstance(received, FeedEvent):
                 self._announce(received)
             if self._watch and self._now() - self._watched >= WATCH_S:
@@ -203,18 +175,17 @@ class Recorder:
     def _now(self) -> float:
         return self._clock() - self._start + self._earlier
 
-    def _is_over(self) -> bool:
-        late = self._seconds is not None and self._now() - self._earlier >= self._seconds
-        return (late and not self._waiting) or self._transcript.is_full or self._stopped()
+    def _left(self) -> float:
+        """Seconds until it was told to stop."""
+        return math.inf if self._seconds is None else self._seconds + self._earlier - self._now()
 
-    def _wait(self) -> float:
-        left = WAIT_S if self._seconds is None else self._seconds - (self._now() - self._earlier)
-        return max(min(WAIT_S, left), 0.0)
+    def _is_over(self) -> bool:
+        return (self._left() <= 0.0 and not self._waiting) or self._transcript.is_full or self._stopped()
 
     def _announce(self, event: FeedEvent) -> None:
         """Say what a person at the bench should know."""
         match event.kind:
-            case "connected":
+            case "connected" | "unclear":  # which is said at the end, of what is recorded
                 return
             case "settled":
                 self._say(f"{self.name}: {event.words}")
@@ -267,10 +238,24 @@ class Recorder:
         """Write the text, and put in line what follows from it: what was recognised, the readings, what is amiss."""
         if taken.text:
             self._sink.write(taken.text)
-        self._waiting += [event for event in taken.events if event.kind == "settled"]
-        if taken.readings:
+        for event in taken.events:
+            if event.kind == "settled":
+                self._waiting.append(event)
+                self._waiting += self._unclear()
+        if taken.readings is not None:
             self._waiting.append(taken.readings)
         self._waiting += [event for event in taken.events if event.kind != "settled"]
+
+    def _unclear(self) -> Iterator[FeedEvent]:
+        """Say why no reading comes of lines that do: nobody can tell which of their numbers are the field."""
+        form = self.statistics.form
+        if form is not None and not self.statistics.unit:
+            yield FeedEvent(
+                "unclear",
+                self._now(),
+                "lines of numbers come, and which are the magnetometer's is not clear: start again with --columns "
+                f"X,Y,Z, three of {form.header}, and with --unit; what comes is recorded",
+            )
 
     def _try_again(self, timeout: float) -> None:
         """Wait for the other end, asking less and less often."""
@@ -294,34 +279,23 @@ class Recorder:
         self._sink.sync()
 
 
-ROWS: Final = 20
-"""Rows by which a recording is recognised that is continued."""
-GAP_S: Final = 0.001
-"""Seconds between its last row and the next, at least."""
-TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')
-"""What a row begins with whose time was put in front."""
-AGAIN_S: Final = 3.0
-"""Seconds after which what could not be written is tried again."""
-MOST_WAITING: Final = 64 << 20
-"""Characters that wait meanwhile, at most."""
-TAIL: Final = 1 << 16
-"""Bytes that are looked at for the end of the last whole line."""
+ROWS: Final = 20  # Rows by which a recording is recognised that is continued
+GAP_S: Final = 0.001  # Seconds between its last row and the next, at least
+TIME: Final = re.compile(r'"?(\d+[.,]\d{4})')  # What a row begins with whose time was put in front
+AGAIN_S: Final = 3.0  # Seconds after which what could not be written is tried again
+MOST_WAITING: Final = 64 << 20  # Characters that wait meanwhile, at most
+TAIL: Final = 1 << 16  # Bytes that are looked at for the end of the last whole line
 BEGUN: Final = re.compile(r"^# flinders \S+ record: .*, begun (\S+)$", re.MULTILINE)
 
 
 class Sink(Protocol):
-    """Where a recording goes."""
+    """Where a recording goes; `why` says why what comes cannot be written now, and nothing where it can."""
 
     name: str
+    why: str
 
     def write(self, text: str) -> None:
-        """Hand text on at once.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be written.
-        """
+        """Hand text on at once; `OutputError` where that is impossible."""
 
     def sync(self) -> None:
         """See that it lasts, without waiting for it."""
@@ -331,14 +305,8 @@ class Sink(Protocol):
 class Resumed:
     """What has to be known of a recording to continue it.
 
-    Attributes
-    ----------
-    header : str, optional
-        What stands above its rows, which may be nothing; None where it has no rows.
-    rows : tuple of str
-        The first of them.
-    seconds : float
-        From its beginning to now, and no less than its last time where that is given by the recorder.
+    `header` stands above its rows, and may be empty; it is None where there are no `rows`, of which the first are kept.
+    `seconds` is from its beginning to now, and no less than its last time where the recorder gave that.
     """
 
     header: str | None
@@ -347,13 +315,7 @@ class Resumed:
 
     @classmethod
     def of(cls, path: str | os.PathLike[str]) -> Self:
-        """Look at a recording that `Recorder` has made, by whatever it was ended.
-
-        Raises
-        ------
-        OutputError
-            Where there is none, or it is something else.
-        """
+        """Look at a recording that `Recorder` has made; `OutputError` where there is none, or it is something else."""
         file = Path(path)
         try:
             with file.open("rb") as content:
@@ -414,7 +376,7 @@ class ToFile:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, force: bool = False, resume: bool = False) -> None:
-        self.name = os.fspath(path)
+        self.name, self.why = os.fspath(path), ""
         refuse_existing(path, force=force or resume)
         try:
             flags = os.O_RDWR | os.O_APPEND | (0 if resume else os.O_CREAT if force else os.O_CREAT | os.O_EXCL)
@@ -427,7 +389,7 @@ class ToFile:
         self._syncing = ThreadPoolExecutor(1, "sync")  # a slow disk must not keep a port from being read
         self._pending: Future[None] | None = None
         self._bytes = 0
-        self._is_over, self._is_resumed = force, resume
+        self._is_over, self._is_new = force, not (force or resume)
         if resume:
             self._mend()
 
@@ -455,7 +417,7 @@ class ToFile:
             self._pending = self._syncing.submit(os.fsync, self._file)
 
     def close(self) -> None:
-        """Wait until all of it is on the disk."""
+        """Wait until all of it is on the disk; a new file with nothing in it goes."""
         try:
             self._finish()
             with self._failures():
@@ -463,6 +425,8 @@ class ToFile:
         finally:
             self._syncing.shutdown()
             os.close(self._file)
+            if self._is_new and not self._bytes:
+                Path(self.name).unlink(missing_ok=True)
 
     def _lock(self) -> None:
         """See that nobody else records into the file."""
@@ -518,14 +482,8 @@ class ToFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is None:
+        with contextlib.nullcontext() if error is None else contextlib.suppress(OutputError):
             self.close()
-            return
-        with contextlib.suppress(OutputError):
-            self.close()
-        if not self._bytes and not self._is_over and not self._is_resumed:
-            with contextlib.suppress(OSError):
-                Path(self.name).unlink()
 
 
 class Patient:
@@ -541,9 +499,6 @@ class Patient:
 
     Attributes
     ----------
-    name : str
-    why : str
-        Why what comes cannot be written now; nothing where it can.
     missing : str
         Why something is not on the disk, also where what came later is; nothing where all is.
 
@@ -588,13 +543,7 @@ class Patient:
             self._fail(error)
 
     def close(self) -> None:
-        """Try a last time.
-
-        Raises
-        ------
-        OutputError
-            Where not all that came is in the file.
-        """
+        """Try a last time; `OutputError` where not all that came is in the file."""
         if self._waiting:
             self._try()
         self._sink.close()
@@ -636,15 +585,9 @@ def _last_time(tail: str) -> float:
 
 
 class ToStandardOutput:
-    """Standard output, for what follows in a pipe.
+    """Standard output, for what follows in a pipe; `OutputError` where it is closed."""
 
-    Raises
-    ------
-    OutputError
-        Where it is closed.
-    """
-
-    name = "standard output"
+    name, why = "standard output", ""
 
     def __init__(self) -> None:
         if sys.__stdout__ is None:
@@ -701,23 +644,13 @@ class RecordedFeed:
         """That of the feed."""
         return self._feed.name
 
-    def next(self, timeout: float) -> list[Reading] | FeedEvent:
-        """As `Feed.next`.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be written, or has other columns than the recording that is continued.
-        """
+    def next(self, timeout: float) -> Received:
+        """As `Feed.next`; `OutputError` where it has other columns than the recording that is continued."""
         received = self._feed.next(timeout)
-        text = (
-            "".join(f"# {line}\n" for line in str(received).splitlines())
-            if isinstance(received, FeedEvent)
-            else self._rows(received)
-        )
-        if text:
-            self._sink.write(self._title + text)
-            self._title = ""
+        if isinstance(received, FeedEvent):
+            self._write("".join(f"# {line}\n" for line in str(received).splitlines()))
+        elif received is not None:
+            self._write(self._rows(received))
         if time.monotonic() - self._synced >= SYNC_S:
             self._synced = time.monotonic()
             self._sink.sync()
@@ -728,43 +661,38 @@ class RecordedFeed:
         self._sink.sync()
         self._feed.close()
 
-    def _rows(self, readings: list[Reading]) -> str:
-        if not readings:
-            return ""
-        header = _header(readings[0])
+    def _write(self, text: str) -> None:
+        self._sink.write(self._title + text)
+        self._title = ""
+
+    def _rows(self, samples: Samples) -> str:
+        columns = _columns(samples)
+        header = ",".join(columns)
         if not self._is_checked and header != self._header:
             raise OutputError(
                 f"{self.name} gives {header}, and the recording that is continued has {self._header or 'no header'}: "
                 "begin another recording"
             )
         is_new, self._is_checked = self._header is None, True
-        header = self._header = self._header or header  # a column that comes and goes stays as it was at first
-        rows = "".join(f"{_row(reading, header)}\n" for reading in readings)
-        return f"{header}\n{rows}" if is_new else rows
+        self._header = self._header or header  # a column that comes and goes stays as it was at first
+        nothing = np.full(len(samples), np.nan)
+        rows = zip(*[columns.get(name, nothing).tolist() for name in self._header.split(",")], strict=True)
+        text = "".join(f"{at:.6f},{','.join(f'{value:.9g}' for value in rest)}\n" for at, *rest in rows)
+        return f"{self._header}\n{text}" if is_new else text
 
 
-COLUMNS: Final = {
-    "acceleration": "accel_x,accel_y,accel_z",
-    "rate": "gyro_x_radps,gyro_y_radps,gyro_z_radps",
-    "temperature": "temp_C",
-}
-"""Column names of the auxiliary sensors, in order."""
-
-
-def _header(reading: Reading) -> str:
-    """Names of the columns that a reading has."""
-    unit = "uT" if reading.unit == MICROTESLA else "counts"
-    field = [f"mag_{axis}_{unit}" for axis in "xyz"]
-    auxiliary = [names for what, names in COLUMNS.items() if getattr(reading, what) is not None]
-    return ",".join(["t_s", *field, *auxiliary])
-
-
-def _row(reading: Reading, header: str) -> str:
-    """The numbers of a reading, so many digits as no sensor has."""
-    cells = [f"{reading.time:.6f}", *(f"{value:.9g}" for value in reading.field)]
-    for what, names in COLUMNS.items():
-        if names in header:
-            value = getattr(reading, what)
-            values = (value,) if isinstance(value, float) else value or (math.nan,) * (1 + names.count(","))
-            cells += [f"{number:.9g}" for number in values]
-    return ",".join(cells)
+def _columns(samples: Samples) -> dict[str, Floats]:
+    """Columns of a recorded feed by their names."""
+    unit = "uT" if samples.unit.inside == MICROTESLA else "counts"
+    tables = {
+        "t_s": samples.time,
+        f"mag_x_{unit},mag_y_{unit},mag_z_{unit}": samples.field,
+        "accel_x,accel_y,accel_z": samples.acceleration,
+        "gyro_x_radps,gyro_y_radps,gyro_z_radps": samples.rate,
+        "temp_C": samples.temperature,
+    }
+    columns: dict[str, Floats] = {}
+    for names, table in tables.items():
+        if table is not None:
+            columns |= zip(names.split(","), np.atleast_2d(table.T), strict=True)
+    return columns

@@ -1,6 +1,6 @@
 """A live session: a pure reducer of readings and of a person's commands.
 
-`step` makes of a session and an event the next session and the messages for its pages. It knows no clock, socket or
+`step` makes of a session and an event the next session and notices for its pages. It knows no clock, socket or
 thread: each event carries its time, so that a recorded list of events is a test and a demo.
 
 >>> from flinders import simulate
@@ -12,7 +12,7 @@ thread: each event carries its time, so that a recorded list of events is a test
 >>> wants_fit(session, at=60.0)
 True
 >>> session = begin_fit(session)
->>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(snapshot(session)), seconds=0.01))
+>>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(session), seconds=0.01))
 >>> session_state(session).phase, session_state(session).words
 ('collecting', 'Almost: the worst heading error to expect is 0.066° (1 σ), the target 1°; hold on a little.')
 >>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
@@ -36,13 +36,12 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.live.buffer import Exclusions, ReadingBuffer, Span, merged
+from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
     BackToLive,
     Clear,
     Command,
     Exclude,
-    FitMessage,
     Notice,
     Pause,
     PreviousClear,
@@ -66,69 +65,21 @@ if TYPE_CHECKING:
     from flinders.live.messages import Link, PreviousState, Reason
     from flinders.report.view import View
 
-FITTED: Final = 20_000
-"""Readings of a live fit, at most; of more, every second one, every third …"""
-SHARE: Final = 0.03
-"""Of a core, that fits take."""
-FASTEST_S: Final = 0.25
-"""From one fit to the next, at the least."""
+FITTED: Final = 20_000  # Readings of a live fit, at most; of more, every second one, every third …
+SHARE: Final = 0.03  # Of a core, that fits take
+FASTEST_S: Final = 0.25  # From one fit to the next, at the least
 RATE_S: Final = 2.0
 ENOUGH_FITS: Final = 3
 """Fits in a row that have to be within the target before that is said: the first may be so by chance."""
-SURE_S: Final = 1.0
-"""Or two of them, so many seconds apart; or one, after which nothing has come for as long."""
+SURE_S: Final = 1.0  # Or two of them, so many seconds apart; or one, after which nothing has come for as long
 NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
-
-Reply = FitMessage | Notice
-"""Messages of a step to all pages; the state is sent apart from them."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Snapshot:
-    """Input of a fit.
-
-    Attributes
-    ----------
-    key : int
-        Comes back with the result.
-    samples : Samples
-    numbers : (N,) int, optional
-        Which reading of the session each is.
-    target_deg, dip_deg : float
-    goal, frame : str
-        As in `flinders.heading.guidance`.
-    previous : Fit, optional
-    is_followed : bool
-        Somebody turns the sensor just now, and may be led.
-    """
-
-    key: int
-    samples: Samples
-    numbers: NDArray[np.intp] | None = None
-    target_deg: float = 1.0
-    dip_deg: float = 60.0
-    goal: Goal = "heading"
-    frame: Frame = "sensor"
-    previous: Fit | None = None
-    is_followed: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """Result of a fit, and what a page shows of it.
+    """Result of a fit, and what a page shows of it; where there is none, `refusal` says why.
 
-    Attributes
-    ----------
-    key : int
-    fit : Fit, optional
-        Good, limited or refused; None where there is none.
-    view : View, optional
-    refusal : str
-        Why there is no fit.
-    reasons : tuple of Reason
-    used, rejected : int
-        Readings.
-    previous : PreviousState, optional
+    `used` and `rejected` count readings, `key` is that of the series that was fitted.
     """
 
     key: int
@@ -140,10 +91,18 @@ class Evaluated:
     rejected: int = 0
     previous: PreviousState | None = None
 
+    @property
+    def is_usable(self) -> bool:
+        """Whether it gives a calibration."""
+        return self.fit is not None and self.fit.verdict != "refused"
+
+
+NO_FIT: Final = Evaluated(key=-1)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrived:
-    """Readings: (N, 7) time in s on the session's timeline, field in `unit.inside` and used axes, acceleration."""
+    """Readings: (N, 7) time in s by the clock of the sensor, field in `unit.inside` and used axes, acceleration."""
 
     at: float
     rows: Floats
@@ -156,15 +115,6 @@ class Linked:
 
     at: float
     link: Link
-    words: str
-
-
-@dataclass(frozen=True, slots=True)
-class Announced:
-    """A notice for all pages."""
-
-    at: float
-    severity: Literal["info", "warning", "error"]
     words: str
 
 
@@ -218,7 +168,7 @@ class Ticked:
     at: float
 
 
-Event = Arrived | Linked | Announced | Unrecorded | Requested | FitDone | Opened | GotPrevious | Ticked
+Event = Arrived | Linked | Unrecorded | Requested | FitDone | Opened | GotPrevious | Ticked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -227,9 +177,6 @@ class Series:
 
     Attributes
     ----------
-    buffer : ReadingBuffer
-    unit, axes, frame
-        Of its readings.
     exclusions : Exclusions
         What was taken out by hand.
     paused_at : float, s, optional
@@ -242,8 +189,6 @@ class Series:
         Changes with all that a fit depends on.
     since : int
         No fit with a smaller key is of these readings.
-    evaluated : Evaluated, optional
-        The newest fit.
     within : tuple of float, s
         When the fits in a row were done that are within the target: the first three of them.
     """
@@ -258,8 +203,13 @@ class Series:
     generation: int = 1
     key: int = 0
     since: int = 0
-    evaluated: Evaluated | None = None
+    evaluated: Evaluated = NO_FIT
     within: tuple[float, ...] = ()
+
+    @property
+    def advice_frame(self) -> Frame:
+        """Whose words advice is given in: those of a vehicle where somebody said how the sensor sits in it."""
+        return "vehicle" if self.frame == "vehicle" or not self.axes.is_identity else "sensor"
 
     @property
     def excluded(self) -> tuple[Span, ...]:
@@ -276,14 +226,10 @@ class Session:
 
     Attributes
     ----------
-    source : SourceState
-    live : Series
     opened : Series, optional
-        Shown in its place, and by what name.
-    target_deg, dip_deg, goal
-        What the calibration is compared with.
-    previous : Fit, optional
-    recording : str
+        A log, shown in place of `live`.
+    timeline : Timeline
+        Where the clock of the sensor has got to.
     unrecorded : str
         Why what arrives cannot be written down; nothing where it can.
     has_board : bool
@@ -292,7 +238,6 @@ class Session:
         Grows with each step that changes something.
     keys, generations : int
         Given out so far.
-    is_fitting : bool
     due_at : float, s
         No fit before.
     at, arrived_at : float, s
@@ -303,6 +248,7 @@ class Session:
 
     source: SourceState = NO_SOURCE
     live: Series = field(default_factory=Series)
+    timeline: Timeline = field(default_factory=Timeline)
     opened: Series | None = None
     opened_name: str = ""
     target_deg: float = 1.0
@@ -327,16 +273,21 @@ class Session:
         return self.live if self.opened is None else self.opened
 
     @property
+    def is_followed(self) -> bool:
+        """Somebody turns the sensor just now, and may be led."""
+        return self.opened is None and self.live.paused_at is None and self.source.link == "connected"
+
+    @property
     def view(self) -> View | None:
         """Its newest fit."""
-        return None if self.shown.evaluated is None else self.shown.evaluated.view
+        return self.shown.evaluated.view
 
 
-Stepped = tuple[Session, list[Reply]]
+Stepped = tuple[Session, list[Notice]]
 
 
-def step(session: Session, event: Event) -> tuple[Session, list[Reply]]:
-    """Take one event in."""
+def step(session: Session, event: Event) -> Stepped:
+    """Take one event in; the notices are for all pages, and what else they show follows from the session."""
     return _STEPS[type(event)](replace(session, at=event.at), event)
 
 
@@ -368,15 +319,17 @@ def _arrived(session: Session, event: Arrived) -> Stepped:
         return session, []
     live = session.live
     keys = session.keys + (live.paused_at is None)
-    live = replace(live, buffer=live.buffer.extended(event.rows), unit=event.unit)
+    times, timeline = session.timeline(event.rows[:, 0])
+    rows = np.column_stack([times, event.rows[:, 1:]])
+    live = replace(live, buffer=live.buffer.extended(rows), unit=event.unit)
     if live.paused_at is None:
         live = replace(live, key=keys)
     source = session.source
     if source.link != "connected":
         session = replace(session, source=SourceState(source.name, source.kind, "connected", ""))
     old = sum(arrival[0] <= event.at - RATE_S for arrival in session.arrivals)
-    arrivals = (*session.arrivals[max(old - 1, 0) :], (event.at, float(event.rows[-1, 0]), len(event.rows)))
-    return _changed(session, live=live, keys=keys, arrived_at=event.at, arrivals=arrivals), []
+    arrivals = (*session.arrivals[max(old - 1, 0) :], (event.at, timeline.at, len(rows)))
+    return _changed(session, live=live, keys=keys, timeline=timeline, arrived_at=event.at, arrivals=arrivals), []
 
 
 def _linked(session: Session, event: Linked) -> Stepped:
@@ -386,10 +339,6 @@ def _linked(session: Session, event: Linked) -> Stepped:
         return session, []
     severity: Literal["info", "warning"] = "warning" if event.link == "gone" else "info"
     return _changed(session, source=source), [Notice(severity, event.words)] if event.words else []
-
-
-def _announced(session: Session, event: Announced) -> Stepped:
-    return session, [Notice(event.severity, event.words)]
 
 
 def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
@@ -472,7 +421,7 @@ def _cleared(session: Session) -> Stepped:
         since=keys,
     )
     session = _changed(session, live=live, generations=number, keys=keys, arrivals=())
-    return session, [FitMessage(session.revision, None), Notice("info", "begun anew; what was recorded before is kept")]
+    return session, [Notice("info", "begun anew; what was recorded before is kept")]
 
 
 def _back_to_live(session: Session) -> Stepped:
@@ -481,8 +430,7 @@ def _back_to_live(session: Session) -> Stepped:
         return session, []
     number = session.generations + 1
     live = replace(session.live, generation=number)
-    session = _alone(_changed(session, opened=None, opened_name="", live=live, generations=number))
-    return session, [FitMessage(session.revision, session.view)]
+    return _alone(_changed(session, opened=None, opened_name="", live=live, generations=number)), []
 
 
 def _opened(session: Session, event: Opened) -> Stepped:
@@ -490,26 +438,23 @@ def _opened(session: Session, event: Opened) -> Stepped:
     number = session.generations + 1
     series = replace(event.series, generation=number)
     session = _alone(_changed(session, opened=series, opened_name=event.name, generations=number))
-    return session, [FitMessage(session.revision, None), Notice("info", event.words)]
+    return session, [Notice("info", event.words)]
 
 
 def _fitted(session: Session, event: FitDone) -> Stepped:
     """Take a fit over, unless it is of another series than the shown one."""
     session = replace(session, is_fitting=False, due_at=event.at + max(event.seconds / SHARE, FASTEST_S))
     shown, key = session.shown, event.evaluated.key
-    newest = -1 if shown.evaluated is None else shown.evaluated.key
-    if not max(shown.since, newest + 1) <= key <= shown.key:
+    if not max(shown.since, shown.evaluated.key + 1) <= key <= shown.key:
         return session, []
     shown = replace(shown, evaluated=event.evaluated)
     within = (*shown.within, event.at)[:ENOUGH_FITS] if _is_within(session, event.evaluated) else ()
-    session = _with_shown(session, replace(shown, within=within))
-    return session, [FitMessage(session.revision, event.evaluated.view)]
+    return _with_shown(session, replace(shown, within=within)), []
 
 
 _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     Arrived: _arrived,
     Linked: _linked,
-    Announced: _announced,
     Unrecorded: _unrecorded,
     Requested: _requested,
     FitDone: _fitted,
@@ -537,7 +482,7 @@ _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
 def wants_fit(session: Session, at: float) -> bool:
     """Whether something changed since the last fit, none is running, and one is due, or the source has ended."""
     shown = session.shown
-    is_new = bool(shown.buffer.total) and (shown.evaluated is None or shown.evaluated.key != shown.key)
+    is_new = bool(shown.buffer.total) and shown.evaluated.key != shown.key
     is_due = at >= session.due_at or session.source.link == "ended"
     return is_new and not session.is_fitting and is_due
 
@@ -547,15 +492,8 @@ def begin_fit(session: Session) -> Session:
     return replace(session, is_fitting=True)
 
 
-def snapshot(session: Session, most: int | None = FITTED) -> Snapshot:
-    """What a fit of the present readings needs: those not taken out, spread evenly where there are too many.
-
-    Parameters
-    ----------
-    session : Session
-    most : int, optional
-        Readings, at most; None for all in memory.
-    """
+def used_readings(session: Session, most: int | None = FITTED) -> tuple[Samples, NDArray[np.intp]]:
+    """Readings not taken out, at most so many or all, spread evenly; and (N,) which of the session each is."""
     shown = session.shown
     used = np.flatnonzero(~shown.buffer.within(shown.excluded))
     if most is not None and len(used) > most:
@@ -569,27 +507,7 @@ def snapshot(session: Session, most: int | None = FITTED) -> Snapshot:
         source=session.opened_name or session.source.name,
         frame=shown.frame,
     )
-    return Snapshot(
-        key=shown.key,
-        samples=samples,
-        numbers=used * shown.buffer.stride,
-        target_deg=session.target_deg,
-        dip_deg=session.dip_deg,
-        goal=session.goal,
-        frame=_frame(shown),
-        previous=session.previous,
-        is_followed=session.opened is None and session.live.paused_at is None and session.source.link == "connected",
-    )
-
-
-def _frame(series: Series) -> Frame:
-    """Which words advice is given in: those of a vehicle where somebody said how the sensor sits in it."""
-    return "vehicle" if series.frame == "vehicle" or not series.axes.is_identity else "sensor"
-
-
-def is_usable(evaluated: Evaluated | None) -> bool:
-    """Whether a fit gives a calibration."""
-    return evaluated is not None and evaluated.fit is not None and evaluated.fit.verdict != "refused"
+    return samples, used * shown.buffer.stride
 
 
 def worst_deg(session: Session, view: View) -> float | None:
@@ -604,4 +522,4 @@ def _is_within(session: Session, evaluated: Evaluated) -> bool:
     """Whether a fit says that the target is reached, and nothing that speaks against it."""
     worst = None if evaluated.view is None else worst_deg(session, evaluated.view)
     is_clean = all(reason.severity != "warning" for reason in evaluated.reasons)
-    return worst is not None and worst <= session.target_deg and is_clean and is_usable(evaluated)
+    return worst is not None and worst <= session.target_deg and is_clean and evaluated.is_usable

@@ -1,4 +1,4 @@
-"""The file of a session: what it is called, what was done by hand in it, and how it is read again.
+"""The file of a session: how it begins, what was done by hand in it, and how it is read again.
 
 Readings are written by the recorder, as they arrive. Between them stand comments with what a person did, so that a
 session that was ended by a crash goes on as it was:
@@ -15,42 +15,124 @@ the unit they were written in, so that ``flinders calibrate SESSION`` finds the 
 
 from __future__ import annotations
 
+import contextlib
+import math
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import msgspec
 import numpy as np
 
 from flinders.core.files import reason
-from flinders.core.samples import Wrapped
-from flinders.errors import OutputError
-from flinders.live.buffer import Timeline
+from flinders.core.samples import Wrapped, frame_of
+from flinders.core.units import Unit
+from flinders.errors import OutputError, counted
+from flinders.live.buffer import Exclusions, ReadingBuffer, Timeline, rows_of
+from flinders.live.messages import SourceState
+from flinders.live.recorder import Patient, Resumed, ToFile
+from flinders.live.session import Series, Session
+from flinders.readers import open_recording
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator
-    from datetime import datetime
+    from collections.abc import Callable, Iterable, Iterator
 
+    from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
     from flinders.live.buffer import Span
-    from flinders.live.session import Session
+    from flinders.live.feeds import Feed
+    from flinders.live.messages import Kind
+    from flinders.live.recorder import Sink
+    from flinders.live.transports import ByteSource
 
 FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "
 
 
-class Edits(msgspec.Struct, frozen=True, kw_only=True):
-    """What a person did in a session.
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where the readings of a session come from.
 
     Attributes
     ----------
-    excluded : tuple of (start, end), s
-    begun_s : float or None, s
-        What came up to then was left behind.
-    target_deg, dip_deg : float
-    goal : str
+    kind : str
+        As `SourceState` has it.
+    start : callable
+        Makes of a sink, and of the recording that is ``resumed``, the feed that records into it.
+    reading : dict
+        How the recording is read, as `flinders.open_recording` takes it.
+    board : ByteSource, optional
+        The board at the other end, where a calibration can be sent to it.
     """
+
+    kind: Kind
+    start: Callable[..., Feed]
+    reading: dict[str, Any] = field(default_factory=dict)
+    board: ByteSource | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Supply:
+    """A source that is recorded: `feed` writes what it gives into `sink`, the file at `path`; the rest as `Source`."""
+
+    feed: Feed
+    sink: Sink
+    path: Path
+    axes: Axes
+    board: ByteSource | None = None
+    reading: dict[str, Any] = field(default_factory=dict)
+
+
+@contextlib.contextmanager
+def begun(
+    source: Source, axes: Axes, *, output: str | None = None, resume: str | None = None, say: Callable[[str], object]
+) -> Iterator[tuple[Supply, Session]]:
+    """Begin a session, or continue the one that a file holds, and close its file at the end.
+
+    It is recorded into a new file, `output`, or goes on with one to `resume`; without both the file is named by the
+    date. What a person should know goes to `say`.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written, or not all that came is in it at the end.
+    InputError
+        If the file of an earlier session cannot be read.
+    """
+    resumed = None if resume is None else Resumed.of(resume)
+    edits = Edits() if resume is None else Edits.read(resume)
+    path = Path(resume or output or default_path(datetime.now(UTC)))
+    reading = {**source.reading, "axes": str(axes)}
+    with contextlib.closing(Patient(ToFile(path, resume=resume is not None), say)) as sink:
+        session = Session(
+            live=Series(axes=axes),
+            target_deg=edits.target_deg,
+            dip_deg=edits.dip_deg,
+            goal=edits.goal,
+            recording=str(path),
+            has_board=source.board is not None,
+        )
+        if resumed is not None and resumed.header is not None:
+            session = _continued(session, path, edits, reading)
+            say(f"{path}: goes on after {counted(session.live.buffer.total, 'reading')}")
+        feed = source.start(sink, resumed=resumed)
+        session = replace(session, source=SourceState(feed.name, source.kind, "waiting", ""))
+        yield Supply(feed, sink, path, axes, source.board, reading), session
+
+
+def _continued(session: Session, path: Path, edits: Edits, reading: dict[str, Any]) -> Session:
+    """A session with the readings that the file of an earlier one holds, and what a person did to them."""
+    before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
+    series, _, timeline = load(path, path.name, before, **reading)
+    exclusions, begun_s = Exclusions(edits.excluded), edits.begun_s
+    live = replace(session.live, buffer=series.buffer, unit=series.unit, exclusions=exclusions, begun_s=begun_s, key=1)
+    return replace(session, live=live, keys=1, timeline=timeline)
+
+
+class Edits(msgspec.Struct, frozen=True, kw_only=True):
+    """What a person did in a session; what came up to `begun_s` was left behind."""
 
     excluded: tuple[tuple[float, float], ...] = ()
     begun_s: float | None = None
@@ -80,24 +162,16 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True):
         edits = cls()
         for line in lines:
             if line.startswith(SIGN):
-                try:
+                with contextlib.suppress(msgspec.DecodeError):
                     edits = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
-                except msgspec.DecodeError:
-                    continue
         return edits
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Edits:
-        """What the file of a session says.
-
-        Raises
-        ------
-        OutputError
-            Where it cannot be read.
-        """
+        """What the file of a session says; `OutputError` where it cannot be read."""
         try:
             with Path(path).open(encoding="utf-8", errors="replace") as file:
-                return cls.within(line for line in file if line.startswith(SIGN))
+                return cls.within(file)
         except OSError as error:
             raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
 
@@ -108,13 +182,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def default_path(now: datetime, folder: str = FOLDER) -> Path:
-    """Name a session by its time, in a folder that is made where it is not there.
-
-    Raises
-    ------
-    OutputError
-        Where it cannot be made.
-    """
+    """Name a session by its time, in a folder that is made where it is not there; `OutputError` where it cannot be."""
     path = Path(folder)
     try:
         path.mkdir(exist_ok=True)
@@ -122,7 +190,7 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
         raise OutputError(
             f"{folder}: cannot be made: {reason(error)}; give the recording another place with --output"
         ) from None
-    name = now.astimezone().strftime("%Y-%m-%d %H-%M-%S").replace(" ", "_")
+    name = now.astimezone().strftime("%Y-%m-%d_%H-%M-%S")
     file = path / f"{name}.csv"
     again = 2
     while file.exists():
@@ -132,15 +200,9 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
 
 @dataclass(slots=True, eq=False)
 class TrimmedRecording(Wrapped):
-    """A recording on the timeline of its session, without some stretches of it.
+    """A recording on the timeline of its session, without some spans of time, whose ends are included.
 
-    Attributes
-    ----------
-    recording : Recording
-    spans : tuple of (start, end), s
-        Ends included.
-    timeline : Timeline
-        Where the last pass ended.
+    `timeline` is where the last pass ended.
 
     Examples
     --------
@@ -165,3 +227,19 @@ class TrimmedRecording(Wrapped):
             for start, end in self.spans:
                 used &= (times < start) | (times > end)
             yield replace(block, time=times)[used]
+
+
+def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) -> tuple[Series, str, Timeline]:
+    """Read a recording as a series of readings, as many as a buffer holds, how it was read, and where its time ends.
+
+    It is called by a name in messages, spans of time are left out, and it is read as `flinders.open_recording` does.
+    """
+    recording = open_recording(path, **reading)
+    trimmed = TrimmedRecording(recording, spans)
+    buffer = ReadingBuffer.empty()
+    for block in trimmed.blocks():
+        buffer = buffer.extended(rows_of(block))
+    words = str(recording).replace(str(path), name).replace(path.name, name)
+    words = words if words.startswith(name) else f"{name}: {words}"
+    series = Series(buffer, getattr(recording, "unit", Unit.of()), recording.axes, frame_of(recording))
+    return series, f"{words}; {counted(buffer.total, 'reading')}", trimmed.timeline

@@ -12,8 +12,8 @@ arrival is put in front where the lines have no time of their own.
 t_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,mag_x_uT,mag_y_uT,mag_z_uT
 1.0000,0,0,1,0,0,0,21.7,0.4,-58.6
 <BLANKLINE>
->>> later.readings[0].field, [event.kind for event in later.events]
-((21.7, 0.4, -58.6), ['settled'])
+>>> later.readings.field, [event.kind for event in later.events]
+(array([[ 21.7,   0.4, -58.6]]), ['settled'])
 
 The readings are those that `flinders.read` makes of the text.
 """
@@ -29,10 +29,12 @@ from functools import partial
 from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+import numpy as np
+
 from flinders.core.axes import Axes
 from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
-from flinders.live.feeds import FeedEvent, readings_of
+from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
 from flinders.readers._lines import shown
 from flinders.readers._names import is_unit, meaning
@@ -44,8 +46,10 @@ from flinders.readers.dialects.pattern import Pattern
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.core.units import Unit
-    from flinders.live.feeds import Kind, Reading
+    from flinders.live.feeds import Kind
     from flinders.readers._tokenizer import Dialect
 
 SETTLE_S: Final = 0.9
@@ -222,12 +226,13 @@ class RecordingStatistics:
         self.first_at = self.first_at if self.readings else at
         self.readings, self.last_at = self.readings + 1, at
 
-    def measure(self, field: tuple[float, ...]) -> None:
-        """Note how strong the field of a reading is."""
-        strength = math.hypot(*field)
-        self.strengths += 1
-        self.strength_sum += strength
-        self.weakest, self.strongest = min(self.weakest, strength), max(self.strongest, strength)
+    def measure(self, field: Floats) -> None:
+        """Note how strong the field of (N, 3) readings is."""
+        strengths = np.linalg.norm(field, axis=1)
+        self.strengths += len(field)
+        self.strength_sum += float(strengths.sum())
+        self.weakest = float(strengths.min(initial=self.weakest))
+        self.strongest = float(strengths.max(initial=self.strongest))
 
     @property
     def rate_hz(self) -> float:
@@ -282,7 +287,7 @@ class Taken:
     """What was made of some bytes."""
 
     text: str = ""  # whole lines for the recording
-    readings: list[Reading] = field(default_factory=list)  # of its rows whose field is finite
+    readings: Samples | None = None  # of its rows whose field is finite
     events: list[FeedEvent] = field(default_factory=list)
 
 
@@ -515,15 +520,14 @@ class Transcript:
         events, self._events = self._events, []
         return Taken(text, self._readings(rows), events)
 
-    def _readings(self, rows: list[str]) -> list[Reading]:
+    def _readings(self, rows: list[str]) -> Samples | None:
         if not rows or self._read is None:
-            return []
+            return None
         layout, unit = self._read
         values = rows_of(rows, range(len(rows)), layout.grid).values
-        readings = readings_of(layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name))
-        for reading in readings:
-            self.statistics.measure(reading.field)
-        return readings
+        readings = layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name)
+        self.statistics.measure(readings.field)
+        return readings if len(readings) else None
 
 
 def _rows(form: Form, texts: list[str]) -> list[str]:

@@ -33,14 +33,10 @@ from flinders.readers._extras import needs
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-CHUNK: Final = 1 << 16
-"""Bytes taken at a time; no datagram is longer."""
-BAUD: Final = 115200
-"""What MotionCal and most sketches use."""
-WRITE_S: Final = 2.0
-"""Seconds that the other end has to take what is written."""
-CONNECT_S: Final = 5.0
-"""Seconds that a host has to answer."""
+CHUNK: Final = 1 << 16  # Bytes taken at a time; no datagram is longer
+BAUD: Final = 115200  # What MotionCal and most sketches use
+WRITE_S: Final = 2.0  # Seconds that the other end has to take what is written
+CONNECT_S: Final = 5.0  # Seconds that a host has to answer
 WAITING_BYTES: Final = 8 << 20
 """Room that is asked for what arrives while this program is busy; the system may grant less."""
 SO_RCVBUFFORCE: Final = 33
@@ -49,13 +45,12 @@ SO_RXQ_OVFL: Final = 40
 AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0)
 """Where there is one, a datagram is taken without asking first whether there is one."""
 COUNT: Final = struct.Struct("=I")
-MOST_PEERS: Final = 16
-"""Senders that are answered over UDP; further ones are heard and not answered."""
+MOST_PEERS: Final = 16  # Senders that are answered over UDP; further ones are heard and not answered
 SLOWEST_BAUD, FASTEST_BAUD = 50, 20_000_000
 
 
 class ByteSource(Protocol):
-    """One end of a wire.
+    """One end of a wire; each method but `close` raises `LinkError` where the other end is gone.
 
     Attributes
     ----------
@@ -69,31 +64,13 @@ class ByteSource(Protocol):
     is_framed: bool
 
     def read(self, timeout: float) -> bytes:
-        """Return what has come in, waiting at most `timeout` seconds for it; nothing where nothing came.
-
-        Raises
-        ------
-        LinkError
-            Where the other end is gone.
-        """
+        """Return what has come in, waiting at most `timeout` seconds for it; nothing where nothing came."""
 
     def write(self, content: bytes) -> None:
-        """Send bytes, all of them.
-
-        Raises
-        ------
-        LinkError
-            Where the other end is gone or does not take them.
-        """
+        """Send bytes, all of them."""
 
     def reopen(self) -> None:
-        """Open again after a loss.
-
-        Raises
-        ------
-        LinkError
-            Where it is still gone.
-        """
+        """Open again after a loss."""
 
     def close(self) -> None:
         """Let go of it; closing twice does no harm."""
@@ -274,28 +251,22 @@ class Udp:
 
 
 class Tcp:
-    """A connection to a host.
-
-    Raises
-    ------
-    LinkError
-        Where the host is not known or does not answer.
-    """
+    """A connection to a host; `LinkError` where that is not known or does not answer."""
 
     is_framed = False
 
     def __init__(self, host: str, port: int) -> None:
         self.name = f"TCP {host}:{port}"
         self._address = (host, port)
-        self._socket: socket.socket | None = None
+        self._socket = socket.socket()
         self.reopen()
 
     def read(self, timeout: float) -> bytes:
         """As `ByteSource.read`."""
         try:
-            if not select.select([self._opened()], [], [], timeout)[0]:
+            if not select.select([self._socket], [], [], timeout)[0]:
                 return b""
-            content = self._opened().recv(CHUNK)
+            content = self._socket.recv(CHUNK)
         except (OSError, ValueError):
             content = b""
         if not content:
@@ -306,7 +277,7 @@ class Tcp:
     def write(self, content: bytes) -> None:
         """As `ByteSource.write`."""
         try:
-            self._opened().sendall(content)
+            self._socket.sendall(content)
         except (OSError, ValueError) as error:
             self.close()
             raise LinkError(f"{self.name} does not take what is sent: {reason(error)}") from None
@@ -322,14 +293,7 @@ class Tcp:
 
     def close(self) -> None:
         """As `ByteSource.close`."""
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-
-    def _opened(self) -> socket.socket:
-        if self._socket is None:
-            raise LinkError(f"{self.name} is closed")
-        return self._socket
+        self._socket.close()
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,13 +354,7 @@ class Scripted:
 
 
 def ports() -> list[str]:
-    """Name the serial ports of this machine, those on USB first, each with what it says of itself.
-
-    Raises
-    ------
-    MissingExtra
-        Without serialx.
-    """
+    """Name the serial ports of this machine, those on USB first, each with what it says of itself."""
     serialx = needs("serialx", "serial", "a serial port")
     try:
         listed = serialx.list_serial_ports()
@@ -420,12 +378,7 @@ def ports_in_words() -> str:
 def only_port(*, is_asked: bool) -> str | None:
     """The one port that a board is plugged into; None where there is none and none was asked for.
 
-    Raises
-    ------
-    UsageError
-        If there are several, or none although one was asked for.
-    MissingExtra
-        If ports cannot be listed, and one was asked for.
+    Several are refused, and so is none, and a machine that cannot list its ports, where one was asked for.
     """
     try:
         names = ports()
@@ -446,15 +399,7 @@ def only_port(*, is_asked: bool) -> str | None:
 def opened_lines(
     *, port: str | None = None, baud: int = BAUD, udp: int | None = None, tcp: str | None = None
 ) -> Serial | Udp | Tcp:
-    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``.
-
-    Raises
-    ------
-    UsageError
-        For an address that is none.
-    LinkError
-        If it cannot be opened.
-    """
+    """Open what sends lines: one of a serial port, a port for datagrams, and ``HOST:PORT``."""
     if udp is not None:
         return Udp(udp)
     if tcp is not None:
@@ -463,15 +408,7 @@ def opened_lines(
 
 
 def opened_link(address: str, baud: int = BAUD) -> Serial | Udp | Tcp:
-    """Open the link to a vehicle: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port.
-
-    Raises
-    ------
-    UsageError
-        For an address that is none.
-    LinkError
-        If it cannot be opened.
-    """
+    """Open the link to a vehicle: ``udp:HOST:PORT``, ``udpout:HOST:PORT``, ``tcp:HOST:PORT`` or a serial port."""
     kind, colon, rest = address.partition(":")
     match kind.casefold() if colon else "":
         case "udp" | "udpin":
@@ -493,15 +430,8 @@ def opened_link(address: str, baud: int = BAUD) -> Serial | Udp | Tcp:
 
 
 def host_and_port(text: str, what: str) -> tuple[str, int]:
-    """Take ``HOST:PORT`` apart; without a host it is this machine.
+    """Take ``HOST:PORT`` apart; without a host it is this machine. `what` names the option in a refusal.
 
-    Raises
-    ------
-    UsageError
-        For what is none; `what` names the option.
-
-    Examples
-    --------
     >>> host_and_port("boat.local:5760", "--tcp"), host_and_port(":5760", "--tcp")
     (('boat.local', 5760), ('127.0.0.1', 5760))
     """

@@ -23,25 +23,9 @@ LONGEST: Final = 120
 
 
 def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
-    """Import an optional package.
+    """Import an optional package such as ``pyarrow.parquet``, for `what` (with its article: ``a PX4 ULog``).
 
-    Parameters
-    ----------
-    package : str
-        To import: ``pyulog``, ``pyarrow.parquet``.
-    extra : str
-        What to install for it: ``px4`` for ``pip install 'flinders[px4]'``.
-    what : str
-        What it is needed for, with its article: ``a PX4 ULog``.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    MissingExtra
-        Where it is not installed.
+    Where it is not installed, `MissingExtra` says to install the `extra`: ``px4`` for ``pip install 'flinders[px4]'``.
     """
     try:
         return import_module(package)
@@ -53,20 +37,8 @@ def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a modul
 def reading(name: str, kind: str) -> Iterator[None]:
     """Let another package read a file, and turn whatever it raises into one line: on a broken file that is anything.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-    kind : str
-        What it should be, with its article: ``a PX4 ULog``.
+    `kind` is what the file should be, with its article. Errors of Flinders pass through.
 
-    Raises
-    ------
-    UnreadableInput
-        In place of what the package raises; errors of Flinders pass through.
-
-    Examples
-    --------
     >>> with reading("flight.ulg", "a PX4 ULog"):
     ...     {}["sensor_mag"]
     Traceback (most recent call last):

@@ -2,7 +2,7 @@ r"""Messages of ArduPilot's DataFlash logs, which describe themselves: FMT messa
 
 A binary message is the bytes A3 95, its type, and its fields packed without gaps, in the order and with the letters
 that the FMT message of its type gives. The starts of all messages are found by following their lengths, for thousands
-at a time; the fields of one name are then read as one strided view of the file, which stays on the disk.
+at a time; those of the names that are wanted are then copied, and their fields read as strided views.
 
 >>> import struct
 >>> def fmt(number, length, name, letters, labels):
@@ -12,7 +12,7 @@ at a time; the fields of one name are then read as one strided view of the file,
 >>> read_packed(np.frombuffer(log, np.uint8), ["HI"])["HI"].column("X")
 array([0. , 0.5, 1. ])
 >>> broken = read_packed(np.frombuffer(log[:-9] + b"what is this" + log[-9:], np.uint8), ["HI"])
->>> broken["HI"].column("X"), broken.strays         # nor is the message before broken bytes to be trusted: 9 + 12
+>>> broken["HI"].column("X"), broken.skipped         # nor is the message before broken bytes to be trusted: 9 + 12
 (array([0., 1.]), 21)
 
 Source: ArduPilot's ``libraries/AP_Logger/README.md`` and ``LogStructure.h`` for the letters and their factors.
@@ -22,7 +22,8 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_left
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import accumulate
 from struct import Struct
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
@@ -56,22 +57,15 @@ LETTERS: Final[dict[str, tuple[str, float]]] = {
     "n": ("S4", 1), "N": ("S16", 1), "Z": ("S64", 1), "a": ("V64", 1),
 }  # fmt: skip
 """How each letter of a format is packed, and what it is multiplied by."""
-CHARACTERS: Final = "nNZa"
-"""Letters of fields that are no numbers."""
+KINDS: Final = {letter: np.dtype(kind) for letter, (kind, _) in LETTERS.items()}
+CHARACTERS, WHOLE = "nNZa", "bBhHiIqQM"
+"""Letters of fields that are no numbers, and of those that are integers."""
+CLOCKS: Final = {"TimeUS": 1e-6, "TimeMS": 1e-3}
+INSTANCE: Final = ("I", "Instance", "Inst")
 
 
 class Format(NamedTuple):
-    """What an FMT message says.
-
-    Attributes
-    ----------
-    number, length : int
-        Type, and bytes of a whole message.
-    name : str
-    letters : str
-        One a field.
-    labels : tuple of str
-    """
+    """What an FMT message says: type and bytes of a whole message, its name, a letter and a label a field."""
 
     number: int
     length: int
@@ -80,154 +74,111 @@ class Format(NamedTuple):
     labels: tuple[str, ...]
 
     @property
+    def places(self) -> list[int]:
+        """At which byte of a message each field begins, and where the last one ends."""
+        return [*accumulate((KINDS[letter].itemsize for letter in self.letters), initial=HEADER_SIZE)]
+
+    @property
     def is_readable(self) -> bool:
         """All letters are known, and the fields fit into the length."""
         known = all(letter in LETTERS for letter in self.letters) and len(self.labels) <= len(self.letters)
-        return known and HEADER_SIZE + sum(np.dtype(LETTERS[each][0]).itemsize for each in self.letters) <= self.length
+        return known and self.places[-1] <= self.length
 
-    def place(self, label: str) -> tuple[int, str]:
-        """Where a field begins in a message, and its letter."""
-        index = self.labels.index(label)
-        before = sum(np.dtype(LETTERS[each][0]).itemsize for each in self.letters[:index])
-        return HEADER_SIZE + before, self.letters[index]
+
+class Field(NamedTuple):
+    """(N,) values of a field as they are stored, its letter, and what they are multiplied by."""
+
+    letter: str
+    stored: NDArray[Any]
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Packed:
-    """Messages of one name in a binary log.
+class Table:
+    """Messages of one name."""
 
-    Attributes
-    ----------
-    raw : (size,) uint8
-        The whole log.
-    format : Format
-    where : (N,) int64
-        At which byte each begins; ascending.
-    copies : (N, length) bytes, optional
-        Copies of them, one after the other.
-    """
+    fields: dict[str, Field]  # by label
+    where: Places  # (N,) int64: at which byte or on which line each begins; ascending
 
-    raw: Bytes
-    format: Format
-    where: Places
-    copies: Bytes | None = None
+    @classmethod
+    def packed(cls, raw: Bytes, format: Format, where: Places) -> Table:
+        """Copy the messages that begin at these bytes of a binary log."""
+        whole = np.dtype(f"V{format.length}")
+        at_each_byte = np.ndarray((len(raw) - format.length + 1,), whole, raw.data, 0, (1,))
+        messages = at_each_byte[where]
+        fields = {
+            label: Field(
+                letter,
+                np.ndarray((len(where),), KINDS[letter], messages.view(np.uint8).data, place, (format.length,)),
+                LETTERS[letter][1],
+            )
+            for label, letter, place in zip(format.labels, format.letters, format.places, strict=False)
+        }
+        return cls(fields, where)
 
     def __len__(self) -> int:
         return len(self.where)
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the fields."""
-        return self.format.labels
-
-    def is_whole(self, label: str) -> bool:
-        """Whether a field holds integers."""
-        return self.format.place(label)[1] in "bBhHiIqQM"
-
     def column(self, label: str) -> Floats:
-        """(N,) a field, in the unit of its letter; NaN where it holds characters."""
-        letter = self.format.place(label)[1]
+        """(N,) a field; NaN where it holds characters."""
+        letter, stored, scale = self.fields[label]
         if letter in CHARACTERS:
             return np.full(len(self), np.nan)
-        scale = LETTERS[letter][1]
-        values = self._bare(label).astype(np.float64)
+        values = stored.astype(np.float64)
         return values if scale == 1 else values * scale
 
-    def texts(self, label: str) -> list[str]:
-        """A field of characters."""
-        return [each.partition(b"\0")[0].decode("ascii", "replace") for each in self._bare(label).tolist()]
+    def columns(self, *labels: str) -> Floats:
+        """(N, k) of several fields."""
+        return np.column_stack([self.column(label) for label in labels])
 
-    def only(self, rows: slice | NDArray[Any]) -> Packed:
-        """Some of them."""
-        return Packed(self.raw, self.format, self.where[rows])
-
-    def copied(self) -> Packed:
-        """The same with their bytes side by side: each is fetched once, and no more for each of its fields."""
-        length = self.format.length
-        whole = self._at_each_byte(np.dtype(f"V{length}"), 0)[self.where]
-        return Packed(self.raw, self.format, self.where, whole.view(np.uint8).reshape(len(self), length))
-
-    def _bare(self, label: str) -> NDArray[Any]:
-        """(N,) as it is packed."""
-        offset, letter = self.format.place(label)
-        kind = np.dtype(LETTERS[letter][0])
-        if self.copies is None or not len(self):
-            return self._at_each_byte(kind, offset)[self.where]
-        return np.ndarray((len(self),), kind, self.copies.data, offset, (self.format.length,))
-
-    def _at_each_byte(self, kind: np.dtype[Any], offset: int) -> NDArray[Any]:
-        """The view of the file that begins at each of its bytes, or so many behind it."""
-        count = max(len(self.raw) - offset - kind.itemsize + 1, 0)
-        return np.ndarray((count,), kind, self.raw.data, offset, (1,)) if count else np.empty(0, kind)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Listed:
-    """Messages of one name in a log that was turned into text.
-
-    Attributes
-    ----------
-    labels : tuple of str
-    letters : str
-    rows : dict
-        Values by label: numbers, or texts where they are none.
-    where : (N,) int64
-        On which line each stands, ascending.
-    """
-
-    labels: tuple[str, ...]
-    letters: str
-    rows: dict[str, Any]
-    where: Places
-
-    def __len__(self) -> int:
-        return len(self.where)
-
-    def is_whole(self, label: str) -> bool:
-        """Whether a field holds integers."""
-        return self.letters[self.labels.index(label)] in "bBhHiIqQM"
-
-    def column(self, label: str) -> Floats:
-        """(N,) a field, in the unit that the text is in; NaN where it holds characters."""
-        if self.letters[self.labels.index(label)] in CHARACTERS:
-            return np.full(len(self), np.nan)
-        return np.asarray(self.rows[label], np.float64)
+    def triple(self, prefix: str) -> Floats | None:
+        """(N, 3) of the fields that begin so and end in X, Y, Z; None where one is missing."""
+        labels = [f"{prefix}{axis}" for axis in "XYZ"]
+        return self.columns(*labels) if self.has(*labels) else None
 
     def texts(self, label: str) -> list[str]:
         """A field of characters."""
-        return [str(each) for each in self.rows[label]]
+        stored = self.fields[label].stored
+        if stored.dtype.kind == "O":
+            return [str(each) for each in stored]
+        return [each.partition(b"\0")[0].decode("ascii", "replace") for each in stored.tolist()]
 
-    def copied(self) -> Listed:
-        """The same: their values are side by side already."""
-        return self
+    def has(self, *labels: str) -> bool:
+        """Whether it has these fields."""
+        return self.fields.keys() >= set(labels)
 
-    def only(self, rows: slice | NDArray[Any]) -> Listed:
+    def first(self, labels: tuple[str, ...]) -> str | None:
+        """The first of these fields that there is."""
+        return next((label for label in labels if label in self.fields), None)
+
+    def only(self, rows: slice | NDArray[Any]) -> Table:
         """Some of them."""
-        chosen = np.arange(len(self))[rows]
-        columns = {label: [values[row] for row in chosen] for label, values in self.rows.items()}
-        return Listed(self.labels, self.letters, columns, self.where[chosen])
+        fields = {label: field._replace(stored=field.stored[rows]) for label, field in self.fields.items()}
+        return Table(fields, self.where[rows])
 
+    def of_instance(self, instance: float | None = None) -> Table | None:
+        """Those of one of several instances, by default the first; None where they are not numbered."""
+        label = self.first(INSTANCE)
+        if label is None:
+            return None
+        instances = self.column(label)
+        return self.only(instances == (instances.min() if instance is None else instance))
 
-Table: TypeAlias = Packed | Listed
+    @property
+    def seconds(self) -> Floats | None:
+        """(N,) s since the vehicle was turned on, where it is logged."""
+        label = self.first(tuple(CLOCKS))
+        return None if label is None else self.column(label) * CLOCKS[label]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Messages:
-    """What was wanted of a log.
+    """What was wanted of a log."""
 
-    Attributes
-    ----------
-    tables : dict of Table
-        By name; those of which there is at least one message.
-    strays : int
-        Bytes, or lines, that belong to no message.
-    gaps : int
-        In how many places they are.
-    """
-
-    tables: dict[str, Table] = field(default_factory=dict)
-    strays: int = 0
+    tables: dict[str, Table]  # by name; those of which there is at least one message
+    skipped: int = 0  # bytes, or lines, that belong to no message, and in how many places they are
     gaps: int = 0
+    is_text: bool = False  # the log was turned into text: places are lines
 
     def __getitem__(self, name: str) -> Table:
         return self.tables[name]
@@ -267,27 +218,17 @@ def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     for number, parts in places.items():
         where = np.concatenate(parts)
         if formats[number].is_readable and len(where):
-            tables.setdefault(formats[number].name, Packed(raw, formats[number], where))
+            tables.setdefault(formats[number].name, Table.packed(raw, formats[number], where))
     return Messages(tables, len(raw) - known, gaps)
 
 
 class _Segment(NamedTuple):
-    """A part of a log, and where in it messages might begin.
+    """A part of a log, and where in it messages might begin."""
 
-    Attributes
-    ----------
-    raw : (size,) uint8
-        The whole log.
-    at, stop : int
-        The part; `window` goes on for a message or two.
-    headers : (N,) int64
-        Where the two bytes of a header stand, from `at`.
-    """
-
-    raw: Bytes
-    at: int
+    raw: Bytes  # (size,) uint8: the whole log
+    at: int  # the part; `window` goes on for a message or two
     stop: int
-    headers: Places
+    headers: Places  # (N,) int64: where the two bytes of a header stand, from `at`
 
     @classmethod
     def of(cls, raw: Bytes, at: int, stop: int) -> _Segment:
@@ -364,8 +305,8 @@ def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Me
     formats: dict[str, Format] = {}
     columns: dict[str, list[Any]] = {}
     where: dict[str, array[int]] = {}
-    strays = gaps = 0
-    last_stray = -1
+    skipped = gaps = 0
+    last_skipped = -1
     for number, line in lines:
         name, _, rest = line.partition(",")
         name = name.strip()
@@ -375,23 +316,19 @@ def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Me
         elif name in wanted and name in formats:
             values = _cells(rest, formats[name])
             if values is None:
-                strays, gaps = strays + 1, gaps + (last_stray != number - 1)
-                last_stray = number
+                skipped, gaps = skipped + 1, gaps + (last_skipped != number - 1)
+                last_skipped = number
                 continue
             holders = columns.setdefault(name, [_holder(letter) for letter in formats[name].letters])
             for column, value in zip(holders, values, strict=False):
                 column.append(value)
             where.setdefault(name, array("q")).append(number)
-    tables: dict[str, Table] = {
-        name: Listed(
-            formats[name].labels,
-            formats[name].letters,
-            dict(zip(formats[name].labels, columns[name], strict=False)),
-            np.array(rows, np.int64),
-        )
-        for name, rows in where.items()
-    }
-    return Messages(tables, strays, gaps)
+    tables: dict[str, Table] = {}
+    for name, rows in where.items():
+        stored = [np.array(values, object if isinstance(values, list) else float) for values in columns[name]]
+        fields = dict(zip(formats[name].labels, map(Field, formats[name].letters, stored), strict=False))
+        tables[name] = Table(fields, np.array(rows, np.int64))
+    return Messages(tables, skipped, gaps, is_text=True)
 
 
 def _next(places: Places, least: int, otherwise: int) -> int:

@@ -17,7 +17,7 @@ flinders.errors.UsageError: flight.bin has no magnetometer 2: there is 1 (MAG 0)
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
@@ -29,33 +29,30 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from datetime import datetime
 
+    from numpy.typing import NDArray
+
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
     from flinders.readers._source import Progress, Source
 
 
+HIGHEST_M: Final = 1e5
+"""An altitude beyond is none."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Stored:
-    """A calibration that was in force when a log was made: ``corrected = matrix @ (raw - offset)``, before mounting.
+    """A calibration that was in force when a log was made: ``corrected = matrix @ (raw - offset)``, before mounting."""
 
-    Attributes
-    ----------
-    matrix : (3, 3) float
-    offset : (3,) float, µT
-    mounting : (3, 3) float
-        Rotation from what `matrix` gives to what the log holds; identity where the sensor sits as the vehicle does.
-    words : str
-        What it is, as the target calls it: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``.
-    applied : bool
-        Readings are logged after it; where they are not, there is nothing to un-apply.
-    """
-
-    matrix: Floats
-    offset: Floats
+    matrix: Floats  #: (3, 3)
+    offset: Floats  #: (3,), µT
+    #: (3, 3): rotation from what `matrix` gives to what the log holds; identity where the sensor sits as the vehicle
+    #: does
     mounting: Floats = field(default_factory=lambda: np.eye(3))
+    #: what it is, as the target calls it: ``COMPASS_OFS −12, 40, −93 mG; COMPASS_DIA 1.02, 0.99, 1.00``
     words: str = ""
-    applied: bool = True
+    applied: bool = True  #: readings are logged after it; where they are not, there is nothing to un-apply
 
     def sentence(self, *, as_logged: bool) -> str:
         """Say what became of it."""
@@ -66,87 +63,52 @@ class Stored:
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Where a log was made.
+    """Where a log was made."""
 
-    Attributes
-    ----------
-    latitude_deg, longitude_deg : float
-        Degrees, north and east positive (WGS 84).
-    altitude_m : float
-        Above the sea; 0 where it is not known.
-    """
-
-    latitude_deg: float
+    latitude_deg: float  #: degrees, north and east positive (WGS 84)
     longitude_deg: float
-    altitude_m: float = 0.0
+    altitude_m: float = 0.0  #: m above the sea; 0 where it is not known
+
+
+def first_position(
+    latitude: Floats, longitude: Floats, altitude: Floats, *, fixed: NDArray[np.bool_]
+) -> Position | None:
+    """The first of (N,) places in degrees and metres that is `fixed` and can be one."""
+    usable = fixed & (np.abs(latitude) <= 90) & (np.abs(longitude) <= 180) & ((latitude != 0) | (longitude != 0))
+    for row in np.flatnonzero(usable)[:1]:
+        height = float(altitude[row])
+        return Position(float(latitude[row]), float(longitude[row]), height if abs(height) < HIGHEST_M else 0.0)
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instrument:
-    """One magnetometer of a log.
+    """One magnetometer of a log."""
 
-    Attributes
-    ----------
-    source : str
-        The file, for messages.
-    name : str
-        As the log calls it: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``.
-    unit : Unit
-        Of what `columns` yields.
-    columns : callable
-        Yields blocks of `Samples` from the first on, each time it is called; its argument says whether as logged
-        (True), or with what is `stored` un-applied (False).
-    stored : Stored, optional
-        What the log says was in force, where readings are logged after it.
-    axes : Axes
-    frames : pair of str
-        What the axes of `columns` are, ``sensor`` or ``vehicle``: with what is `stored` un-applied, and as logged.
-    autopilot : str, optional
-        ``ardupilot`` or ``px4``, where it is a compass of theirs.
-    compass : int, optional
-        Its number there: ArduPilot's 1 to 3, PX4's 0 to 3.
-    device_id : int, optional
-        Its device id there.
-    as_logged : bool
-    span : TimeSpan
-        Only readings within it are given.
-    beginning : float, s
-        The time from which the span counts, by the clock of `columns`: the first reading where it is NaN.
-    readings : int, optional
-        How many `columns` yields, where that is known beforehand.
-    notes : tuple of str
-        What to know about it, a sentence each.
-    others : tuple of str
-        Names of the log's other magnetometers, where nobody has said which is meant.
-    damage : tuple of str
-        What of the file could not be read, where it was cut short or is broken.
-    file : Source, optional
-        The bytes it was read from, as they lie on the disk.
-    temporary_files : tuple of Source
-        Temporary files that it needs.
-    progress : callable, optional
-        Called once a block with the bytes read so far, by the share of `readings`, and those there are.
-    """
-
-    source: str
-    name: str
-    unit: Unit
+    source: str  #: the file, for messages
+    name: str  #: as the log calls it: ``MAG 0``, ``sensor_mag 1 (device 396809)``, ``/imu/mag``
+    unit: Unit  #: of what `columns` yields
+    #: yields blocks of `Samples` from the first on, each time it is called; its argument says whether as logged
+    #: (True), or with what is `stored` un-applied (False)
     columns: Callable[[bool], Iterator[Samples]]
-    stored: Stored | None = None
+    stored: Stored | None = None  #: what the log says was in force, where readings are logged after it
     axes: Axes = field(default_factory=Axes)
+    #: what the axes of `columns` are, ``sensor`` or ``vehicle``: with what is `stored` un-applied, and as logged
     frames: tuple[str, str] = ("sensor", "sensor")
-    autopilot: Literal["ardupilot", "px4"] | None = None
-    compass: int | None = None
-    device_id: int | None = None
+    autopilot: Literal["ardupilot", "px4"] | None = None  #: ``ardupilot`` or ``px4``, where it is a compass of theirs
+    compass: int | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
+    device_id: int | None = None  #: its device id there
     as_logged: bool = False
-    span: TimeSpan = field(default_factory=TimeSpan)
+    span: TimeSpan = field(default_factory=TimeSpan)  #: only readings within it are given
+    #: s: the time from which the span counts, by the clock of `columns`: the first reading where it is NaN
     beginning: float = np.nan
-    readings: int | None = None
-    notes: tuple[str, ...] = ()
-    others: tuple[str, ...] = ()
-    damage: tuple[str, ...] = ()
-    file: Source | None = None
-    temporary_files: tuple[Source, ...] = ()
+    readings: int | None = None  #: how many `columns` yields, where that is known beforehand
+    notes: tuple[str, ...] = ()  #: what to know about it, a sentence each
+    others: tuple[str, ...] = ()  #: names of the log's other magnetometers, where nobody has said which is meant
+    damage: tuple[str, ...] = ()  #: what of the file could not be read, where it was cut short or is broken
+    file: Source | None = None  #: the bytes it was read from, as they lie on the disk
+    temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
+    #: called once a block with the bytes read so far, by the share of `readings`, and those there are
     progress: Progress | None = None
 
     @property
@@ -197,34 +159,17 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """What a file holds.
+    """What a file holds."""
 
-    Attributes
-    ----------
-    source : str
-        The file, for messages.
-    format : str
-        For people: ``ArduPilot DataFlash``.
-    instruments : tuple of Instrument
-        Its magnetometers, in the order of their numbers.
-    position : Position, optional
-    begun : datetime, optional
-        UTC.
-    notes : tuple of str
-        What to know about the file, a sentence each: that it was cut short, that its clock jumps.
-    damage : tuple of str
-        Those of the notes that tell what could not be read.
-    is_table : bool
-        Its magnetometers are columns of one table; a topic has named the member of an archive that holds it.
-    """
-
-    source: str
-    format: str
-    instruments: tuple[Instrument, ...]
+    source: str  #: the file, for messages
+    format: str  #: for people: ``ArduPilot DataFlash``
+    instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
-    begun: datetime | None = None
+    begun: datetime | None = None  #: UTC
+    #: what to know about the file, a sentence each: that it was cut short, that its clock jumps
     notes: tuple[str, ...] = ()
-    damage: tuple[str, ...] = ()
+    damage: tuple[str, ...] = ()  #: those of the notes that tell what could not be read
+    #: its magnetometers are columns of one table; a topic has named the member of an archive that holds it
     is_table: bool = False
 
     def sensor(self, wanted: str) -> Instrument:

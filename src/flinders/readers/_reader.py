@@ -19,48 +19,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """One row of the table of formats; of `starts`, `pattern` and `sniff`, all that are given have to hold.
+    """One row of the table of formats; of `starts`, `pattern` and `sniff`, all that are given have to hold."""
 
-    Attributes
-    ----------
-    name : str
-        In one word.
-    title : str
-        For people; a section of docs/formats.md may have it as its heading.
-    suffixes : tuple of str
-        Endings that such files usually have; the content decides.
-    docs : str
-        What is read of such a file, for the table in docs/formats.md.
-    starts : tuple of bytes
-        First bytes of such files, unpacked.
-    pattern : compiled regular expression of bytes, optional
-        What stands in the first bytes.
-    sniff : callable, optional
-        Tells from the first bytes what no pattern can.
-    open : callable, optional
-        Opens a table, a magnetometer in columns or one of several, with the options of `open_text`.
-    log : callable, optional
-        Or opens a log: several instruments, which know their units.
-    extra : str
-        The optional dependency it needs, or nothing.
-    takes_topic : bool
-        Of a table: it has several, and takes the name of one.
-    takes_unit : bool
-        Of a log: it may hold readings whose unit it does not know, and takes one.
-    """
-
-    name: str
-    title: str
-    suffixes: tuple[str, ...]
-    docs: str
-    starts: tuple[bytes, ...] = ()
-    pattern: re.Pattern[bytes] | None = None
-    sniff: Callable[[bytes], bool] | None = None
+    name: str  #: in one word
+    title: str  #: for people; a section of docs/formats.md may have it as its heading
+    suffixes: tuple[str, ...]  #: endings that such files usually have; the content decides
+    docs: str  #: what is read of such a file, for the table in docs/formats.md
+    starts: tuple[bytes, ...] = ()  #: first bytes of such files, unpacked
+    pattern: re.Pattern[bytes] | None = None  #: what stands in the first bytes
+    sniff: Callable[[bytes], bool] | None = None  #: tells from the first bytes what no pattern can
+    #: opens a table, a magnetometer in columns or one of several, with the options of `open_text`
     open: Callable[..., Any] | None = None
-    log: Callable[..., Log] | None = None
-    extra: str = ""
-    takes_topic: bool = False
-    takes_unit: bool = False
+    log: Callable[..., Log] | None = None  #: or opens a log: several instruments, which know their units
+    extra: str = ""  #: the optional dependency it needs, or nothing
+    takes_topic: bool = False  #: of a table: it has several, and takes the name of one
+    takes_unit: bool = False  #: of a log: it may hold readings whose unit it does not know, and takes one
 
     def accepts(self, head: bytes) -> bool:
         """Tell whether this reader should try a file with these first bytes."""

@@ -14,21 +14,22 @@ array([[0.9899, 0.1414, 0.    , 0.    ],
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
 
 from flinders.arrays import floats
+from flinders.core.samples import BLOCK, Samples
 from flinders.geometry.quaternions import between, known, of_matrix, product
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, RATE, TEMPERATURE, THROTTLE, THROTTLES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Samples
+    from flinders.core.units import Unit
 
 LONGEST: Final = 2.5
 """Seconds between two measurements over which nothing is interpolated."""
@@ -44,17 +45,10 @@ LEAST_COSINE: Final = float(np.cos(WIDEST_TURN / 2))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeSeries:
-    """Measurements with times of their own.
+    """Measurements with times of their own."""
 
-    Attributes
-    ----------
-    time : (M,) float, s
-        Ascending.
-    values : (M, k) float
-    """
-
-    time: Floats
-    values: Floats
+    time: Floats  # (M,), s: ascending
+    values: Floats  # (M, k)
 
     @classmethod
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
@@ -147,22 +141,27 @@ class AttitudeSeries(TimeSeries):
         return values
 
 
-def resampled(series: Mapping[str, TimeSeries | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
+Series: TypeAlias = TimeSeries | tuple[TimeSeries, ...]
+"""Of one column of `Samples`; several are columns of one, each by its own times."""
+
+
+def resampled(series: Mapping[str, Series | None], time: Floats, turn: Floats | None = None) -> dict[str, Any]:
     """Columns of `Samples` at the times of readings, whose axes a (3, 3) rotation makes of those of the series."""
     columns: dict[str, Any] = {}
     for kind, one in series.items():
         if one is None:
             continue
-        values = one.until_next(time) if kind == RATE else one.at(time)
+        several = one if isinstance(one, tuple) else (one,)
+        values = np.hstack([each.until_next(time) if kind == RATE else each.at(time) for each in several])
         if turn is not None and kind in (ACCELERATION, RATE):
             values = values @ turn.T
         elif turn is not None and kind == ATTITUDE:
             values = product(values, of_matrix(turn.T))
-        columns[kind] = as_column(kind, values)
+        columns[kind] = _as_column(kind, values)
     return columns
 
 
-def as_column(kind: str, values: Floats) -> Floats:
+def _as_column(kind: str, values: Floats) -> Floats:
     """(N,) where `Samples` have one number of this kind, else (N, k); throttles are shares."""
     valid = shares(values) if kind in (THROTTLE, THROTTLES) else values
     return valid[:, 0] if kind in (CURRENT, THROTTLE, TEMPERATURE) else valid
@@ -182,3 +181,10 @@ def numbered(samples: Samples, before: int) -> Samples:
     """A block of a recording, whose rows that were left out are numbered by the whole: so many rows come before it."""
     skipped = (replace(one, lines=tuple(line + before for line in one.lines)) for one in samples.skipped)
     return replace(samples, skipped=tuple(skipped)) if samples.skipped and before else samples
+
+
+def blocks(source: str, unit: Unit, count: int, rows: Callable[[slice], dict[str, Any]]) -> Iterator[Samples]:
+    """Yield the readings of a magnetometer from the first on; `rows` gives the columns of some, by their names."""
+    for start in range(0, count, BLOCK):
+        samples = Samples.of(unit=unit, source=source, **rows(slice(start, start + BLOCK)))
+        yield numbered(samples, start)

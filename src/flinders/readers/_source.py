@@ -64,30 +64,14 @@ LEAST_NUMBERS: Final = 3
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class File:
-    """A file that stays where it is while it is being read.
+    """A file that stays where it is while it is being read."""
 
-    Attributes
-    ----------
-    name : str
-        For messages.
-    path : Path
-        Where the bytes lie: the file itself, or its copy in a temporary file.
-    size : int, bytes
-        As it lies on the disk, compressed or not.
-    """
-
-    name: str
-    path: Path
-    size: int
+    name: str  # for messages
+    path: Path  # where the bytes lie: the file itself, or its copy in a temporary file
+    size: int  # as it lies on the disk, compressed or not
 
     def is_packed(self) -> bool:
-        """Whether it lies on the disk as gzip.
-
-        Raises
-        ------
-        UnreadableInput
-            As `opened`.
-        """
+        """Whether it lies on the disk as gzip; raises as `opened`."""
         with self.opened() as (_, unpacked):
             return isinstance(unpacked, gzip.GzipFile)
 
@@ -113,13 +97,7 @@ class File:
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
-        """Open the file, giving it as it lies on the disk and unpacked.
-
-        Raises
-        ------
-        UnreadableInput
-            Where it is gone, or may not be read.
-        """
+        """Open the file, giving it as it lies on the disk and unpacked; `UnreadableInput` where it cannot be read."""
         try:
             raw = self.path.open("rb")
         except OSError as error:
@@ -130,23 +108,14 @@ class File:
             yield raw, gzip.GzipFile(fileobj=raw) if start == GZIP else raw
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes, unpacked; raise `EndsEarly` where they have no end.
-
-        Raises
-        ------
-        UnreadableInput
-            As `lines`.
-        """
+        """Yield all bytes, unpacked; raise `EndsEarly` where they have no end, and as `lines`."""
         with self.opened() as (_, unpacked):
             yield from self._bounded(unpacked)
 
     def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
         """Yield all lines, `BLOCK` at a time, or after the first so many blocks at a time.
 
-        Raises
-        ------
-        UnreadableInput
-            Where the file cannot be opened, or its gzip data are broken, or more than any recording packs to so few.
+        A file that cannot be opened, whose gzip data are broken or unpack to too much raises `UnreadableInput`.
         """
         with self.opened() as (raw, unpacked):
             yield from lines_of(self._bounded(unpacked), encoding, raw.tell, blocks=blocks)
@@ -158,15 +127,7 @@ class File:
 
 
 class ByteStream:
-    """Bytes that come once and are not kept, such as those of a sensor that is still running.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    chunks : iterator of bytes
-        Unpacked; each as soon as it has arrived.
-    """
+    """Bytes, unpacked, that come once and are not kept, such as those of a sensor that is still running."""
 
     size: Final = None
 
@@ -178,13 +139,7 @@ class ByteStream:
         self._cut: EndsEarly | None = None
 
     def head(self) -> bytes:
-        """Wait for enough to tell what it is: some lines of numbers, `HEAD` bytes, or the end.
-
-        Raises
-        ------
-        UnreadableInput
-            Where nothing comes.
-        """
+        """Wait for enough to tell what it is: lines of numbers, `HEAD` bytes, the end; nothing is refused."""
         try:
             while not self._is_enough and (chunk := next(self._arriving, None)) is not None:
                 self._head += chunk
@@ -204,13 +159,7 @@ class ByteStream:
         return texts if self._ended or len(texts) < 2 else texts[:-1], False
 
     def chunks(self) -> Iterator[bytes]:
-        """Yield all bytes as they arrive; raise `EndsEarly` where they have no end.
-
-        Raises
-        ------
-        UsageError
-            The second time.
-        """
+        """Yield all bytes as they arrive; raise `EndsEarly` where they have no end, `UsageError` the second time."""
         if self._is_read:
             raise UsageError(
                 f"{self.name} was opened for one pass and has been read: to go over it again, open it without once=True"
@@ -220,15 +169,7 @@ class ByteStream:
         yield from self._arriving
 
     def lines(self, encoding: str) -> Iterator[Lines]:
-        """Yield all lines, those that arrive together at a time.
-
-        Raises
-        ------
-        UsageError
-            The second time.
-        UnreadableInput
-            Where gzip data are broken.
-        """
+        """Yield all lines, those that arrive together at a time; `UnreadableInput` for broken gzip data."""
         done = 0
 
         def counted() -> Iterator[bytes]:
@@ -249,19 +190,10 @@ Source: TypeAlias = File | ByteStream
 
 
 def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
-    """Find what a path names; ``"-"`` is standard input.
+    """Find what a path names, a file, a pipe or a device; ``"-"`` is standard input.
 
-    Parameters
-    ----------
-    path : str or path
-        A file, a pipe, a device.
-    once : bool
-        One pass is enough: what can be read only once is not kept, and comes as it arrives.
-
-    Raises
-    ------
-    UnreadableInput
-        For a path where there is nothing, nothing readable, a folder or an empty file.
+    Where one pass is enough (`once`), what can be read only once is not kept, and comes as it arrives. A path where
+    there is nothing, nothing readable, a folder or an empty file raises `UnreadableInput`.
     """
     text = os.fspath(path)
     if text == "-":
@@ -286,18 +218,7 @@ def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
 def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
     """Copy what can be read only once to a temporary file, which is deleted with the source or at exit.
 
-    Parameters
-    ----------
-    name : str
-        For messages.
-    chunks : iterable of bytes
-    empty : str
-        What to say besides where there are none.
-
-    Raises
-    ------
-    UnreadableInput
-        Where nothing comes, what comes is not text, or it cannot be written.
+    Nothing, what is no text, and what cannot be written raise `UnreadableInput`; `empty` says what to do about nothing.
     """
     path: Path | None = None
     source: File | None = None
@@ -330,13 +251,7 @@ def on_disk(source: Source) -> File:
 
 
 def unpacked(source: Source) -> Iterator[bytes]:
-    """Yield all bytes, and refuse compressed ones without their end.
-
-    Raises
-    ------
-    UnreadableInput
-        Where they were cut short, or are more than any recording packs to so few.
-    """
+    """Yield all bytes; compressed ones without their end, or that are too many, raise `UnreadableInput`."""
     try:
         yield from source.chunks()
     except EndsEarly as cut:
@@ -449,7 +364,7 @@ def is_bomb(unpacked: int, packed: int) -> bool:
 def metered(
     name: str, chunks: Iterable[bytes], packed: Callable[[], int], *, most: int | None = None, ratio: bool = True
 ) -> Iterator[bytes]:
-    """Pass on what is unpacked, and refuse what becomes too much.
+    """Pass on what is unpacked, and refuse what becomes too much with `UnreadableInput`.
 
     Parameters
     ----------
@@ -463,10 +378,6 @@ def metered(
         Bytes that are let pass at most.
     ratio : bool
         Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
-
-    Raises
-    ------
-    UnreadableInput
     """
     done = 0
     for chunk in chunks:
@@ -484,18 +395,18 @@ def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
     )
 
 
-def unpacked_piece(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - of zlib, bz2, lz4 or zstd
-    """Unpack a piece, and refuse one that is not whole or unpacks to more than `MOST_PIECE` bytes.
+def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
+    """Unpack a piece; of one that is known to be cut (not `is_whole`), as much as is there.
 
-    Raises
-    ------
-    ValueError
-        For one that is not whole.
-    UnreadableInput
+    One that should be whole and is not raises `ValueError`; more than `MOST_PIECE` bytes, `UnreadableInput`.
     """
     content: bytes = unpacker.decompress(packed, MOST_PIECE)
     if unpacker.eof:
         return content
-    if len(content) < MOST_PIECE:
+    if len(content) >= MOST_PIECE:
+        raise UnreadableInput(
+            f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it"
+        )
+    if is_whole:
         raise ValueError("a packed piece is not whole")
-    raise UnreadableInput(f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it")
+    return content

@@ -64,18 +64,8 @@ def _begins_with_array(head: bytes) -> bool:
 def open_npy(file: File, **options: Any) -> TableRecording:
     """Open one array: (N, 3), (N, 4) with the time first, or a structured one with named columns.
 
-    Parameters
-    ----------
-    file : File
-    **options
-        As `open_table`.
-
-    Raises
-    ------
-    UnreadableInput
-        For an array of Python objects, or a file that is broken.
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
+    Options are those of `open_table`. Python objects, or a broken file, raise `UnreadableInput`; columns that are not
+    clear `NoMagnetometer`.
     """
     array = _mapped(file, file.name)
     if array is None:
@@ -107,14 +97,9 @@ def open_npz(file: File, **options: Any) -> TableRecording:
 
 
 def open_mat(file: File, **options: Any) -> TableRecording:
-    """Open the variables of a MATLAB file, and the fields of its structures; parameters and errors as `open_npy`.
+    """Open the variables of a MATLAB file, and the fields of its structures; options and errors as `open_npy`.
 
-    Raises
-    ------
-    MissingExtra
-        Where SciPy is not installed.
-    UnreadableInput
-        Also where it holds more than `MOST_BYTES`, or, with structures in it, `MOST_NESTED`.
+    Without SciPy it raises `MissingExtra`; more than `MOST_BYTES`, or with structures `MOST_NESTED`, `UnreadableInput`.
     """
     io = needs("scipy.io", "scipy", "a MATLAB file")
     with reading(file.name, "a MATLAB file"):

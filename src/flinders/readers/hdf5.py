@@ -59,14 +59,12 @@ DEEPEST: Final = 8
 """Groups within groups that are looked into."""
 MOST_CHUNK: Final = 32 << 20
 """Bytes of a chunk, unpacked: all of it is in memory while a part of it is read."""
-MOST_CHUNK_LZF: Final = 1 << 20
-"""The same for LZF, which unpacks to up to 88 times of what is stored, whatever the size of the chunk."""
 MOST_CACHED: Final = 256 << 20
 """Bytes of the chunks of all columns that are held from one block to the next."""
 MOST_REASONS: Final = 4
 """Datasets left out that are named with the reason."""
-SHUFFLE, FLETCHER, DEFLATE, LZF = 2, 3, 1, 32000
-FILTERS: Final = frozenset((SHUFFLE, FLETCHER, DEFLATE, LZF))
+SHUFFLE, FLETCHER, DEFLATE = 2, 3, 1
+FILTERS: Final = frozenset((SHUFFLE, FLETCHER, DEFLATE))
 """Filters that are undone; HDF5 loads others from the disk by the number that the file names, which is not trusted."""
 LARGEST_RATIO: Final = 1032
 """Bytes that a packed one makes at most with deflate."""
@@ -88,20 +86,8 @@ HEAP: Final = b"GCOL\x01"
 def open_hdf5(file: File, **options: Any) -> TableRecording:
     """Open the datasets of an HDF5 file; those of the length that the magnetometer has make the table.
 
-    Parameters
-    ----------
-    file : File
-    **options
-        As `open_table`.
-
-    Raises
-    ------
-    MissingExtra
-        Where h5py is not installed.
-    UnreadableInput
-        For a file that is broken, cut short, or holds more than `MOST_OBJECTS`.
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
+    Options are those of `open_table`. Without h5py it raises `MissingExtra`; a file that is broken, cut short, or holds
+    more than `MOST_OBJECTS` `UnreadableInput`; columns that are not clear `NoMagnetometer`.
     """
     with file.path.open("rb") as stream:
         is_matlab = stream.read(len(MATLAB_7_3)) == MATLAB_7_3
@@ -132,39 +118,20 @@ class _Array(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Catalogue:
-    """What an open file holds.
-
-    Attributes
-    ----------
-    h5py : module
-    opened : h5py.File
-        Open for as long as the recording is there.
-    file : File
-    is_matlab : bool
-        Arrays are stored with their axes in reverse.
-    arrays : list of _Array
-    left_out : list of str
-        Datasets that are not read, each with the reason.
-    """
+    """What an open file holds."""
 
     h5py: Any
-    opened: Any
+    opened: Any  # open for as long as the recording is there
     file: File
-    is_matlab: bool
+    is_matlab: bool  # arrays are stored with their axes in reverse
     arrays: list[_Array] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)  # datasets that are not read, each with the reason
     _addresses: set[int] = field(default_factory=set)
     _links: int = 0
     _has_sound_heaps: bool = False
 
     def collect(self, group: Any, path: tuple[bytes, ...]) -> None:  # noqa: ANN401
-        """List the arrays of a group and of those in it, each object once.
-
-        Raises
-        ------
-        UnreadableInput
-            For more than `MOST_OBJECTS`.
-        """
+        """List the arrays of a group and of those in it, each object once; refuse more than `MOST_OBJECTS`."""
         self._links += group.get_num_objs()
         if self._links > MOST_OBJECTS:
             raise UnreadableInput(
@@ -221,17 +188,14 @@ class _Catalogue:
 
     def _reason_against(self, dataset: Any, storage: Any, dtype: np.dtype[Any]) -> str:  # noqa: ANN401
         """Say why a dataset cannot be read in bounded memory; nothing where it can."""
-        filters = [storage.get_filter(place) for place in range(storage.get_nfilters())]
-        numbers = [number for number, *_ in filters]
+        numbers = [storage.get_filter(place)[0] for place in range(storage.get_nfilters())]
         if foreign := [number for number in numbers if number not in FILTERS]:
             return f"packed with filter {foreign[0]}: write it with gzip"
-        if len(set(numbers)) < len(numbers) or {DEFLATE, LZF} <= set(numbers):
+        if len(set(numbers)) < len(numbers):
             return "packed twice"
-        if storage.get_layout() == self.h5py.h5d.CHUNKED:
-            chunk = max(math.prod(storage.get_chunk()) * dtype.itemsize, *_sizes_of_lzf(filters))
-            most = MOST_CHUNK_LZF if LZF in numbers else MOST_CHUNK
-            if chunk > most:
-                return f"in chunks of more than {most >> 20} MB: write smaller ones"
+        is_chunked = storage.get_layout() == self.h5py.h5d.CHUNKED
+        if is_chunked and math.prod(storage.get_chunk()) * dtype.itemsize > MOST_CHUNK:
+            return f"in chunks of more than {MOST_CHUNK >> 20} MB: write smaller ones"
         stored = min(dataset.get_storage_size(), self.file.size)
         if is_bomb(math.prod(dataset.shape) * dtype.itemsize, stored):
             return f"said to be {math.prod(dataset.shape) * dtype.itemsize >> 20:,} MB in {stored:,} bytes"
@@ -278,10 +242,6 @@ class _Catalogue:
         """Look once whether texts of any length can be read: of a broken heap HDF5 2.0 goes in circles.
 
         It also takes as much memory as a text is said to be long before it looks whether it is.
-
-        Raises
-        ------
-        UnreadableInput
         """
         if self._has_sound_heaps:
             return
@@ -307,13 +267,7 @@ class _Catalogue:
         return self.h5py.Dataset(self.h5py.h5d.open(self.opened.id, path, access))
 
     def chunk_bytes(self, path: bytes) -> int:
-        """Count the bytes of a chunk, unpacked; none where the dataset lies in one piece.
-
-        Raises
-        ------
-        UnreadableInput
-            For a chunk that unpacks to more than it should.
-        """
+        """Count the bytes of a chunk, unpacked; 0 where the dataset lies in one piece. Refuse what makes too many."""
         dataset = self.h5py.h5d.open(self.opened.id, path)
         storage = dataset.get_create_plist()
         if storage.get_layout() != self.h5py.h5d.CHUNKED:
@@ -337,13 +291,7 @@ class _Catalogue:
 
 
 def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
-    """Lay the columns of one length side by side, and say which magnetometers and datasets are left out.
-
-    Raises
-    ------
-    NoMagnetometer
-        Where there are no columns of numbers.
-    """
+    """Lay the columns of one length side by side, and say which magnetometers and datasets are left out."""
     arrays = catalogue.arrays
     if not arrays:
         reasons = f": {', '.join(catalogue.left_out[:MOST_NAMED])}" if catalogue.left_out else ""
@@ -439,11 +387,6 @@ def _length_of_text(content: mmap.mmap, place: int, size: int) -> int:
             at = place + sum(each)
             return int.from_bytes(content[at : at + 4], "little")
     return 0
-
-
-def _sizes_of_lzf(filters: Sequence[tuple[int, int, tuple[int, ...], bytes]]) -> tuple[int, ...]:
-    """Sizes of the memory that LZF is told to take for a chunk; 0 first."""
-    return (0, *(size for number, _, sizes, _ in filters if number == LZF for size in sizes))
 
 
 def _layout_of(shape: tuple[int, ...], *, is_reversed: bool) -> tuple[int, int, int]:

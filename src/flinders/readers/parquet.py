@@ -34,22 +34,10 @@ ISO: Final = (
 
 
 def open_parquet(file: File, **options: Any) -> TableRecording:
-    """Open a Parquet table.
+    """Open a Parquet table; options are those of `open_table`.
 
-    Parameters
-    ----------
-    file : File
-    **options
-        As `open_table`.
-
-    Raises
-    ------
-    MissingExtra
-        Where pyarrow is not installed.
-    UnreadableInput
-        For a file that is broken or cut short.
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
+    Without pyarrow it raises `MissingExtra`; a file that is broken or cut short `UnreadableInput`; columns that are not
+    clear `NoMagnetometer`.
     """
     kind = "a Parquet table"
     parquet = needs("pyarrow.parquet", "parquet", kind)

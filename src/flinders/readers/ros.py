@@ -14,19 +14,19 @@ there as here: at rest it is +g along the axis that points up, and so −g along
 Times are those of the messages' headers, in seconds since the first reading, or since the clock began where that is
 not 1970; where a header has none, the time of recording.
 
-Types are those that the recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What is packed is unpacked up to
-`MOST_PIECE` bytes at a time.
+A bag of ROS 1 or an MCAP by itself is read up to where it breaks off (`readers/_scan.py`); folders and databases are
+read by rosbags, or refused. Types are those that the recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What
+is packed is unpacked up to `MOST_PIECE` bytes at a time.
 
 Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers.
 """
 
 from __future__ import annotations
 
-import bz2
 import os
 import re
 from array import array
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -36,22 +36,22 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import FlindersError, UnreadableInput, counted
+from flinders.errors import UnreadableInput, counted
 from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
 from flinders.readers._lines import shown
-from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._reader import Reader
-from flinders.readers._resample import TimeSeries, numbered, resampled
+from flinders.readers._resample import TimeSeries, blocks, resampled
+from flinders.readers._scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan
 from flinders.readers._source import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
-from flinders.readers._unindexed import BAG, KIND, MCAP, REPAIRS, SQLITE, beginning_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.readers._source import File
 
 TESLA: Final = Unit.of("T")
@@ -82,7 +82,7 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
     Parameters
     ----------
     file : File
-        On the disk, and not packed; or a folder with a ``metadata.yaml``.
+        On the disk, and not packed; or a folder with a ``metadata.yaml``, which may be given instead of it.
     unit : str, optional
         What vectors are in, whose message does not say, or what a driver writes in place of tesla: ``G``, ``uT`` …
 
@@ -101,114 +101,92 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
         For a unit that is not known.
     """
     needs("rosbags.highlevel", "ros", KIND)
-    given, expected = None if unit is None else Unit.of(unit), None
-    with reading(file.name, KIND):
-        try:
-            with _bag(file) as bag:
-                expected = bag.reader.message_count
-                topics = _topics(file.name, bag)
-                _count(file, topics, bag)
-        except FlindersError:
-            raise
-        except Exception as error:  # noqa: BLE001 - of rosbags, and on a broken file that is anything
-            bag = _beginning(file, error, expected)
-            topics = _topics(file.name, bag)
-        title = "ROS 1 bag" if bag.is_first else "MCAP recording" if bag.is_mcap else "ROS 2 recording"
-    begun = min((int(topic.stamps[0]) for topic in topics if topic.is_magnetometer), default=0)
+    given = None if unit is None else Unit.of(unit)
+    if file.path.name == METADATA:
+        file = replace(file, path=file.path.parent)
+    head = b"" if file.path.is_dir() else file.head()
+    topics = _Topics(file.name, is_first=head.startswith(BAG))
+    title, damage = "ROS 2 recording", ""
+    if head.startswith((BAG, MCAP)):
+        title = "ROS 1 bag" if topics.is_first else "MCAP recording"
+        scan = (BagScan if topics.is_first else McapScan)(file, _is_wanted)
+        for connection, recorded, packed in scan.messages():
+            topics.add(connection, recorded, packed, may_be_broken=True)
+        damage = scan.damage
+    elif head.startswith(SQLITE):
+        _read_database(file, topics)
+    else:
+        with reading(file.name, KIND):
+            _read_folder(file, topics)
+    found = topics.sorted()
+    begun = min((int(topic.stamps[0]) for topic in found if topic.is_magnetometer), default=0)
     since = begun if 1e-9 * begun > LONG else 0
     return Log(
         file.name,
         title,
-        tuple(_instruments(file.name, topics, since, given)),
-        position=_position(topics),
+        tuple(_instruments(file.name, found, since, given)),
+        position=_position(found),
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since // 1000) if since else None,
-        notes=tuple(_about(file, bag)),
-        damage=(bag.damage,) if bag.damage else (),
+        notes=tuple(_about(file, topics, damage)),
+        damage=(damage,) if damage else (),
     )
 
 
-# the container
+# folders and databases
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Bag:
-    """An opened recording: its connections that are wanted, and how their messages are decoded."""
-
-    reader: Any
-    connections: Sequence[Any]
-    decode: Callable[[bytes, str], Any]
-    is_first: bool
-    is_mcap: bool
-    is_undefined: bool
-    damage: str = ""
-    """What is broken about it; its messages then may be, too."""
-
-
-@contextmanager
-def _bag(file: File) -> Iterator[_Bag]:
-    """Open a recording as what it is, whatever its name ends in."""
-    head = b"" if file.path.is_dir() else file.head()
-    with ExitStack() as stack:
-        if head.startswith(BAG):
-            from rosbags.rosbag1 import Reader as FirstReader
-
-            first = stack.enter_context(FirstReader(file.path))
-            for place, chunk in first.chunks.items():
-                first.chunks[place] = chunk._replace(decompressor=partial(_unpacked, chunk.decompressor))
-            reader: Any = first
-        else:
-            from rosbags.rosbag2 import Reader as SecondReader
-
-            _bound_mcap()
-            if file.path.is_dir():
-                _check_folder(file)
-            suffix = "" if file.path.is_dir() else ".mcap" if head.startswith(MCAP) else ".db3"
-            reader = stack.enter_context(SecondReader(stack.enter_context(_named(file.path, suffix))))
-            for storage in getattr(reader.storage, "storages", ()):
-                if reader.compression_mode == "message":
-                    storage.messages = partial(_small_messages, storage.messages)
-        wanted = [one for one in reader.connections if _is_wanted(one)]
-        decode, is_undefined = _decoder(wanted, is_first=head.startswith(BAG))
-        yield _Bag(reader, wanted, decode, head.startswith(BAG), head.startswith(MCAP), is_undefined)
+def _read_folder(file: File, topics: _Topics) -> None:
+    """Read a folder of ROS 2; refuse one of which messages are missing, as rosbags may end at damage without a word."""
+    if (file.path / METADATA).stat().st_size > MOST_METADATA:
+        raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
+    for packed in file.path.glob("*.zstd"):
+        with _zstd().open(packed, "rb") as stream:
+            chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
+            for _ in metered(packed.name, chunks, partial(int, size), most=MOST_MEMBER, ratio=False):
+                pass
+    expected, read = _read_by_rosbags(file.path, topics)
+    if read < expected:
+        raise UnreadableInput(
+            f"{file.name} is damaged: {read:,} of {counted(expected, 'message')} are there; give the file in it, whose "
+            "beginning can be read"
+        )
 
 
-def _count(file: File, topics: Sequence[_Topic], bag: _Bag) -> None:
-    """See that all messages are there that the recording says it has: rosbags may end at the damage without a word.
-
-    Raises
-    ------
-    _Fewer
-        Where there are.
-    UnreadableInput
-        In its place for a folder, of which nothing is read then.
-    """
-    expected, read = sum(one.msgcount for one in bag.connections), sum(len(topic.stamps) for topic in topics)
-    if read >= expected:
-        return
-    counts = f"{read:,} of {counted(expected, 'message')} are there"
-    if file.path.is_dir():
-        raise UnreadableInput(f"{file.name} is damaged: {counts}; give the file in it, whose beginning can be read")
-    raise _Fewer(counts)
-
-
-class _Fewer(ValueError):
-    """There are fewer messages than the recording says it has. Never leaves this module."""
-
-
-def _beginning(file: File, error: Exception, expected: int | None) -> _Bag:
-    """Take what comes before the break in a recording that rosbags refuses; the refusal where that is nothing."""
-    if file.path.is_dir():
-        raise error
-    head = file.head()
-    part = beginning_of(file.name, file.path, head, expected)
-    wanted = [one for one in part.connections if _is_wanted(one)] if part else []
-    if part is None or not any(one.msgtype in (FIELD, VECTOR) for one in wanted):
-        if head.startswith(SQLITE) and isinstance(error.__cause__ or error, (needs("apsw", "ros", KIND).Error, _Fewer)):
+def _read_database(file: File, topics: _Topics) -> None:
+    """Read a database of ROS 2; refuse a broken one with what mends it."""
+    broken = needs("apsw", "ros", KIND).Error
+    with reading(file.name, KIND):
+        try:
+            with _named(file.path, ".db3") as path:
+                expected, read = _read_by_rosbags(path, topics)
+        except Exception as error:
+            if not isinstance(error.__cause__ or error, broken):
+                raise
+            expected, read = 1, 0
+        if read < expected:
             advice = _unfinished(file.path) or f"copy it again, or try {REPAIRS[SQLITE].format(shown(file.path.name))}"
             raise UnreadableInput(f"{file.name} is a broken database, out of which no reading can be taken: {advice}")
-        raise error
-    decode, is_undefined = _decoder(wanted, is_first=head.startswith(BAG))
-    return _Bag(part, wanted, decode, head.startswith(BAG), head.startswith(MCAP), is_undefined, part.damage)
+
+
+def _read_by_rosbags(path: Path, topics: _Topics) -> tuple[int, int]:
+    """Let rosbags read what is wanted of a recording of ROS 2; how many messages it says it has, and how many came."""
+    from rosbags.rosbag2 import Reader as SecondReader
+
+    _bound_mcap()
+    read = 0
+    with SecondReader(path) as reader:
+        for storage in getattr(reader.storage, "storages", ()):
+            if reader.compression_mode == "message":
+                storage.messages = partial(_small_messages, storage.messages)
+        wanted = [one for one in reader.connections if _is_wanted(one)]
+        for connection, recorded, packed in reader.messages(wanted) if wanted else ():  # none given would be all
+            if packed[:4] == ZSTD:
+                raise UnreadableInput(
+                    f"messages of {topics.source} are packed, as its {METADATA} says: give the folder it lies in"
+                )
+            topics.add(connection, recorded, packed)
+            read += 1
+        return sum(one.msgcount for one in wanted), read
 
 
 def _unfinished(path: Path) -> str:
@@ -222,49 +200,13 @@ def _unfinished(path: Path) -> str:
     )
 
 
-def _about(file: File, bag: _Bag) -> Iterator[str]:
+def _about(file: File, topics: _Topics, damage: str) -> Iterator[str]:
     """What to know about the recording."""
-    if bag.damage:
-        yield bag.damage
+    yield from filter(None, [damage])
     for path in file.path.glob("*.db3") if file.path.is_dir() else [file.path]:
-        if unfinished := _unfinished(path):
-            yield unfinished
-    if bag.is_undefined:
+        yield from filter(None, [_unfinished(path)])
+    if topics.is_undefined:
         yield f"messages are read as those of ROS 2 {DISTRIBUTION}: it defines none"
-
-
-def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
-    """Tell whether a topic is one of those that are read."""
-    if connection.msgtype == VECTOR:
-        return NAMES_MAGNETOMETER.search(connection.topic) is not None
-    return connection.msgtype in (FIELD, IMU, TEMPERATURE, PLACE)
-
-
-def _decoder(connections: Sequence[Any], *, is_first: bool) -> tuple[Callable[[bytes, str], Any], bool]:
-    """How messages are decoded, by the recording's own types where it has them; and whether one has none."""
-    from rosbags.interfaces import MessageDefinitionFormat
-    from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-
-    bare = [one for one in connections if one.msgdef.format == MessageDefinitionFormat.NONE]
-    types = dict(get_typestore(Stores.ROS2_HUMBLE).fielddefs) if bare else {}
-    for one in connections:
-        if one.msgdef.format == MessageDefinitionFormat.MSG:
-            types.update(get_types_from_msg(one.msgdef.data, one.msgtype))
-        elif one.msgdef.format == MessageDefinitionFormat.IDL:
-            for part in re.split(r"^=+\nIDL: .*\n", one.msgdef.data, flags=re.MULTILINE):
-                types.update(get_types_from_idl(part) if part.strip() else {})
-    store = get_typestore(Stores.EMPTY)
-    store.register(_plain(types))
-    return (store.deserialize_ros1 if is_first else store.deserialize_cdr), bool(bare)
-
-
-def _plain(types: dict[str, Any]) -> dict[str, Any]:
-    """Types without their constants, and with names that are nothing but names: rosbags makes a program of them."""
-    for name, (_, fields) in types.items():
-        for part in (*name.split("/"), *(label for label, _ in fields)):
-            if not IDENTIFIER.fullmatch(part):
-                raise ValueError(f"{shown(part)!r} is no name of a type or of a field")
-    return {name: ([], fields) for name, (_, fields) in types.items()}
 
 
 @contextmanager
@@ -277,26 +219,6 @@ def _named(path: Path, suffix: str) -> Iterator[Path]:
         link = Path(folder) / f"recording{suffix}"
         link.symlink_to(path.absolute())
         yield link
-
-
-def _check_folder(file: File) -> None:
-    """Refuse a folder whose description is too long to be one, or whose packed files unpack to too much."""
-    if (file.path / METADATA).stat().st_size > MOST_METADATA:
-        raise UnreadableInput(f"the {METADATA} of {file.name} has more than {MOST_METADATA >> 20} MB: no ROS wrote it")
-    for packed in file.path.glob("*.zstd"):
-        with _zstd().open(packed, "rb") as stream:
-            chunks, size = iter(partial(stream.read, 1 << 20), b""), packed.stat().st_size
-            for _ in metered(packed.name, chunks, partial(int, size), most=MOST_MEMBER, ratio=False):
-                pass
-
-
-def _unpacked(unpack: Callable[[bytes], bytes], packed: bytes) -> bytes:
-    """Unpack a chunk of a ROS 1 bag, up to `MOST_PIECE` bytes; `unpack` is rosbags' own, and has no bound."""
-    if packed.startswith(b"BZh"):
-        return unpacked_piece(bz2.BZ2Decompressor(), packed)
-    if packed.startswith(b"\x04\x22\x4d\x18"):
-        return unpacked_piece(needs("lz4.frame", "ros", KIND).LZ4FrameDecompressor(), packed)
-    return unpack(packed)
 
 
 def _bound_mcap() -> None:
@@ -331,28 +253,15 @@ def _small_messages(messages: Callable[..., Iterator[Any]], *asked: object) -> I
 
 @dataclass(slots=True, eq=False)
 class _Topic:
-    """What one topic holds.
-
-    Attributes
-    ----------
-    name, kind : str
-    frame : str
-        Of its first message.
-    stamps : (N,) int, ns
-    values : (N, k) float, flat
-    unstamped : int
-        Messages whose header has no time.
-    broken : int
-        Messages that cannot be decoded.
-    """
+    """What one topic holds."""
 
     name: str
     kind: str
-    frame: str = ""
-    stamps: array[int] = field(default_factory=lambda: array("q"))
-    values: array[float] = field(default_factory=lambda: array("d"))
-    unstamped: int = 0
-    broken: int = 0
+    frame: str = ""  # of its first message
+    stamps: array[int] = field(default_factory=lambda: array("q"))  # (N,), ns
+    values: array[float] = field(default_factory=lambda: array("d"))  # (N, k)
+    unstamped: int = 0  # messages whose header has no time
+    broken: int = 0  # messages that cannot be decoded
 
     @property
     def is_magnetometer(self) -> bool:
@@ -403,28 +312,69 @@ _NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
 """What is taken of a message of each kind."""
 
 
-def _topics(name: str, bag: _Bag) -> list[_Topic]:
-    """Read all that is wanted, magnetometers first, those with tesla before those without a unit."""
-    topics: dict[tuple[str, str], _Topic] = {}
-    if bag.connections:  # none given would be all
-        for connection, recorded, packed in bag.reader.messages(list(bag.connections)):
-            if packed[:4] == ZSTD and not bag.is_first:
-                raise UnreadableInput(
-                    f"messages of {name} are packed, as its {METADATA} says: give the folder it lies in"
-                )
-            key = connection.topic, connection.msgtype
-            topic = topics.setdefault(key, _Topic(*key))
-            if not bag.damage:
-                topic.add(recorded, bag.decode(packed, connection.msgtype))
-                continue
-            try:
-                with reading(name, KIND):
-                    topic.add(recorded, bag.decode(packed, connection.msgtype))
-            except UnreadableInput:
-                topic.broken += 1
-    order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE)
-    read = (topic for topic in topics.values() if topic.stamps)
-    return sorted(read, key=lambda topic: (order.index(topic.kind), topic.name))
+@dataclass(slots=True, eq=False)
+class _Topics:
+    """What is read of a recording, message by message."""
+
+    source: str
+    is_first: bool  # messages are those of ROS 1
+    is_undefined: bool = False  # a type was not defined, and taken from `DISTRIBUTION`
+    _by_name: dict[tuple[str, str], _Topic] = field(default_factory=dict)
+    _decoders: dict[int, Callable[[bytes, str], Any]] = field(default_factory=dict)
+
+    def add(self, connection: Any, recorded: int, packed: bytes, *, may_be_broken: bool = False) -> None:  # noqa: ANN401
+        """Decode a message; one that cannot be is counted, where damage may be the cause, and else an error."""
+        key = connection.topic, connection.msgtype
+        topic = self._by_name.setdefault(key, _Topic(*key))
+        try:
+            with reading(self.source, KIND):
+                if connection.id not in self._decoders:
+                    self._decoders[connection.id] = self._decoder(connection)
+                topic.add(recorded, self._decoders[connection.id](packed, connection.msgtype))
+        except UnreadableInput:
+            if not may_be_broken:
+                raise
+            topic.broken += 1
+
+    def _decoder(self, connection: Any) -> Callable[[bytes, str], Any]:  # noqa: ANN401
+        """How messages of a connection are decoded: by the recording's own types where it has them."""
+        from rosbags.interfaces import MessageDefinitionFormat
+        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+        definition, types = connection.msgdef, {}
+        if definition.format == MessageDefinitionFormat.MSG:
+            types = get_types_from_msg(definition.data, connection.msgtype)
+        elif definition.format == MessageDefinitionFormat.IDL:
+            for part in re.split(r"^=+\nIDL: .*\n", definition.data, flags=re.MULTILINE):
+                types.update(get_types_from_idl(part) if part.strip() else {})
+        else:
+            self.is_undefined = True
+            types = get_typestore(Stores.ROS2_HUMBLE).fielddefs
+        store = get_typestore(Stores.EMPTY)
+        store.register(_plain(dict(types)))
+        return store.deserialize_ros1 if self.is_first else store.deserialize_cdr
+
+    def sorted(self) -> list[_Topic]:
+        """Those with messages, magnetometers first, those with tesla before those without a unit."""
+        order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE)
+        read = (topic for topic in self._by_name.values() if topic.stamps)
+        return sorted(read, key=lambda topic: (order.index(topic.kind), topic.name))
+
+
+def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are its own
+    """Tell whether a topic is one of those that are read."""
+    if connection.msgtype == VECTOR:
+        return NAMES_MAGNETOMETER.search(connection.topic) is not None
+    return connection.msgtype in (FIELD, IMU, TEMPERATURE, PLACE)
+
+
+def _plain(types: dict[str, Any]) -> dict[str, Any]:
+    """Types without their constants, and with names that are nothing but names: rosbags makes a program of them."""
+    for name, (_, fields) in types.items():
+        for part in (*name.split("/"), *(label for label, _ in fields)):
+            if not IDENTIFIER.fullmatch(part):
+                raise ValueError(f"{shown(part)!r} is no name of a type or of a field")
+    return {name: ([], fields) for name, (_, fields) in types.items()}
 
 
 # the magnetometers
@@ -432,7 +382,7 @@ def _topics(name: str, bag: _Bag) -> list[_Topic]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _TopicReadings:
-    """One magnetometer with what stands beside it; `Instrument.columns` of it is `blocks`."""
+    """One magnetometer, with the series of the sensors in its frame."""
 
     source: str
     unit: Unit
@@ -440,13 +390,13 @@ class _TopicReadings:
     field: Floats
     auxiliary: Mapping[str, TimeSeries | None]
 
-    def blocks(self, _: bool) -> Iterator[Samples]:
-        """Yield the readings from the first on; nothing was applied to them."""
-        for start in range(0, len(self.time), BLOCK):
-            rows = slice(start, start + BLOCK)
-            time, more = self.time[rows], resampled(self.auxiliary, self.time[rows])
-            samples = Samples.of(self.field[rows], unit=self.unit, time=time, source=self.source, **more)
-            yield numbered(samples, start)
+    def columns(self, _: bool) -> Iterator[Samples]:
+        """Go through the readings; nothing was applied to them."""
+
+        def rows(of: slice) -> dict[str, Any]:
+            return {"field": self.field[of], "time": self.time[of], **resampled(self.auxiliary, self.time[of])}
+
+        return blocks(self.source, self.unit, len(self.time), rows)
 
 
 def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit | None) -> Iterator[Instrument]:
@@ -468,7 +418,7 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
             source,
             shown(topic.name),
             unit,
-            partial(_TopicReadings.blocks, readings),
+            readings.columns,
             readings=int(np.isfinite(readings.field).all(axis=1).sum()),
             notes=tuple(_notes(topic, unit, motion, topics)),
         )
@@ -524,16 +474,10 @@ def _typical(field: Floats) -> float:
 def _position(topics: Sequence[_Topic]) -> Position | None:
     """The first place with a fix."""
     for topic in topics:
-        for latitude, longitude, altitude, status in topic.table.tolist() if topic.kind == PLACE else ():
-            if status >= LEAST_FIX and abs(latitude) <= 90 and abs(longitude) <= 180:
-                return Position(latitude, longitude, altitude if np.isfinite(altitude) else 0.0)
+        if topic.kind == PLACE:
+            latitude, longitude, altitude, status = topic.table.T
+            return first_position(latitude, longitude, altitude, fixed=status >= LEAST_FIX)
     return None
-
-
-def _opened(file: File, *, unit: str | None = None) -> Log:
-    """Open a recording of ROS; one in a folder goes by its description."""
-    is_folder = file.path.name == METADATA
-    return open_ros(replace(file, path=file.path.parent) if is_folder else file, unit=unit)
 
 
 READERS: Final = (
@@ -543,7 +487,7 @@ READERS: Final = (
         (".bag", ".mcap", ".db3"),
         "each topic of `MagneticField`, with the `Imu` and the `Temperature` in its frame",
         starts=(BAG, MCAP, SQLITE, b"rosbag2_bagfile_information:"),
-        log=_opened,
+        log=open_ros,
         extra="ros",
         takes_unit=True,
     ),

@@ -8,9 +8,8 @@ logging, motor compensation with the current or the throttle that was sent. **PX
 HIGHRES_IMU**, which is corrected with CAL_MAG, less what its estimator learned in flight: of which compass is not
 said, and readings are as they were sent. Of other autopilots it is not known here, and they are as well.
 
-Beside a reading stand acceleration, rate, current (SYS_STATUS), that of each motor (ArduPilot's ESC_TELEMETRY_1_TO_4
-and those after it; ESC_STATUS, which PX4 sends, is not in the dialect that unpacks them), throttle (VFR_HUD) and, where
-readings are in the axes of the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
+With a reading go acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, where readings are in the axes of
+the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
 
 The packets are found here and unpacked by pymavlink, which also checks their sums. Its times are those of the
 vehicle; the date is that of the ground station's clock.
@@ -35,28 +34,36 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._ardupilot import IN_VEHICLE_AXES, History, mounting_told, stored, unapplied, unused
 from flinders.readers._extras import needs
-from flinders.readers._log import Instrument, Log, Position
+from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import CURRENT, THROTTLE
+from flinders.readers._parameters import (
+    ARDUPILOT,
+    IN_VEHICLE_AXES,
+    mounting_words,
+    stage_of,
+    stages,
+    stored,
+    unapplied,
+    unused,
+)
 from flinders.readers._reader import Reader
-from flinders.readers._resample import AttitudeSeries, TimeSeries, numbered, resampled, shares
+from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
 from flinders.readers._source import refusal
-from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses, device_id
+from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
     from flinders.readers._source import File
 
-FORMAT: Final = "MAVLink telemetry"
 DIALECT: Final = "pymavlink.dialects.v20.ardupilotmega"
 TIME_SIZE: Final = 8
 FIRST_VERSION, SECOND_VERSION = 0xFE, 0xFD
@@ -68,10 +75,6 @@ MAY_BEGIN: Final = re.compile(rb"\x00[\x03-\x0e].{6}[\xfd\xfe]", re.DOTALL)
 
 HEARTBEAT, SYS_STATUS, PARAM_VALUE, RAW_IMU, GPS_RAW_INT, GLOBAL_POSITION_INT = 0, 1, 22, 27, 24, 33
 ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, HIGHRES_IMU = 30, 31, 74, 105
-CONTROLLERS: Final = (11030, 11031, 11032)
-"""ESC_TELEMETRY_1_TO_4 and those after it, which hold the next four motors each."""
-OF_FOUR: Final = 4
-"""Motors of one message."""
 COMPASS_MESSAGES: Final = {
     RAW_IMU: ("RAW_IMU", 1),
     26: ("SCALED_IMU", 1),
@@ -80,11 +83,14 @@ COMPASS_MESSAGES: Final = {
     HIGHRES_IMU: ("HIGHRES_IMU", 1),
 }
 """Number of a message: its name, and which compass it holds."""
-WANTED: Final = frozenset({HEARTBEAT, SYS_STATUS, PARAM_VALUE, GPS_RAW_INT, GLOBAL_POSITION_INT, ATTITUDE,
-                           ATTITUDE_QUATERNION, VFR_HUD, *CONTROLLERS, *COMPASS_MESSAGES})  # fmt: skip
+PLACES: Final = (GLOBAL_POSITION_INT, GPS_RAW_INT)
+"""Where the vehicle says that it is, and where its GPS does."""
+WANTED: Final = frozenset({
+    HEARTBEAT, SYS_STATUS, PARAM_VALUE, ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, *PLACES, *COMPASS_MESSAGES,
+})  # fmt: skip
 MAG_UPDATED: Final = 0b1_1100_0000
 """Bits of HIGHRES_IMU.fields_updated that say that its compass was read anew."""
-ARDUPILOT, PX4 = 3, 12
+AN_ARDUPILOT, A_PX4 = 3, 12
 """HEARTBEAT.autopilot."""
 GROUND_STATION: Final = 6
 """HEARTBEAT.type of a ground station."""
@@ -100,21 +106,12 @@ SAME_CLOCK: Final = 1.0
 
 
 class Units(NamedTuple):
-    """What the numbers of a message are in.
-
-    Attributes
-    ----------
-    field : Unit
-    rate, temperature : float
-        rad/s, and °C, of one.
-    in_mg : float
-        mG, in which ArduPilot's parameters are, of one of the field.
-    """
+    """What the numbers of a message are in."""
 
     field: Unit
-    rate: float
+    rate: float  # rad/s of one
     temperature: float
-    in_mg: float
+    in_mg: float  # mG, in which ArduPilot's parameters are, of one of the field
 
 
 WHOLE: Final = Units(Unit.of("mG"), 1e-3, 0.01, 1.0)
@@ -145,39 +142,33 @@ def open_tlog(file: File) -> Log:
         heard.listen(content)
     if not heard.packets:
         raise UnreadableInput(f"{file.name} holds no MAVLink packets with their times: copy it again")
-    streams = [each for each in heard.readings if heard.table(each)[:, MAG].any()]
+    order = list(COMPASS_MESSAGES)
+    streams = [each for each in heard.rows if each[1] in order and heard.table(*each)[:, MAG].any()]
+    streams.sort(key=lambda each: (each[0], order.index(each[1])))
     if not streams:
         raise NoMagnetometer(
             f"{file.name} is a MAVLink telemetry log without readings of a compass: have the vehicle send RAW_IMU or "
             "SCALED_IMU (stream RAW_SENSORS), or read its own log (.bin)"
         )
-    order = list(COMPASS_MESSAGES)
-    streams.sort(key=lambda each: (each[0], order.index(each[1])))
+    several = len({system for system, _ in streams}) > 1
+    begun = min(heard.table(*each)[0, SINCE] for each in streams)
     damage = tuple(_damage(heard, file.size))
     return Log(
         file.name,
-        FORMAT,
-        tuple(_instrument(file, heard, each, several=len({system for system, _ in streams}) > 1) for each in streams),
-        position=heard.position or heard.fix,
-        begun=datetime(1970, 1, 1, tzinfo=UTC)
-        + timedelta(seconds=min(heard.table(each)[0, SINCE] for each in streams)),
+        "MAVLink telemetry",
+        tuple(_instrument(file, heard, *each, several=several) for each in streams),
+        position=heard.position,
+        begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=begun),
         notes=damage,
         damage=damage,
     )
 
 
-class Packet(NamedTuple):
-    """Where a packet lies in a log.
+# the packets
 
-    Attributes
-    ----------
-    message : int
-        Its number.
-    since : float, s
-        Since 1970, by the clock of the ground station.
-    start, end : int
-        Of its bytes, without the time before them.
-    """
+
+class Packet(NamedTuple):
+    """The number of a message, s since 1970 by the ground station's clock, and where its bytes begin and end."""
 
     message: int
     since: float
@@ -209,50 +200,35 @@ def _throttle(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN40
     return packet.since, 0.01 * message.throttle
 
 
-def _controllers(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """A of four motors."""
-    return (packet.since, *(0.01 * value for value in message.current))
+def _place(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
+    """Degrees and metres, where there is a fix."""
+    fixed = packet.message != GPS_RAW_INT or message.fix_type >= FIX
+    return (1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt) if fixed else ()
 
 
 ROWS: Final = {
-    **dict.fromkeys(COMPASS_MESSAGES, _reading),
-    **dict.fromkeys(ATTITUDE_FIELDS, _attitude),
-    **dict.fromkeys(CONTROLLERS, _controllers),
-    SYS_STATUS: _battery,
-    VFR_HUD: _throttle,
+    **dict.fromkeys(COMPASS_MESSAGES, (_reading, WIDTH)),
+    **{number: (_attitude, 2 + len(names)) for number, names in ATTITUDE_FIELDS.items()},
+    **dict.fromkeys(PLACES, (_place, 3)),
+    SYS_STATUS: (_battery, 2),
+    VFR_HUD: (_throttle, 2),
 }
-"""The numbers that are taken of a message, of which each has a time."""
+"""The numbers that are taken of a message, and how many they are."""
 
 
 @dataclass(slots=True, eq=False)
 class _Heard:
-    """What was gathered of a log.
+    """What was gathered of a log."""
 
-    Attributes
-    ----------
-    dialect : module
-        pymavlink's.
-    rows : dict of array
-        By system and number of the message: its numbers as `ROWS` takes them, one message after the other.
-    parameters : dict of list
-        By system: place, name and value of each parameter that was told.
-    autopilots : dict of int
-        By system.
-    position, fix : Position, optional
-        First of the vehicle's own, and of its GPS.
-    packets, broken, strays, gaps : int
-        How many there were, how many had a wrong sum, bytes that belong to none, and in how many places.
-    """
-
-    dialect: Any
+    dialect: Any  # pymavlink's
+    # by system and number of the message: its numbers as `ROWS` takes them, one message after the other
     rows: dict[tuple[int, int], array[float]] = field(default_factory=dict)
+    # by system: place, name and value, each time that a parameter was sent
     parameters: dict[int, list[tuple[int, str, float]]] = field(default_factory=dict)
-    autopilots: dict[int, int] = field(default_factory=dict)
-    position: Position | None = None
-    fix: Position | None = None
-    packets: int = 0
+    autopilots: dict[int, int] = field(default_factory=dict)  # by system
+    packets: int = 0  # how many there were, how many had a wrong sum, bytes that belong to none, and in how many places
     broken: int = 0
-    strays: int = 0
+    skipped: int = 0
     gaps: int = 0
 
     def listen(self, content: mmap.mmap) -> None:
@@ -264,7 +240,7 @@ class _Heard:
             if packet is None:
                 further = MAY_BEGIN.search(content, at + 1)
                 after = further.start() if further else len(content)
-                self.strays, self.gaps, at = self.strays + after - at, self.gaps + 1, after
+                self.skipped, self.gaps, at = self.skipped + after - at, self.gaps + 1, after
                 continue
             at, self.packets = packet.end, self.packets + 1
             if packet.message in WANTED:
@@ -280,51 +256,36 @@ class _Heard:
         """Keep what is needed of a message."""
         system, number = message.get_srcSystem(), packet.message
         if number in ROWS:
-            self.rows.setdefault((system, number), array("d")).extend(ROWS[number](packet, message))
+            if row := ROWS[number][0](packet, message):
+                self.rows.setdefault((system, number), array("d")).extend(row)
         elif number == HEARTBEAT and message.type != GROUND_STATION:
             self.autopilots.setdefault(system, message.autopilot)
         elif number == PARAM_VALUE:
             self.parameters.setdefault(system, []).append((packet.start, message.param_id, message.param_value))
-        elif number == GPS_RAW_INT and message.fix_type >= FIX:
-            self.fix = self.fix or _position(message)
-        elif number == GLOBAL_POSITION_INT:
-            self.position = self.position or _position(message)
+
+    def table(self, system: int, number: int) -> Floats:
+        """(N, k) numbers of a system's message."""
+        return np.frombuffer(self.rows.get((system, number), array("d"))).reshape(-1, ROWS[number][1])
+
+    def drives(self, system: int) -> dict[str, TimeSeries]:
+        """Current and throttle, as far as they were sent, by the ground station's clock."""
+        battery, throttle = self.table(system, SYS_STATUS), self.table(system, VFR_HUD)
+        found = {
+            CURRENT: TimeSeries.of(battery[:, 0], battery[:, 1:]) if battery[:, 1].any() else None,
+            THROTTLE: TimeSeries.of(throttle[:, 0], shares(throttle[:, 1:])),
+        }
+        return {kind: series for kind, series in found.items() if series is not None}
 
     @property
-    def readings(self) -> list[tuple[int, int]]:
-        """Systems and messages with readings of a compass."""
-        return [each for each in self.rows if each[1] in COMPASS_MESSAGES and len(self.rows[each])]
-
-    def table(self, each: tuple[int, int], width: int = WIDTH) -> Floats:
-        """(N, width) numbers of a system's message."""
-        return np.frombuffer(self.rows.get(each, array("d"))).reshape(-1, width)
-
-    def current(self, system: int) -> TimeSeries | None:
-        """Current of a system's battery, unless it never says that any flows."""
-        rows = self.table((system, SYS_STATUS), 2)
-        return TimeSeries.of(rows[:, 0], rows[:, 1:]) if rows[:, 1].any() else None
-
-    def of_motors(self, system: int) -> tuple[TimeSeries, ...]:
-        """Current of a system's motors, four by four, as far as they say that any flows."""
-        motors: list[TimeSeries] = []
-        for number in CONTROLLERS:
-            rows = self.table((system, number), 1 + OF_FOUR)
-            used = np.flatnonzero(np.nan_to_num(rows[:, 1:]).any(axis=0))
-            series = TimeSeries.of(rows[:, 0], rows[:, 1 : 2 + used[-1]]) if len(used) else None
-            motors += [series] if series is not None else []
-            if not len(used) or used[-1] + 1 < OF_FOUR:
-                break
-        return tuple(motors)
-
-    def throttle(self, system: int) -> TimeSeries | None:
-        """Throttle of a system, where it is sent."""
-        rows = self.table((system, VFR_HUD), 2)
-        return TimeSeries.of(rows[:, 0], shares(rows[:, 1:]))
+    def position(self) -> Position | None:
+        """The first of a vehicle's own, else of a GPS."""
+        tables = [self.table(*each) for number in PLACES for each in self.rows if each[1] == number]
+        found = (first_position(*table.T, fixed=np.ones(len(table), bool)) for table in tables)
+        return next((each for each in found if each is not None), None)
 
     def attitude(self, system: int, table: Floats) -> tuple[AttitudeSeries | None, int]:
         """Attitude of a system, and which column of a table of readings its times are to be compared with."""
-        tables = [self.table((system, number), 2 + len(names)) for number, names in ATTITUDE_FIELDS.items()]
-        rows = max(tables, key=len)
+        rows = max((self.table(system, number) for number in ATTITUDE_FIELDS), key=len)
         if not len(rows):
             return None, SINCE
         attitude = rows[:, 2:] if rows.shape[1] == 6 else of_angles(rows[:, 2:])
@@ -333,105 +294,81 @@ class _Heard:
         return AttitudeSeries.of(rows[:, 0 if is_same else 1], attitude), CLOCK if is_same else SINCE
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _CompassMessages:
-    """What the readings of a compass are made of.
+# the compasses
 
-    Attributes
-    ----------
-    source : str
-    table : (N, `WIDTH`) float
-    version : (N,) int
-        How many changes of parameters came before each.
-    parameters : dict of ArduPilotParameters
-        By number of changes; empty where they are not known.
-    current, throttle : TimeSeries, optional
-        By the clock of the ground station.
-    currents : tuple of TimeSeries
-        Those of the motors, four by four, by that clock.
-    attitude : AttitudeSeries, optional
-    attitude_by : int
-        Column of the table with the clock that the attitude goes by.
-    units : Units
-    """
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Compass:
+    """What the readings of a compass are made of."""
 
     source: str
-    table: Floats
-    version: NDArray[np.intp]
-    parameters: dict[int, ArduPilotParameters]
-    current: TimeSeries | None
-    throttle: TimeSeries | None
-    currents: tuple[TimeSeries, ...]
-    attitude: AttitudeSeries | None
-    attitude_by: int
+    table: Floats  # (N, `WIDTH`)
     units: Units
+    stage: NDArray[np.intp]  # (N,): which parameters were in force at each
+    parameters: dict[int, ArduPilotParameters]  # by stage; empty where they are not known
+    drives: Mapping[str, TimeSeries]  # by the clock of the ground station
+    attitude: AttitudeSeries | None
+    attitude_by: int  # column of the table with the clock that the attitude goes by
 
     def columns(self, as_logged: bool) -> Iterator[Samples]:
         """Go through the readings; see `Instrument`."""
         warm = self.table[:, TEMPERATURE].any()
-        for start in range(0, len(self.table), BLOCK):
-            rows = self.table[start : start + BLOCK]
-            samples = Samples.of(
-                rows[:, MAG] if as_logged else self._raw(rows, self.version[start : start + BLOCK]),
-                unit=self.units.field,
-                time=rows[:, CLOCK],
-                acceleration=rows[:, ACC],
-                rate=self.units.rate * rows[:, GYRO],
-                temperature=self.units.temperature * rows[:, TEMPERATURE] if warm else None,
-                currents=np.hstack([each.at(rows[:, SINCE]) for each in self.currents]) if self.currents else None,
-                attitude=None if self.attitude is None else self.attitude.at(rows[:, self.attitude_by]),
-                source=self.source,
-                **resampled({CURRENT: self.current, THROTTLE: self.throttle}, rows[:, SINCE]),
-            )
-            yield numbered(samples, start)
+
+        def rows(of: slice) -> dict[str, Any]:
+            table = self.table[of]
+            return {
+                "field": table[:, MAG] if as_logged else self._raw(table, self.stage[of]),
+                "time": table[:, CLOCK],
+                "acceleration": table[:, ACC],
+                "rate": self.units.rate * table[:, GYRO],
+                "temperature": self.units.temperature * table[:, TEMPERATURE] if warm else None,
+                **resampled(self.drives, table[:, SINCE]),
+                **resampled({"attitude": self.attitude}, table[:, self.attitude_by]),
+            }
+
+        return blocks(self.source, self.units.field, len(self.table), rows)
 
     def drive(self, parameters: ArduPilotParameters) -> TimeSeries | None:
         """What a compass's motor compensation goes by, where it is on and that was sent."""
-        if not parameters.has_disturbances:
-            return None
-        return {BY_CURRENT: self.current, BY_THROTTLE: self.throttle}.get(parameters.motor_by)
+        kind = {BY_CURRENT: CURRENT, BY_THROTTLE: THROTTLE}.get(parameters.motor_by, "")
+        return self.drives.get(kind) if parameters.has_disturbances else None
 
     def taken_off(self, parameters: ArduPilotParameters) -> ArduPilotParameters:
         """What is un-applied of them: all but a motor compensation that goes by what was not sent."""
         stays = parameters.has_disturbances and self.drive(parameters) is None
         return replace(parameters, motor_by=OFF) if stays else parameters
 
-    def _raw(self, table: Floats, version: NDArray[np.intp]) -> Floats:
+    def _raw(self, table: Floats, stage: NDArray[np.intp]) -> Floats:
         """(N, 3) what the compass read, in the axes of the vehicle; NaN where its motor compensation is not known."""
         if not self.parameters:
             return table[:, MAG]
         motor = np.zeros((len(table), 3))
-        for each in set(version.tolist()):
-            rows, parameters = version == each, self.parameters[each]
-            if (drive := _alone(self.drive(parameters), table[rows])) is not None:
-                motor[rows] = drive[:, np.newaxis] * parameters.motor
+        for each, parameters in self.parameters.items():
+            if (drive := self.drive(parameters)) is not None:
+                rows = stage == each
+                motor[rows] = drive.at(table[rows, SINCE]) * parameters.motor
         in_mg = self.units.in_mg
-        return unapplied(self.source, table[:, MAG] * in_mg, version, self.parameters, motor) / in_mg
+        return unapplied(self.source, table[:, MAG] * in_mg, stage, self.parameters, motor_offset=motor) / in_mg
 
 
-def _alone(series: TimeSeries | None, rows: Floats) -> Floats | None:
-    """(N,) of what was sent by itself, at the readings of a table."""
-    return None if series is None else series.at(rows[:, SINCE])[:, 0]
-
-
-def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bool) -> Instrument:
+def _instrument(file: File, heard: _Heard, system: int, message: int, *, several: bool) -> Instrument:
     """Make an instrument of the readings in one kind of message."""
-    system, (name, number) = each[0], COMPASS_MESSAGES[each[1]]
-    table, history = heard.table(each), History.of(heard.parameters.get(system, ()), file.name)
-    version = history.change(table[:, PLACE])
-    known = number in compasses(history.last)
+    name, number = COMPASS_MESSAGES[message]
+    table = heard.table(system, message)
+    found = stages(heard.parameters.get(system, ()), ARDUPILOT, file.name)
+    values, stage = found[-1][1], stage_of(table[:, PLACE], found)
+    known = number in compasses(values)
     parameters = (
-        {one: ArduPilotParameters.read(history.at(one), number) for one in set(version.tolist())} if known else {}
+        {each: ArduPilotParameters.read(found[each][1], number) for each in set(stage.tolist())} if known else {}
     )
     autopilot = heard.autopilots.get(system)
-    is_ardupilot = known or autopilot == ARDUPILOT
-    is_turned = is_ardupilot or (autopilot == PX4 and each[1] == HIGHRES_IMU)
-    units = IN_SI if each[1] == HIGHRES_IMU else WHOLE
-    series = heard.current(system), heard.throttle(system), heard.of_motors(system)
+    is_ardupilot = known or autopilot == AN_ARDUPILOT
+    is_turned = is_ardupilot or (autopilot == A_PX4 and message == HIGHRES_IMU)
+    units = IN_SI if message == HIGHRES_IMU else WHOLE
     attitude = heard.attitude(system, table) if is_turned else (None, SINCE)
-    compass = _CompassMessages(file.name, table, version, parameters, *series, *attitude, units)
-    in_force = parameters[int(version[-1])] if parameters else None
-    remarks = _remarks(compass, in_force, history.last, each[1]) if in_force else _unknown(autopilot, each[1])
+    compass = _Compass(file.name, table, units, stage, parameters, heard.drives(system), *attitude)
+    in_force = parameters[int(stage[-1])] if known else None
+    remarks = _remarks(compass, in_force, values, message) if in_force else _unknown(autopilot, message)
     return Instrument(
         file.name,
         f"{name} (system {system})" if several else name,
@@ -441,7 +378,7 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
         frames=IN_VEHICLE_AXES if is_turned else ("sensor", "sensor"),
         autopilot="ardupilot" if is_ardupilot else None,
         compass=number if is_ardupilot else None,
-        device_id=device_id(history.last, number) if is_ardupilot else None,
+        device_id=ArduPilotParameters.read(values, number).device_id if is_ardupilot else None,
         beginning=float(table[0, CLOCK]),
         readings=len(table),
         notes=(*remarks, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),
@@ -450,14 +387,13 @@ def _instrument(file: File, heard: _Heard, each: tuple[int, int], *, several: bo
 
 
 def _remarks(
-    compass: _CompassMessages, in_force: ArduPilotParameters, values: dict[str, float], message: int
+    compass: _Compass, in_force: ArduPilotParameters, values: Mapping[str, float], message: int
 ) -> Iterator[str]:
     """What to know about a compass whose parameters are in the log."""
-    number, changes = COMPASS_MESSAGES[message][1], len(compass.parameters) - 1
-    yield mounting_told(in_force, values, number)
+    yield mounting_words(in_force, values)
     if message == RAW_IMU:
         yield "ArduPilot sends corrected readings in RAW_IMU, too"
-    if changes:
+    if changes := len(compass.parameters) - 1:
         yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time taken off"
     elif in_force.is_identity:
         yield "no calibration was in force: readings are as they were measured"
@@ -470,18 +406,17 @@ def _remarks(
                 f"its motor compensation (COMPASS_MOT) is taken off by the {by} that was sent, which is told less "
                 "often than it acts: read the vehicle's own log (.bin) where the motors ran"
             )
-    if off := unused(values, number):
-        yield off
+    yield from unused(values, in_force.compass)
 
 
 def _unknown(autopilot: int | None, message: int) -> Iterator[str]:
     """What to know about a compass whose parameters are not there."""
-    if autopilot == ARDUPILOT:
+    if autopilot == AN_ARDUPILOT:
         yield (
             "readings are corrected ones, and the log does not hold the parameters (COMPASS_OFS) to take that off: "
             "fetch them in the ground station while it is logging, or read the vehicle's own log (.bin)"
         )
-    elif autopilot == PX4 and message == HIGHRES_IMU:
+    elif autopilot == A_PX4 and message == HIGHRES_IMU:
         yield (
             "readings are in the axes of the vehicle, corrected with CAL_MAG of a compass that is not named, less what "
             "the estimator learned in flight: they are as they were sent, and a calibration of them comes on top; for "
@@ -495,16 +430,9 @@ def _damage(heard: _Heard, size: int) -> Iterator[str]:
     """What of the file could not be read."""
     if heard.broken:
         yield f"{counted(heard.broken, 'packet')} with a wrong check sum left out"
-    if heard.strays:
+    if heard.skipped:
         places = counted(heard.gaps, "place")
-        yield f"{counted(heard.strays, 'byte')} of {size:,} in {places} belong to no packet: skipped"
-
-
-def _position(message: Any) -> Position | None:  # noqa: ANN401 - of a generated class
-    """Where a message says that the vehicle is, unless it says nothing."""
-    latitude, longitude = 1e-7 * message.lat, 1e-7 * message.lon
-    usable = (message.lat or message.lon) and abs(latitude) <= 90 and abs(longitude) <= 180
-    return Position(latitude, longitude, 1e-3 * message.alt) if usable else None
+        yield f"{counted(heard.skipped, 'byte')} of {size:,} in {places} belong to no packet: skipped"
 
 
 def _packet(content: bytes | mmap.mmap, at: int) -> Packet | None:

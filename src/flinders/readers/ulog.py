@@ -1,6 +1,6 @@
 """PX4 logs (``.ulg``), read with pyulog.
 
-Four topics may hold a magnetometer, and each is offered where it holds more than the one before it:
+Three topics may hold a magnetometer, and each is offered where it holds more than the one before it:
 
 - ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. From version 1.12 on it is what the
   compass read; up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is taken off here.
@@ -8,7 +8,6 @@ Four topics may hold a magnetometer, and each is offered where it holds more tha
   of the compass that it says, or the one that ``sensor_selection`` or CAL_MAG_PRIME names. What the estimator learned
   in flight, which versions from 1.13 on may take off as well, and COMP, which needs throttle or current, stay on it.
 - ``sensor_combined.magnetometer_ga`` of logs up to 2018: as ``vehicle_magnetometer``, repeated at the rate of the gyro.
-- ``mag_worker_data``: the points of a calibration on board, one instance a compass (field order not verified on a log).
 
 Beside a reading stand acceleration and rate (``sensor_combined``, else ``vehicle_imu``), the attitude
 (``vehicle_attitude``), the current of the first battery that knows one and the throttle (length of
@@ -30,27 +29,28 @@ import io
 import mmap
 from collections import Counter
 from contextlib import redirect_stdout
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
-from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
-from flinders.core.samples import BLOCK, Samples
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, UnreadableInput, counted, figures
 from flinders.readers._extras import needs, reading
-from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.readers._log import Instrument, Log, Position, Stored, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
+from flinders.readers._parameters import stage_of, stages, unapplied
 from flinders.readers._reader import Reader
-from flinders.readers._resample import AttitudeSeries, TimeSeries, numbered, resampled, shares
+from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
 from flinders.targets import px4
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.readers._parameters import Stages
     from flinders.readers._source import File
 
 Topics: TypeAlias = "Mapping[tuple[str, int], Mapping[str, Any]]"  # columns by name and instance
@@ -64,7 +64,7 @@ TAIL: Final = 1 << 24
 GAUSS: Final = Unit.of("G")
 
 TOPICS: Final = (
-    "sensor_mag", "vehicle_magnetometer", "sensor_combined", "mag_worker_data", "sensor_selection", "vehicle_imu",
+    "sensor_mag", "vehicle_magnetometer", "sensor_combined", "sensor_selection", "vehicle_imu",
     "battery_status", "vehicle_gps_position", "sensor_gps", "vehicle_attitude", "vehicle_thrust_setpoint",
     "actuator_controls_0", "esc_status", "actuator_motors",
 )  # fmt: skip
@@ -80,20 +80,15 @@ MOST_FIELDS: Final = 20_000
 """Columns of all topics together, beyond which definitions are those of no autopilot."""
 DEEPEST: Final = 8
 """Topics within topics; PX4 has two."""
-MOST_STAGES: Final = 100
-"""Sets of parameters in one log; each calibration on board makes one or two."""
+TOGETHER: Final = 1.0
+"""Seconds within which changes of parameters are those of one calibration on board."""
 MUCH_MORE: Final = 1.5
 """How many times the readings of ``sensor_mag`` another topic needs, so that it is worth un-applying."""
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
 
 def open_ulog(file: File) -> Log:
-    """Open a PX4 log.
-
-    Parameters
-    ----------
-    file : File
-        On the disk, and not packed.
+    """Open a PX4 log, on the disk and not packed.
 
     Returns
     -------
@@ -109,21 +104,22 @@ def open_ulog(file: File) -> Log:
     """
     pyulog = needs("pyulog", "px4", KIND)
     with reading(file.name, KIND):
-        flight = _Flight.of(_parsed(pyulog, file))
-        instruments = [*_sensor_mag(file.name, flight)]
-        for derived in (_vehicle_magnetometer, _sensor_combined, _mag_worker_data):
-            others = [*derived(file.name, flight)]
+        flight = _Flight.of(file.name, _parsed(pyulog, file))
+        instruments = [*_sensor_mag(flight)]
+        for derived in (_vehicle_magnetometer, _sensor_combined):
+            others = [*derived(flight)]
             most = max((one.readings or 0 for one in instruments), default=0)
             if max((one.readings or 0 for one in others), default=0) > MUCH_MORE * most:
                 instruments = [*others, *instruments]
         damage = tuple(_damage(file, flight))
+        version = () if flight.version is None else (f"PX4 {flight.version[0]}.{flight.version[1]}",)
         return Log(
             file.name,
             "PX4 ULog",
             tuple(instruments),
             position=_position(flight),
             begun=_begun(flight),
-            notes=(*_notes(flight), *damage),
+            notes=(*version, *damage),
             damage=damage,
         )
 
@@ -203,34 +199,29 @@ def _is_cut(file: File) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flight:
-    """What the topics hold, and which parameters were in force when.
+    """What the topics hold, and which parameters were in force when."""
 
-    Attributes
-    ----------
-    log : pyulog.ULog
-    topics : dict
-        By name and instance.
-    stages : tuple of (float, dict)
-        From which time on, in s, and the parameters of the compasses and of the board.
-    """
-
-    log: Any
-    topics: Topics
-    stages: tuple[tuple[float, Mapping[str, float]], ...]
+    source: str
+    log: Any  # pyulog.ULog
+    topics: Topics  # by name and instance
+    stages: Stages  # by time in s: the parameters of the compasses and of the board
     auxiliary: Mapping[str, TimeSeries | None]
-    notes: tuple[str, ...] = field(default=())
 
     @classmethod
-    def of(cls, log: Any) -> _Flight:  # noqa: ANN401
+    def of(cls, source: str, log: Any) -> _Flight:  # noqa: ANN401 - pyulog has no types
         """Take what pyulog read."""
         topics = {(one.name, one.multi_id): one.data for one in log.data_list}
-        return cls(log, topics, _stages(log), {kind: find(topics) for kind, find in AUXILIARY.items()})
+        initial = [(-np.inf, *each) for each in log.initial_parameters.items()]
+        changed = [(1e-6 * stamp, name, value) for stamp, name, value in log.changed_parameters]
+        told = ((since, name, value) for since, name, value in initial + changed if isinstance(value, (int, float)))
+        found = stages(told, ("CAL_MAG", "SENS_BOARD"), source, together=TOGETHER)
+        return cls(source, log, topics, found, {kind: find(topics) for kind, find in AUXILIARY.items()})
 
     def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:
         """Go through the instances of a topic, in order."""
-        for (topic, instance), columns in sorted(self.topics.items(), key=lambda item: item[0]):
+        for topic, instance in sorted(self.topics):
             if topic == name:
-                yield instance, columns
+                yield instance, self.topics[topic, instance]
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -249,29 +240,10 @@ class _Flight:
 
         PX4 logs the parameters that it uses, so that a log of 1.12 on with a calibration in it has those below.
         """
-        if any(name.startswith("CAL_MAG") and name.endswith(("ODIAG", "_PRIO")) for name in self.values):
+        ends = {name.rpartition("_")[2] for name in self.values if name.startswith("CAL_MAG")}
+        if "PRIO" in ends or any(end.endswith("ODIAG") for end in ends):
             return True
-        if any(name.startswith("CAL_MAG") and name.endswith("_EN") for name in self.values):
-            return False
-        return self.version is not None and self.version >= RAW_SINCE
-
-
-def _stages(log: Any) -> tuple[tuple[float, Mapping[str, float]], ...]:  # noqa: ANN401
-    """Which parameters of the compasses were in force from when on; changes within a second count as one."""
-
-    def matters(name: str, value: object) -> bool:
-        return name.startswith(("CAL_MAG", "SENS_BOARD")) and isinstance(value, (int, float))
-
-    values: dict[str, float] = {name: value for name, value in log.initial_parameters.items() if matters(name, value)}
-    stages: list[tuple[float, Mapping[str, float]]] = [(-np.inf, dict(values))]
-    for stamp, name, value in log.changed_parameters:
-        if matters(name, value) and values.get(name) != value:
-            values[name] = value
-            if 1e-6 * stamp - stages[-1][0] < 1:
-                stages[-1] = (stages[-1][0], dict(values))
-            elif len(stages) < MOST_STAGES:
-                stages.append((1e-6 * stamp, dict(values)))
-    return tuple(stages)
+        return "EN" not in ends and self.version is not None and self.version >= RAW_SINCE
 
 
 def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
@@ -377,90 +349,67 @@ AUXILIARY: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Readings:
-    """What one magnetometer gave, and how what it read is found again.
+    """What one magnetometer gave, and how what it read is found again."""
 
-    Attributes
-    ----------
-    time : (N,) float, s
-    field : (N, 3) float, G
-        As logged.
-    settings : tuple of (float, Parameters)
-        From which time on, in s, and what was applied to `field`, mounting included; empty where nothing was.
-    mounting : (3, 3) float, optional
-        From the axes of `field`, with nothing applied, to those of the vehicle; None where it is not known.
-    is_turned : bool
-        What was logged is in the axes of the vehicle.
-    temperature : (N,) float, °C, optional
-    """
-
-    source: str
     flight: _Flight
-    time: Floats
-    field: Floats
-    settings: tuple[tuple[float, px4.Px4Parameters], ...] = ()
+    time: Floats  # (N,), s
+    field: Floats  # (N, 3): as logged
+    # what was applied to `field` in each stage of the flight, mounting included; empty where nothing was
+    applied: tuple[px4.Px4Parameters, ...] = ()
+    # (3, 3): from the axes of `field`, with nothing applied, to those of the vehicle; None where it is not known
     mounting: Floats | None = None
-    is_turned: bool = False
-    temperature: Floats | None = None
+    is_turned: bool = False  # what was logged is in the axes of the vehicle
+    temperature: Floats | None = None  # (N,), °C
 
-    def blocks(self, as_logged: bool) -> Iterator[Samples]:
-        """Yield the readings from the first on."""
+    def columns(self, as_logged: bool) -> Iterator[Samples]:
+        """Go through the readings; see `Instrument`."""
         turn = np.eye(3) if self.is_turned and as_logged else self.mounting
         back = None if turn is None else turn.T
         of_vehicle = () if turn is not None else (ACCELERATION, RATE, ATTITUDE)
         series = {kind: one for kind, one in self.flight.auxiliary.items() if kind not in of_vehicle}
-        for start in range(0, len(self.time), BLOCK):
-            rows = slice(start, start + BLOCK)
-            time = self.time[rows]
-            samples = Samples.of(
-                self.field[rows] if as_logged else self.unapplied(time, self.field[rows]),
-                unit=GAUSS,
-                time=time,
-                temperature=None if self.temperature is None else self.temperature[rows],
-                source=self.source,
-                **resampled(series, time, back),
-            )
-            yield numbered(samples, start)
 
-    def unapplied(self, time: Floats, field: Floats) -> Floats:
-        """(N, 3) G, each with the parameters that were in force."""
-        if not self.settings:
-            return field
-        stage = np.searchsorted([since for since, _ in self.settings], time, side="right") - 1
-        raw = np.empty_like(field)
-        for number in np.unique(stage):
-            rows = stage == number
-            raw[rows] = self.settings[max(int(number), 0)][1].unapply(field[rows])
-        return raw
+        def rows(of: slice) -> dict[str, Any]:
+            time, field = self.time[of], self.field[of]
+            if self.applied and not as_logged:
+                field = unapplied(self.flight.source, field, stage_of(time, self.flight.stages), self.applied)
+            warm = None if self.temperature is None else self.temperature[of]
+            return {"field": field, "time": time, "temperature": warm, **resampled(series, time, back)}
+
+        return blocks(self.flight.source, GAUSS, len(self.time), rows)
+
+    @property
+    def changes(self) -> list[float]:
+        """s since start-up at which what was applied changed."""
+        words = [each.words() for each in self.applied]
+        return [self.flight.stages[stage][0] for stage in range(1, len(words)) if words[stage] != words[stage - 1]]
 
 
-def _sensor_mag(source: str, flight: _Flight) -> Iterator[Instrument]:
+def _sensor_mag(flight: _Flight) -> Iterator[Instrument]:
     """Each compass, before or, up to version 1.11, after its own calibration."""
     for instance, columns in flight.instances("sensor_mag"):
         device = _device(columns)
         parameters = px4.of_device(flight.values, device)
         temperature = _stack(columns, "temperature")[:, 0]
         readings = _Readings(
-            source,
             flight,
             _seconds(columns),
             _stack(columns, "x", "y", "z"),
+            () if flight.is_raw else _applied(flight, device, turned=False),
             mounting=None if parameters is None else parameters.mounting,
             temperature=temperature if np.isfinite(temperature).any() else None,
         )
         name = f"sensor_mag {instance}" + (f" (device {device})" if device else "")
-        if not flight.is_raw:
-            readings = replace(readings, settings=_settings(flight, device, turned=False))
         yield _instrument(name, readings, parameters, device)
 
 
-def _vehicle_magnetometer(source: str, flight: _Flight) -> Iterator[Instrument]:
+def _vehicle_magnetometer(flight: _Flight) -> Iterator[Instrument]:
     """What the vehicle steered by, with the correction of the compass that it came from."""
     for instance, columns in flight.instances("vehicle_magnetometer"):
-        readings = _Readings(source, flight, _seconds(columns), _three(columns, "magnetometer_ga"))
+        readings = _Readings(flight, _seconds(columns), _three(columns, "magnetometer_ga"))
         yield _corrected(f"vehicle_magnetometer {instance}", readings, _device(columns) or _selected(flight))
 
 
-def _sensor_combined(source: str, flight: _Flight) -> Iterator[Instrument]:
+def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
     """The same of old logs, without its repeats."""
     columns = flight.topics.get(("sensor_combined", 0), {})
     if "magnetometer_ga[0]" not in columns:
@@ -468,68 +417,50 @@ def _sensor_combined(source: str, flight: _Flight) -> Iterator[Instrument]:
     relative = np.asarray(columns.get("magnetometer_timestamp_relative", 0)).astype(np.int64)
     measured = np.asarray(columns["timestamp"]).astype(np.int64) + relative
     new = (relative != INVALID_RELATIVE) & (np.diff(measured, prepend=-1) != 0)
-    readings = _Readings(source, flight, 1e-6 * measured[new], _three(columns, "magnetometer_ga")[new])
+    readings = _Readings(flight, 1e-6 * measured[new], _three(columns, "magnetometer_ga")[new])
     yield _corrected("sensor_combined.magnetometer_ga", readings, _selected(flight))
-
-
-def _mag_worker_data(source: str, flight: _Flight) -> Iterator[Instrument]:
-    """The points that the calibration on board took, of each compass."""
-    for _, columns in flight.instances("mag_worker_data"):
-        for compass in range(4):
-            count = columns.get(f"calibration_counter_total[{compass}]", np.zeros(0))
-            taken = np.flatnonzero(np.diff(np.asarray(count, np.int64), prepend=0) > 0)
-            if len(taken):
-                field = _stack(columns, *(f"{axis}[{compass}]" for axis in "xyz"))[taken]
-                readings = _Readings(source, flight, _seconds(columns)[taken], field)
-                yield _instrument(f"mag_worker_data {compass}", readings, None)
 
 
 def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
     """An instrument whose readings were corrected and turned: what that was is taken off where the log says it."""
     parameters = px4.of_device(readings.flight.values, device)
-    turned = replace(readings, is_turned=True, mounting=np.eye(3))
+    readings = replace(readings, is_turned=True, mounting=np.eye(3))
     if parameters is None:
         note = (
             f"the log does not say which calibration was applied to {name}: readings are as logged, after it and in "
             "the axes of the vehicle"
         )
-        return replace(_instrument(name, turned, None, device), notes=(note,), frames=("vehicle", "vehicle"))
-    settings = _settings(readings.flight, device, turned=True)
-    instrument = _instrument(name, replace(turned, settings=settings, mounting=parameters.mounting), parameters, device)
-    return replace(instrument, frames=("sensor", "vehicle"))
+        return replace(_instrument(name, readings, None, device), notes=(note,), frames=("vehicle", "vehicle"))
+    applied = _applied(readings.flight, device, turned=True)
+    readings = replace(readings, applied=applied, mounting=parameters.mounting)
+    return replace(_instrument(name, readings, parameters, device), frames=("sensor", "vehicle"))
 
 
 def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | None, device: int = 0) -> Instrument:
     """Say what is known of one magnetometer; device 0 is one that is not known."""
-    notes = []
-    flight = readings.flight
-    if readings.mounting is None and any(map(flight.auxiliary.get, (ACCELERATION, RATE, ATTITUDE))):
+    notes, stored = [], None
+    if readings.mounting is None and any(map(readings.flight.auxiliary.get, (ACCELERATION, RATE, ATTITUDE))):
         notes.append(
             "no parameters say how this compass is mounted: acceleration, rate and attitude are left out, as they are "
             "in the axes of the vehicle"
         )
-    if len(readings.settings) > 1:
-        at = ", ".join(f"{since:.0f} s" for since, _ in readings.settings[1:4])
+    if changes := readings.changes:
+        at = ", ".join(f"{since:.0f} s" for since in changes[:3])
         notes.append(
-            f"the calibration on board changed at {at}{' …' * (len(readings.settings) > 4)} (since start-up): each "
+            f"the calibration on board changed at {at}{' …' * (len(changes) > 3)} (since start-up): each "
             "reading is un-applied with the one that was in force"
         )
-    if parameters is not None and parameters.compensation.any() and readings.settings and readings.is_turned:
-        notes.append("COMP is not taken off: with the motors running, readings are those after it")
-    stored = None
     if parameters is not None:
-        stored = Stored(
-            parameters.matrix,
-            parameters.centre,
-            parameters.mounting if readings.is_turned else np.eye(3),
-            parameters.words(),
-            applied=bool(readings.settings),
-        )
+        if parameters.motor.any() and readings.applied and readings.is_turned:
+            notes.append("COMP is not taken off: with the motors running, readings are those after it")
+        turn = parameters.mounting if readings.is_turned else np.eye(3)
+        words, is_applied = parameters.words(), bool(readings.applied)
+        stored = Stored(parameters.matrix, parameters.centre, turn, words, applied=is_applied)
     return Instrument(
-        readings.source,
+        readings.flight.source,
         name,
         GAUSS,
-        partial(_Readings.blocks, readings),
+        readings.columns,
         stored=stored,
         autopilot="px4",
         compass=None if parameters is None else parameters.compass,
@@ -539,19 +470,17 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
     )
 
 
-def _settings(flight: _Flight, device: int, *, turned: bool) -> tuple[tuple[float, px4.Px4Parameters], ...]:
-    """What was applied to a compass from when on; without the mounting where it had not been turned yet."""
-    settings: list[tuple[float, px4.Px4Parameters]] = []
-    for since, values in flight.stages:
-        parameters = px4.of_device(values, device) or px4.Px4Parameters()
-        parameters = replace(parameters, compensation=np.zeros(3))
+def _applied(flight: _Flight, device: int, *, turned: bool) -> tuple[px4.Px4Parameters, ...]:
+    """What was applied to a compass in each stage; without the mounting where it had not been turned yet."""
+    applied = []
+    for _, values in flight.stages:
+        parameters = replace(px4.of_device(values, device) or px4.Px4Parameters(), motor=np.zeros(3))
         if not turned:
             parameters = replace(parameters, rotation=px4.INTERNAL, board=np.eye(3))
         if not np.isfinite(parameters.matrix).all() or np.linalg.matrix_rank(parameters.matrix) < 3:
             raise ArrayError(f"{parameters.words()} cannot be undone")
-        if not settings or parameters.words() != settings[-1][1].words():
-            settings.append((since, parameters))
-    return tuple(settings)
+        applied.append(parameters)
+    return tuple(applied)
 
 
 def _device(columns: Mapping[str, Any]) -> int:
@@ -580,12 +509,7 @@ def _position(flight: _Flight) -> Position | None:
     if "lat" in columns:
         degrees = _stack(columns, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
     fix = np.asarray(columns.get("fix_type", np.full(len(degrees), 3)), np.float64)
-    inside = (np.abs(degrees[:, 0]) <= 90) & (np.abs(degrees[:, 1]) <= 180) & np.any(degrees[:, :2] != 0, axis=1)
-    usable = np.flatnonzero(inside & (fix >= 2))
-    if not len(usable):
-        return None
-    latitude, longitude, altitude = degrees[usable[0]].tolist()
-    return Position(latitude, longitude, altitude if np.isfinite(altitude) else 0.0)
+    return first_position(*degrees.T, fixed=fix >= 2)
 
 
 def _begun(flight: _Flight) -> datetime | None:
@@ -600,12 +524,6 @@ def _begun(flight: _Flight) -> datetime | None:
         return None
     begun = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=since)
     return begun if EARLIEST < begun < LATEST else None
-
-
-def _notes(flight: _Flight) -> Iterator[str]:
-    """What to know about the file."""
-    if flight.version is not None:
-        yield f"PX4 {flight.version[0]}.{flight.version[1]}"
 
 
 def _damage(file: File, flight: _Flight) -> Iterator[str]:

@@ -51,13 +51,7 @@ CHUNK: Final = 1 << 18
 
 
 def members(file: File) -> list[zipfile.ZipInfo]:
-    """List the files in an archive.
-
-    Raises
-    ------
-    UnreadableInput
-        For an archive that is broken, or has more than `MOST_MEMBERS`.
-    """
+    """List the files in an archive; a broken one, or one of more than `MOST_MEMBERS`, raises `UnreadableInput`."""
     with reading(file.name, "a ZIP archive"), zipfile.ZipFile(file.path) as archive:
         listed = [member for member in archive.infolist() if not member.is_dir()]
     if len(listed) > MOST_MEMBERS:
@@ -66,19 +60,9 @@ def members(file: File) -> list[zipfile.ZipInfo]:
 
 
 def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) -> Iterator[bytes]:
-    """Unpack a member, a piece at a time.
+    """Unpack a member, a piece at a time; `ratio` as `metered` has it.
 
-    Parameters
-    ----------
-    file : File
-    member : ZipInfo
-    ratio : bool
-        Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
-
-    Raises
-    ------
-    UnreadableInput
-        For one that is locked, broken, or unpacks to too much.
+    One that is locked, broken, or unpacks to too much raises `UnreadableInput`.
     """
     if member.flag_bits & 1:
         raise UnreadableInput(f"{member.filename} in {file.name} is locked with a password: unpack it first")
@@ -102,12 +86,10 @@ def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRec
 
     Raises
     ------
-    NoMagnetometer
-        Where it is not clear which member it is.
+    NoMagnetometer, UsageError
+        Where it is not clear which member it is, or there is none of that name.
     UnreadableInput
         For a spreadsheet, an archive that is broken or locked, and one that unpacks to too much.
-    UsageError
-        For a member that there is not.
     """
     there = members(file)
     for name, kind in SHEETS.items():

@@ -1,9 +1,11 @@
-"""What all charts are drawn with: axes and their numbers, lines, areas, dots, bars and words, as SVG.
+"""What all charts are drawn with: panels with axes, numbers, lines, areas, dots, bars and words, as SVG.
+
+A `Panel` is what is drawn over two axes on any canvas: a `Plot`, which puts numbers in their places and gives SVG, or
+axes of matplotlib (`flinders.report.matplotlib`). Round charts and maps use the shapes alone.
 
 A chart is text: shapes with classes, which ``static/figure.css`` gives a colour in light, in dark and on paper. Inside
 a page it takes the colours of the page; a drawing that is a file of its own carries those rules that it uses, for both
-themes. A `Plot` is a rectangle with two axes that puts numbers in their places; round charts and maps use the shapes
-alone.
+themes.
 
 >>> plot = Plot(40, 10, 200, 100, Axis(0, 10), Axis(1, 100, np.log10))
 >>> plot.places([0, 5], [1, 10]).tolist()
@@ -165,22 +167,17 @@ class Plot:
         """Lines up and down with their numbers below; zero stands out where it is not at an end."""
         return "".join(
             self.upright(value, "zero" if value == 0.0 and self.across.share(value) > 0.02 else "grid")
-            + text(self.x(value), self.bottom + gap, shown)
-            for value, shown in numbers
+            + text(self.x(value), self.bottom + gap, shown, kind=_between(place, numbers))
+            for place, (value, shown) in enumerate(numbers)
         )
 
-    def rows(self, numbers: Ticks) -> str:
+    def rows(self, numbers: Ticks, *, gap: float = 14.0) -> str:
         """Lines across with their numbers to the left; zero stands out."""
         return "".join(
-            self.level(value, "grid" if value else "zero") + text(self.left - 6, self.y(value) + 4, shown, "end")
-            for value, shown in numbers
+            self.level(value, "grid" if value else "zero")
+            + text(self.left - gap / 2.0, self.y(value) + 4, shown, "end", _between(place, numbers))
+            for place, (value, shown) in enumerate(numbers)
         )
-
-    def grid(self, across: int = 5, *, mark: str = "") -> str:
-        """Lines and numbers of two plain axes, about so many across, and a frame."""
-        x = labelled(ticks(self.across.low, self.across.high, across), mark)
-        y = labelled(ticks(self.up.low, self.up.high, 5))
-        return self.columns(x) + self.rows(y) + self.outline("frame")
 
     def outline(self, kind: str) -> str:
         """The rectangle itself."""
@@ -206,34 +203,65 @@ class Canvas(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A rectangle of a figure: its axes and what is drawn there, for SVG and for matplotlib.
+    """What is drawn over two axes, for SVG and for matplotlib."""
 
-    Attributes
-    ----------
-    x, y : (low, high)
-        Ends of the axes.
-    x_words, y_words : str
-        What the numbers are.
-    draw : function of a Canvas
-    mark : str
-        By which thousands of the first axis are parted.
-    """
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-    x_words: str
-    y_words: str
-    draw: Callable[[Canvas], Sequence[str]]
-    mark: str = ""
+    x: Axis
+    y: Axis
+    draw: Callable[[Canvas], Iterable[str]]
+    x_words: str = ""  # what the numbers are
+    y_words: str = ""
+    title: str = ""  # stands above
+    kind: str = ""  # class of its colour
+    x_ticks: Ticks = ()  # numbers with what stands at each; by default round ones
+    y_ticks: Ticks = ()
 
     def at(self, left: float, top: float, width: float, height: float) -> Plot:
         """The plot that it is in a drawing."""
-        return Plot(left, top, width, height, Axis(*self.x), Axis(*self.y))
+        return Plot(left, top, width, height, self.x, self.y)
+
+    def grid(self, plot: Plot, *, is_last: bool = True, gap: float = 14.0) -> str:
+        """A frame, lines and numbers; those across only of the last of the panels that share the axis."""
+        across = self.x_ticks or round_ticks(self.x, 8 if plot.width > 2.0 * plot.height else 5)
+        columns = plot.columns(across if is_last else [(value, "") for value, _ in across], gap=gap)
+        return columns + plot.rows(self.y_ticks or round_ticks(self.y, 5), gap=gap) + plot.outline("frame")
+
+    def framed(self, plot: Plot, *, is_last: bool = True) -> str:
+        """The panel in its plot: grid, marks and words."""
+        return "".join(
+            [
+                self.grid(plot, is_last=is_last),
+                *self.draw(plot),
+                text(plot.left, plot.top - 9, self.title, "start", f"name {self.kind}".strip()),
+                text(14, plot.top + plot.height / 2.0, self.y_words, is_turned=True),
+                text(plot.middle, plot.bottom + 36, self.x_words if is_last else ""),
+            ]
+        )
+
+
+def stacked(title: str, panels: Sequence[Panel], *, wide: float, high: float, left: float = 58.0) -> str:
+    """A chart for a page: panels below each other, each so high, that share the axis across."""
+    top, parts = 10.0, []
+    for panel in panels:
+        top += 16.0 if panel.title else 0.0
+        plot = panel.at(left, top, wide - left - 30.0, high)
+        parts.append(panel.framed(plot, is_last=panel is panels[-1]))
+        top = plot.bottom + 16.0
+    return chart(wide, plot.bottom + 42.0, title, *parts)
+
+
+def _between(place: int, numbers: Ticks) -> str:
+    """The class of every second number, counted from the middle: where there is no room it may be left out."""
+    return "between" if (place - len(numbers) // 2) % 2 else ""
 
 
 def compass_ticks() -> list[tuple[float, str]]:
     """The eight points of the compass, with their degrees."""
     return [(45.0 * place, f"{name} {45 * place:03d}°") for place, name in enumerate(COMPASS_POINTS)]
+
+
+def round_ticks(axis: Axis, most: int, unit: str = "") -> list[tuple[float, str]]:
+    """Round numbers of an axis, about `most` of them or fewer."""
+    return labelled(ticks(axis.low, axis.high, most), unit=unit)
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
@@ -266,14 +294,15 @@ def nearest_round(value: float) -> float:
     return min((step * decade for step in (1.0, 2.0, 5.0, 10.0)), key=lambda step: abs(math.log(step / value)))
 
 
-def labelled(values: Sequence[float], mark: str = "", unit: str = "") -> list[tuple[float, str]]:
-    """Numbers with as many decimals as each needs to differ from the next one.
+def labelled(values: Sequence[float], unit: str = "") -> list[tuple[float, str]]:
+    """Numbers with as many decimals as each needs to differ from the next one; thousands are parted from 10,000 on.
 
     >>> labelled([-0.5, 0.0, 0.5])
     [(-0.5, '−0.5'), (0.0, '0.0'), (0.5, '0.5')]
     """
     step = abs(values[1] - values[0]) if len(values) > 1 else abs(values[0]) or 1.0
     decimals = max(0, min(6, -math.floor(math.log10(step) + 1e-9)))
+    mark = "," if max(map(abs, values)) >= 1e4 else ""
     return [(value, minus(f"{value:{mark}.{decimals}f}{unit}")) for value in values]
 
 

@@ -1,4 +1,4 @@
-"""Comparisons as pages for the terminal: of two calibrations, with a recording, with the truth, of several methods.
+"""Comparisons as pages for the terminal: calibrations, the truth, methods, a fleet over time; and what to choose from.
 
 >>> chance_words(0.43), chance_words(1e-9)
 ('no more than chance explains (p = 0.43)', 'more than chance explains (p < 0.0001)')
@@ -7,11 +7,16 @@
 >>> from flinders.simulate import TwoAxis
 >>> [name for name, *_ in recovery_rows(TwoAxis(), TwoAxis())]
 ['scale x', 'scale y', 'offset x', 'offset y', 'skew', 'noise']
+>>> shown_when(1.7e9, "flight 12"), shown_when(float("nan"), "flight 12"), shown_when(float("nan"), "")
+('2023-11-14', 'flight 12', '–')
+>>> shown_when(float("nan"), "returned/session 0017.csv")
+'…session 0017.csv'
 """
 
 from __future__ import annotations
 
 import math
+import textwrap
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -21,14 +26,15 @@ from rich.text import Text
 
 from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
-from flinders.errors import counted, figures
+from flinders.errors import counted, figures, percent
 from flinders.findings import VERDICTS
 from flinders.geometry.ellipsoid import upper
+from flinders.report.fleet import STATES, about_order, chance, when
 from flinders.report.formatting import FINEST, angle, degrees, on_the_point, p_value, with_uncertainty
-from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict
+from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from rich.console import RenderableType
     from rich.table import Table
@@ -38,10 +44,13 @@ if TYPE_CHECKING:
     from flinders.comparison.evaluation import Evaluation
     from flinders.comparison.methods import Contest, Entry
     from flinders.core.calibration import Calibration
+    from flinders.estimators import Method
     from flinders.findings import Severity, Verdict
     from flinders.fitting.result import Fit
     from flinders.heading.error_propagation import HeadingError
+    from flinders.report.fleet import BatchDrift, FleetDrift
     from flinders.simulate.two_axis import Polar, TwoAxis
+    from flinders.targets import Target
 
 AGREEMENT: Final = {
     "agree": ("AGREE", "HOLDS"), "differ": ("DIFFER", "IS OFF"), "contradict": ("CONTRADICT", "FAILS"),
@@ -61,6 +70,16 @@ EVALUATED: Final = {"as claimed": "AS CLAIMED", "worse than claimed": "WORSE THA
 ROUNDING_DEG: Final = 1e-4
 """Degrees of heading that come from rounding alone."""
 
+STATE_COLOURS: Final = {
+    "recalibrate": "red", "unsure": "yellow", "changed": "yellow", "unordered": "yellow", "steady": "green",
+}  # fmt: skip
+SHOWN: Final = 12
+"""Units, steps and batches that are listed; the report and ``--out`` have more."""
+LONGEST: Final = 17
+"""Characters of a recording's name that are shown."""
+
+WIDTH: Final = 78
+
 
 def of_comparison(
     comparison: Comparison,
@@ -71,15 +90,9 @@ def of_comparison(
 ) -> RenderableType:
     """Lay out two calibrations side by side: the difference, what chance explains, the verdict.
 
-    Parameters
-    ----------
-    comparison : Comparison
-    fresh : Fit, optional
-        Of the recording that a calibration is checked on: what limits it is said below.
-    strengths : pair of Strength, optional
-        Of that recording, under the calibration and under the fresh fit.
-    own : sequence of str
-        Names of the recordings, if any, that went into the calibration: agreement with those proves nothing.
+    Where one is checked on a recording, `fresh` is a fit of that, whose limits are said below, and `strengths` are the
+    recording's under both. `own` names the recordings, if any, that went into the calibration: agreement with those
+    proves nothing.
     """
     limits = [] if fresh is None else [finding.advice for finding in fresh.findings if finding.severity == "limits"]
     said = _comparison_verdict(comparison, fresh, own, limits)
@@ -112,7 +125,7 @@ def of_recovery(true: TwoAxis, estimate: TwoAxis, polar: Polar) -> RenderableTyp
     )
 
 
-def of_methods(contest: Contest) -> RenderableType:
+def of_contest(contest: Contest) -> RenderableType:
     """Lay out all methods on one recording: worth, numbers, and why some are not to be trusted.
 
     Numbers of refused calibrations are here, dim, because they are compared with those of a spreadsheet or a paper;
@@ -134,20 +147,16 @@ def chance_words(value: float | None) -> str:
 
 
 def _differences(comparison: Comparison) -> Table:
-    heading, claimed, rotation = (
-        comparison.heading_difference_deg,
-        comparison.claimed_deg,
-        comparison.rotation,
-    )
+    heading, claimed = comparison.heading_difference_deg, comparison.claimed_deg
     mean = f"{round(comparison.heading_mean_deg, 2) + 0.0:.2f}°"
     rows: list[Sequence[RenderableType]] = [styled("bold", "heading", angle(heading.rms), angle(heading.worst), mean)]
     if claimed is not None:
         rows.append(("  claimed, 1 σ", degrees(claimed.rms), degrees(claimed.worst)))
     rows.append(("direction", angle(comparison.direction_difference_deg)))
-    if rotation is not None:
-        rows.append(("rotation in the body", angle(rotation.angle_deg)))
-    if rotation is not None and rotation.angle_sigma_deg is not None:
-        rows.append(("  claimed, 1 σ", degrees(rotation.angle_sigma_deg)))
+    if comparison.rotation is not None:
+        rows.append(("rotation in the body", angle(comparison.rotation.angle_deg)))
+        if comparison.rotation.angle_sigma_deg is not None:
+            rows.append(("  claimed, 1 σ", degrees(comparison.rotation.angle_sigma_deg)))
     return table(("difference", "rms", "worst", "mean"), rows)
 
 
@@ -159,14 +168,9 @@ def _offset_cells(offset: Floats, sigma: Floats | None) -> str:
 
 def _parameters(comparison: Comparison) -> Text:
     offset = _offset_cells(comparison.offset_difference, comparison.offset_sigma)
-    share = _percent(comparison.offset_share)
+    unit = f"{label(comparison.unit)}, {_percent(comparison.offset_share)} of the field"
     scale = "" if comparison.is_scale_known else "of sensor and field together"
-    return lines(
-        [
-            ("offset", offset, f"{label(comparison.unit)}, {share} of the field"),
-            ("scale", _percent(comparison.scale_difference), scale),
-        ]
-    )
+    return lines([("offset", offset, unit), ("scale", _percent(comparison.scale_difference), scale)])
 
 
 def _strengths(known: Strength, fresh: Strength) -> Table:
@@ -200,19 +204,19 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
 
 
 def _words(comparison: Comparison, *, is_limited: bool) -> str:
-    chance, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
+    if comparison.verdict == "agree" and comparison.p_value is None:
+        return "the same calibration twice"
+    explained, target = chance_words(comparison.p_value), f"{comparison.target_deg:g}°"
     worst = angle(comparison.heading_difference_deg.worst)
     if comparison.verdict == "agree":
         vague = "" if comparison.is_telling else f"; but they claim too little to tell {target}: record for longer"
         limits = ", with these limits of the recording:" if is_limited else ""
-        if comparison.p_value is None:
-            return "the same calibration twice"
-        return f"heading within {worst}, {chance}{vague}{limits}"
+        return f"heading within {worst}, {explained}{vague}{limits}"
     side, advice = {
         "differ": ("less", "good enough for that, and a new calibration will be better"),
         "contradict": ("more", "the sensor or what is near it has changed, calibrate again"),
     }[comparison.verdict]
-    return f"headings up to {worst} apart, {side} than the target of {target} and {chance}: {advice}"
+    return f"headings up to {worst} apart, {side} than the target of {target} and {explained}: {advice}"
 
 
 def _percent(share: float) -> str:
@@ -238,13 +242,13 @@ def _true_errors(evaluation: Evaluation) -> Table:
         (evaluation.freed_direction_error_deg, evaluation.claimed_direction_deg, evaluation.direction_ratio),
         (evaluation.direction_error_deg, None, None),
     )
-    cells = [
+    level, free, turned = (
         [*map(angle, true), *(map(angle, claims) if claims else ("", "")), "" if ratio is None else figures(ratio)]
         for true, claims, ratio in rows
-    ]
+    )
     return table(
         ("error", "rms", "worst", "claimed, rms", "worst", "true / claimed"),
-        [styled("bold", "level heading", *cells[0]), ("direction", *cells[1]), ("  with its rotation", *cells[2])],
+        [styled("bold", "level heading", *level), ("direction", *free), ("  with its rotation", *turned)],
     )
 
 
@@ -316,10 +320,7 @@ def duration(seconds: float) -> str:
 def _worth(contest: Contest) -> Table:
     """Rms heading errors of each method: claimed, cross-validated, and from the first."""
     names = ("\nclaimed", "cross-\nvalidated", f"from\n{contest.reference}", "\ntime", "\nverdict")
-    headings = (
-        Column("heading error,\nrms", no_wrap=True),
-        *(Column(name, justify="right", no_wrap=True) for name in names),
-    )
+    headings = [Column("heading error,\nrms", no_wrap=True), *whole_columns(names)]
     return table(headings, [_method_row(entry) for entry in contest.entries])
 
 
@@ -382,3 +383,136 @@ def _reasons(contest: Contest) -> list[tuple[str, str]]:
 
 
 _SEVERITIES: Final[dict[Verdict, Severity]] = {verdict: severity for severity, verdict in VERDICTS.items()}
+
+
+# ------------------------------------------------------------------------------------------ a fleet over time
+
+
+def of_drift(drift: FleetDrift) -> RenderableType:
+    """Lay out how a fleet changed: states, the units to recalibrate, what was moved, and batches."""
+    units = _units(drift) if drift.listed else None
+    steps = _steps(drift) if drift.steps else None
+    batches = _batches(drift) if drift.batches else None
+    return page(_states(drift), units, steps, batches, Group(*_remarks(drift)))
+
+
+def shown_when(seconds: float, recording: str) -> str:
+    """Write the day of a recording; where no date is known, the end of its name."""
+    if math.isfinite(seconds) or not recording:
+        return when(seconds)
+    return recording if len(recording) <= LONGEST else f"…{recording[1 - LONGEST :]}"
+
+
+def _states(drift: FleetDrift) -> Table:
+    rows = [
+        styled(STATE_COLOURS.get(name, "dim"), name, f"{drift.states[name]:,}", words)
+        for name, words in STATES.items()
+        if drift.states[name]
+    ]
+    return table((Column("units", no_wrap=True), "", Column("")), rows, is_dense=True)
+
+
+def _units(drift: FleetDrift) -> Table:
+    names = (Column("worst first", no_wrap=True), Column("state", no_wrap=True))
+    rows = [
+        (one.unit, one.state, *map(degrees, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
+         shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest))
+        for one in drift.listed[:SHOWN]
+    ]  # fmt: skip
+    count = drift.states["recalibrate"] + drift.states["unsure"] if len(drift.listed) > SHOWN else 0
+    headings = (*names, "heading", "1 σ", "offset", "matrix", drift.against, "newest")
+    return table(headings, [*rows, *_more(count)], is_dense=True)
+
+
+def _steps(drift: FleetDrift) -> Table:
+    headings = (Column("moved", no_wrap=True), "heading", "offset by", "chance", "after", "before")
+    rows = [
+        (one.unit, degrees(one.worst_deg), f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}",
+         chance(one.p_value), shown_when(one.before_s, one.before), shown_when(one.after_s, one.after))
+        for one in drift.steps[:SHOWN]
+    ]  # fmt: skip
+    return table(headings, [*rows, *_more(drift.step_count)], is_dense=True)
+
+
+def _batches(drift: FleetDrift) -> Table:
+    headings = (Column("batch", no_wrap=True), "units", "recalibrate", "changed", "steps", "not good")
+    rows = [_batch_row(one) for one in _shown_batches(drift.batches, SHOWN)]
+    return table((*headings, Column("stands out by")), [*rows, *_more(len(drift.batches))], is_dense=True)
+
+
+def _batch_row(one: BatchDrift) -> list[Text]:
+    counts = (one.units, one.states.get("recalibrate", 0), one.states.get("changed", 0), one.stepped)
+    cells = (*(f"{count:,}" for count in counts), percent(*one.not_good), ", ".join(one.stands_out))
+    return styled("yellow" if one.stands_out else "", one.batch or "not known", *cells)
+
+
+def _more(count: int) -> list[tuple[str]]:
+    """A row that says how many are not shown, if there are any."""
+    return [(f"and {count - SHOWN:,} more",)] if count > SHOWN else []
+
+
+def _shown_batches(batches: Sequence[BatchDrift], most: int) -> list[BatchDrift]:
+    """Take so many by name: those that stand out, and of the others those with the largest share that changed."""
+    worst = sorted(batches, key=lambda one: (not one.stands_out, -one.changed / max(one.units, 1), one.batch))[:most]
+    return sorted(worst, key=lambda one: one.batch)
+
+
+def _remarks(drift: FleetDrift) -> list[str]:
+    """What else there is to know, a line each."""
+    against = "its first" if drift.against == "first" else "the one before"
+    what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
+    remarks = [f"{what}; the newest of each against {against}, held level, dip {abs(drift.dip_deg):g}°"]
+    remarks += about_order(drift)
+    if drift.session > 1.05:
+        remarks.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")
+    if drift.walk_deg > 0.005:
+        remarks.append(f"slow drift of this fleet: {degrees(drift.walk_deg)} of heading over a year (1 σ)")
+    undated = drift.undated
+    if undated.units and undated.session > 1.05:
+        times = figures(undated.session**0.5)
+        remarks.append(f"recordings without dates scatter {times} times as far as they claim: allowed for")
+    if undated.units and undated.walk_deg > 0.005:
+        by = f"{degrees(undated.walk_deg)} of heading from one recording to the next (1 σ)"
+        remarks.append(f"slow drift where no dates are known: {by}")
+    if drift.left_out:
+        rows = counted(drift.left_out, "row")
+        remarks.append(f"{rows} left out: refused, failed, or in another unit than the others")
+    if drift.batches:
+        remarks.append(f"the batch is told by {drift.batch_of}")
+    share = f"{drift.chance:.0%} of fleets of this size in which nothing changed"
+    return [*remarks, f"chance alone lists a unit, or a step, in {share}"]
+
+
+# ------------------------------------------------------------------------------------------ what to choose from
+
+
+def of_methods(methods: Mapping[str, Method], options: Mapping[str, Mapping[str, tuple[str, ...]]]) -> RenderableType:
+    """Lay out the methods: how many parameters each finds, how many readings it needs, and its options with values."""
+    headings = (Column("method", style="bold"), "parameters\nfound", "readings,\nat least", Column("when to use it"))
+    rows = []
+    for name, row in methods.items():
+        use = [row.use, *(f"option {option}: {', '.join(values)}" for option, values in options[name].items())]
+        rows.append((name, str(row.parameters), str(row.kind.unknowns), "\n".join(use)))
+    return table(headings, rows)
+
+
+def of_targets(targets: Collection[Target]) -> RenderableType:
+    """Lay out the targets, and below them what nobody could verify of those with a star."""
+    headings = [Column("target", style="bold"), *map(Column, ("what is written", "holds", "unit", "import"))]
+    rows = [
+        (
+            f"{row.name}{' *' if row.unverified else ''}",
+            row.use,
+            row.keeps,
+            "any" if row.unit in ("own", "recorded") else row.unit,
+            "yes" if row.reader else "",
+        )
+        for row in targets
+    ]
+    names: dict[str, list[str]] = {}
+    for row in targets:
+        for clause in row.unverified:
+            names.setdefault(clause, []).append(row.name)
+    unverified = [f"* not verified of {', '.join(named)}: {clause}" for clause, named in names.items()]
+    filled = [Text(textwrap.fill(line, WIDTH, subsequent_indent="  "), no_wrap=True) for line in unverified]
+    return Group(table(headings, rows), *filled)

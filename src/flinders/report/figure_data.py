@@ -57,47 +57,20 @@ MOST: Final = 10_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FigureData:
-    """A fit and readings, ready to be drawn.
+    """A fit and readings, ready to be drawn; fields are in `unit`."""
 
-    Attributes
-    ----------
-    view : View or None
-        None where there is no fit at all.
-    whole : Samples
-        All readings, without what the calibration follows.
-    raw : (n, 3) float, in `unit`
-        Every `stride`-th of them.
-    recorded : (n, 3) float, in `unit`
-        The same as they were recorded.
-    driving : dict of str to (n,) float
-        What drives the offset, by name, where the calibration follows anything.
-    when : (n,) float
-        Seconds since the first, or numbers of readings, as `clock` says.
-    clock : str
-        ``s`` where the recording is one and its time ascends, else ``reading``.
-    is_used : (n,) bool
-        Those that the fit did not leave out.
-    total : int
-        Readings of the whole recording.
-    stride : int
-    unit : str
-        ``µT`` or ``counts``.
-    plane : str, optional
-        That of a fit to readings of one plane.
-    """
-
-    view: View | None
-    whole: Samples
-    raw: Floats
-    recorded: Floats
-    driving: dict[str, Floats]
-    when: Floats
-    clock: str
-    is_used: NDArray[np.bool_]
-    total: int
+    view: View | None  # None where there is no fit at all
+    whole: Samples  # all readings, without what the calibration follows
+    raw: Floats  # (n, 3), every `stride`-th of them
+    recorded: Floats  # (n, 3), the same as they were recorded
+    driving: dict[str, Floats]  # (n,) what drives the offset, by name, where the calibration follows anything
+    when: Floats  # (n,) seconds since the first, or numbers of readings, as `clock` says
+    clock: str  # "s" where the recording is one and its time ascends, else "reading"
+    is_used: NDArray[np.bool_]  # (n,) those that the fit did not leave out
+    total: int  # readings of the whole recording
     stride: int
-    unit: str
-    plane: Plane | None = None
+    unit: str  # "µT" or "counts"
+    plane: Plane | None = None  # that of a fit to readings of one plane
 
     @classmethod
     def of(cls, fit: Fit | None, recording: Recording, *, most: int = MOST) -> Self:
@@ -108,14 +81,10 @@ class FigureData:
         fit : Fit or None
             Good, limited or refused; None where the recording gave none.
         recording : Recording
-            The readings that were fitted, as they were recorded.
+            The readings that were fitted, as they were recorded; `InputError` where they cannot be read, or lack what
+            the calibration follows.
         most : int
             Readings that are drawn, at most; the `View` counts them all.
-
-        Raises
-        ------
-        InputError
-            For a recording that cannot be read, or lacks what the calibration follows.
         """
         recorded = whole(recording)
         names = [] if fit is None else [disturbance.name for disturbance in fit.calibration.disturbances]
@@ -226,17 +195,10 @@ NO_UNCERTAINTY: Final = Finding(
 
 
 def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None, dip_deg: float | None = None) -> Fit:
-    """Put a calibration and a recording together.
+    """Put a fit that was loaded from its file and a recording, in its unit and axes, together.
 
-    Parameters
-    ----------
-    fit : Fit
-        Loaded from its file. Where it states no uncertainty, so does the result, with a finding that says so.
-    recording : Recording
-        In the unit and axes of the calibration.
-    target_deg, dip_deg : float, optional
-        As asked for; by default those of the file, else 1° and 60°. Where the dip is another one, the heading error is
-        computed anew from the covariance.
+    Where the file states no uncertainty, neither does the result, with a finding that says so. Target and dip are those
+    of the file, else 1° and 60°, unless given; for another dip the heading error is computed anew.
     """
     field = whole(recording).field
     dip = fit.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.known_dip_deg)

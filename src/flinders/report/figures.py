@@ -33,19 +33,19 @@ from flinders.report.charts import (
     labelled,
     outline_of,
     rectangle,
+    round_ticks,
     round_up,
     segment,
     shape,
+    stacked,
     text,
     thinned,
-    ticks,
 )
 from flinders.report.colours import LEGEND, class_of, seen_ends, seen_level
-from flinders.report.formatting import minus
-from flinders.report.sections import with_unit
+from flinders.report.formatting import minus, with_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.disturbance import Disturbance
@@ -63,7 +63,6 @@ PLANES: Final = ((0, 1), (0, 2), (1, 2))
 SIDE, EDGE = 260, 34
 """Of a square figure, and its margin to the left and below."""
 WIDE: Final = 820
-LEFT: Final = 58
 FARTHEST: Final = 4.0
 """The origin is in sight as long as the offset is no longer than so many field strengths."""
 
@@ -76,36 +75,23 @@ SIGMAS: Final = 4.5
 PARAMETERS: Final = ("bx", "by", "bz", "Sxx", "Syy", "Szz", "Sxy", "Sxz", "Syz")
 
 
-def _framed(panel: Panel, title: str, *, left: float = LEFT, wide: float = WIDE, height: float = 170.0) -> str:
-    """A panel as a figure: its grid and the names of its axes."""
-    plot = panel.at(left, 10, wide - left - (30 if left == LEFT else 12), height)
-    parts = [plot.grid(8 if left == LEFT else 5, mark=panel.mark), *panel.draw(plot)]
-    parts.append(text(plot.middle, plot.bottom + 36, panel.x_words))
-    parts.append(text(14, plot.top + plot.height / 2, panel.y_words, is_turned=True))
-    return chart(wide, plot.bottom + 42, title, *parts)
-
-
 # ------------------------------------------------------------------------------------------------------- projections
 
 
 def projections(drawn: FigureData, *, is_corrected: bool) -> list[str]:
     """The readings seen along z, y and x: before with the fitted ellipse, after with the circle."""
-    return [_projection(drawn, plane, is_corrected=is_corrected) for plane in PLANES]
-
-
-def _projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> str:
-    (i, j), name, inner = plane, "after" if is_corrected else "before", SIDE - EDGE - 8
-    panel = projection(drawn, plane, is_corrected=is_corrected)
-    plot = panel.at(EDGE, 8, inner, inner)
-    return chart(
-        SIDE,
-        SIDE,
-        f"Projection {AXES[i]}{AXES[j]} {name} correction",
-        plot.grid(),
-        text(plot.right - 6, plot.bottom - 6, panel.x_words, "end", "name halo"),
-        text(plot.left + 6, plot.top + 14, AXES[j], "start", "name halo"),
-        plot.clipped(f"clip-{name}-{i}{j}", *panel.draw(plot)),
-    )
+    name, inner, figures = "after" if is_corrected else "before", SIDE - EDGE - 8, []
+    for i, j in PLANES:
+        panel = projection(drawn, (i, j), is_corrected=is_corrected)
+        plot = panel.at(EDGE, 8, inner, inner)
+        parts = (
+            panel.grid(plot),
+            text(plot.right - 6, plot.bottom - 6, panel.x_words, "end", "name halo"),
+            text(plot.left + 6, plot.top + 14, AXES[j], "start", "name halo"),
+            plot.clipped(f"clip-{name}-{i}{j}", *panel.draw(plot)),
+        )
+        figures.append(chart(SIDE, SIDE, f"Projection {AXES[i]}{AXES[j]} {name} correction", *parts))
+    return figures
 
 
 def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) -> Panel:
@@ -120,8 +106,8 @@ def projection(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool)
         marks.append(plot.line(f"outline {name}", *edge.T, is_closed=True))
         return marks if is_corrected or shown is None else [*marks, plot.arm(shown.offset[i], shown.offset[j])]
 
-    across, up = ((float(low[axis]), float(high[axis])) for axis in plane)
-    return Panel(across, up, f"{AXES[i]}, {drawn.unit}", f"{AXES[j]}, {drawn.unit}", draw)
+    across, up = (Axis(float(low[axis]), float(high[axis])) for axis in plane)
+    return Panel(across, up, draw, f"{AXES[i]}, {drawn.unit}", f"{AXES[j]}, {drawn.unit}")
 
 
 def extents(drawn: FigureData, *, is_corrected: bool) -> tuple[Floats, Floats, Floats]:
@@ -154,17 +140,17 @@ def outline(drawn: FigureData, plane: tuple[int, int], *, is_corrected: bool) ->
 
     None of it, (0, 2), where there is no surface.
     """
-    return _silhouette(drawn, np.eye(3)[[*plane, 3 - sum(plane)]], is_corrected=is_corrected)
+    return _silhouette(drawn, np.eye(3)[list(plane)], is_corrected=is_corrected)
 
 
-def _silhouette(drawn: FigureData, eye: Floats, *, is_corrected: bool) -> Floats:
-    """(72, 2) outline of the ellipsoid, or of the sphere that it becomes; (0, 2) where there is none."""
+def _silhouette(drawn: FigureData, screen: Floats, *, is_corrected: bool) -> Floats:
+    """The same seen on a screen, (2, 3) with its directions to the right and up as rows."""
     shown, shape = drawn.shown, drawn.shape
     if shown is None or shape is None:
         return np.empty((0, 2))
     if is_corrected:
-        return _shadow(shown.strength * eye[:2])
-    edge: Floats = eye[:2] @ np.array(shown.offset) + _shadow(eye[:2] @ shape)
+        return _shadow(shown.strength * screen)
+    edge: Floats = screen @ np.array(shown.offset) + _shadow(screen @ shape)
     return edge
 
 
@@ -209,7 +195,7 @@ def _cloud(drawn: FigureData, *, is_corrected: bool) -> str:
     origin = np.clip(np.zeros(3), low, high)  # where zero is far away, the axes stand at the edge
     length = float((high - low).max()) * (0.46 if is_corrected else 0.22)
     triad = np.concatenate([[origin], origin + length * np.eye(3)]) @ eye.T
-    edge = _silhouette(drawn, eye, is_corrected=is_corrected)
+    edge = _silhouette(drawn, eye[:2], is_corrected=is_corrected)
     corners = np.concatenate([np.array(_extent(points)) if len(points) else triad, triad])[:, :2]
     plot = _around(np.concatenate([corners, edge]))
     centre = (low + high) / 2.0 if shown is None or is_corrected else np.array(shown.offset)
@@ -296,7 +282,7 @@ def _errors(plot: Plot, view: View, target_deg: float, rings: Mapping[int, Float
 DISC, MAP_WIDE, MAP_HIGH = 114.0, 552, 282
 MIDDLES: Final = (136.0, 416.0)
 MIDDLE: Final = MAP_HIGH / 2.0 + 4.0
-ROUND: Final = (-math.sqrt(2.0), math.sqrt(2.0))
+ROUND: Final = Axis(-math.sqrt(2.0), math.sqrt(2.0))
 """Ends of both axes of a hemisphere in Lambert's azimuthal projection, which keeps areas."""
 
 
@@ -321,7 +307,7 @@ def coverage_map(view: View) -> str:
 
 def hemisphere_panel(classes: Sequence[str], up: float) -> Panel:
     """A hemisphere, its tiles in the colours of their classes."""
-    return Panel(ROUND, ROUND, "+x", "", lambda plot: _tiled(plot, classes, hemisphere(up)))
+    return Panel(ROUND, ROUND, lambda plot: _tiled(plot, classes, hemisphere(up)))
 
 
 def error_classes(view: View, target_deg: float) -> list[str]:
@@ -337,8 +323,8 @@ def seen_classes(view: View) -> list[str]:
 
 def _discs() -> list[tuple[Plot, float]]:
     """Where both hemispheres lie on the map, and where z points in each."""
-    axis, size = Axis(*ROUND), 2.0 * DISC
-    plots = [Plot(middle - DISC, MIDDLE - DISC, size, size, axis, axis) for middle in MIDDLES]
+    size = 2.0 * DISC
+    plots = [Plot(middle - DISC, MIDDLE - DISC, size, size, ROUND, ROUND) for middle in MIDDLES]
     return list(zip(plots, (1.0, -1.0), strict=True))
 
 
@@ -401,7 +387,7 @@ def _seen_ends(view: View) -> tuple[int, int, int]:
 
 def residuals(drawn: FigureData) -> str:
     """How much longer each corrected reading is than the field, over time; those left out as crosses."""
-    return _framed(residuals_over_time(drawn), "Residuals over time")
+    return stacked("Residuals over time", [residuals_over_time(drawn)], wide=WIDE, high=170.0)
 
 
 def residuals_over_time(drawn: FigureData) -> Panel:
@@ -420,16 +406,12 @@ def residuals_over_time(drawn: FigureData) -> Panel:
         ]
 
     words = "seconds" if drawn.clock == "s" else "number of the reading"
-    return Panel(span, (-end, end), words, drawn.unit, draw, _thousands(span, drawn.clock))
-
-
-def _thousands(span: tuple[float, float], clock: str) -> str:
-    return "," if clock == "reading" or span[1] >= 1e4 else ""
+    return Panel(Axis(*span), Axis(-end, end), draw, words, drawn.unit)
 
 
 def histogram(view: View, unit: str) -> str:
     """Residuals counted, with the bell of as many and as much noise."""
-    return _framed(residuals_counted(view, unit), "Histogram of the residuals", left=46, wide=SIDE + 100)
+    return stacked("Histogram of the residuals", [residuals_counted(view, unit)], wide=378.0, high=170.0, left=46.0)
 
 
 def residuals_counted(view: View, unit: str) -> Panel:
@@ -444,11 +426,7 @@ def residuals_counted(view: View, unit: str) -> Panel:
         return [plot.bars("bar", edges, counts), plot.line("line", middles, bell)]
 
     most = 1.08 * max(*counts, height, 1.0)
-    return Panel((edges[0], edges[-1]), (0.0, most), f"longer than the field, {unit}", "", draw)
-
-
-STRIP: Final = 72
-"""Height of what one axis has of a figure of three."""
+    return Panel(Axis(edges[0], edges[-1]), Axis(0.0, most), draw, f"longer than the field, {unit}")
 
 
 def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) -> str:
@@ -458,25 +436,23 @@ def offset_over_time(walk: RandomWalk, unit: str, plane: Plane | None = None) ->
     """
     axes = sorted(AXES.index(axis) for axis in plane or AXES)
     half = (walk.time[1] - walk.time[0]) / 2.0 if len(walk.time) > 1 else 0.5
-    span = (float(walk.time[0] - half), float(walk.time[-1] + half))
-    when = np.concatenate([span[:1], walk.time, span[1:]])
+    when = np.concatenate([walk.time[:1] - half, walk.time, walk.time[-1:] + half])
     path, sigma = (np.pad(rows[:, axes], ((1, 1), (0, 0)), mode="edge") for rows in (walk.path, walk.sigma))
     end = round_up(1.02 * float((np.abs(path) + sigma).max()))
-    numbers = labelled(ticks(*span, 8), _thousands(span, "s"))
-    rows = [(value, minus(f"{value:+.3g}") if value else "0") for value in (-end, 0.0, end)]
-    parts = []
-    for place, axis in enumerate(axes):
-        plot = Plot(LEFT, 10 + place * (STRIP + 18), WIDE - 88, STRIP, Axis(*span), Axis(-end, end))
-        is_last = place == len(axes) - 1
-        parts += [
-            plot.columns(numbers if is_last else [(value, "") for value, _ in numbers]),
-            plot.rows(rows),
-            plot.area("band", when, path[:, place] - sigma[:, place], path[:, place] + sigma[:, place]),
-            plot.line("curve corrected thin", when, path[:, place]),
-            text(plot.left + 6, plot.top + 14, f"{AXES[axis]}, {unit}", "start", "name halo"),
-        ]
-    parts.append(text(plot.middle, plot.bottom + 36, "seconds"))
-    return chart(WIDE, plot.bottom + 42, "Offset over time, less that of the fit", *parts)
+    columns = zip(axes, path.T, sigma.T, strict=True)
+    panels = [_strip(f"{AXES[axis]}, {unit}", when, value, one, end) for axis, value, one in columns]
+    return stacked("Offset over time, less that of the fit", panels, wide=WIDE, high=72.0)
+
+
+def _strip(title: str, when: Floats, value: Floats, sigma: Floats, end: float) -> Panel:
+    """What one axis has of a figure of three."""
+
+    def draw(plot: Canvas) -> list[str]:
+        return [plot.area("band", when, value - sigma, value + sigma), plot.line("curve corrected thin", when, value)]
+
+    numbers = [(place, minus(f"{place:+.3g}") if place else "0") for place in (-end, 0.0, end)]
+    across = Axis(float(when[0]), float(when[-1]))
+    return Panel(across, Axis(-end, end), draw, "seconds", title=title, y_ticks=numbers)
 
 
 def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
@@ -485,20 +461,17 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
     driving = drawn.driving[disturbance.name]
     is_shown = drawn.is_used & np.isfinite(driving)
     values, origin, strength = driving[is_shown], disturbance.reference, drawn.shown.strength
-    rows = {
-        kind: drawn.strengths(is_compensated=is_compensated)[is_shown]
-        for kind, is_compensated in (("before", False), ("after", True))
-    }
-    low, high = np.quantile([*rows.values()], [0.002, 0.998]).tolist() if len(values) else (0.0, 1.0)
+    before, after = (drawn.strengths(is_compensated=is_taken_off)[is_shown] for is_taken_off in (False, True))
+    low, high = np.quantile([before, after], [0.002, 0.998]).tolist() if len(values) else (0.0, 1.0)
     margin = 0.06 * max(high - low, 1e-9)
     first, last = float(values.min(initial=origin)), float(values.max(initial=origin))
 
     def draw(plot: Canvas) -> list[str]:
-        return [*(plot.dots(kind, values, row) for kind, row in rows.items()), plot.level(strength, "aim")]
+        return [plot.dots("before", values, before), plot.dots("after", values, after), plot.level(strength, "aim")]
 
-    ends = (first, max(last, first + 1e-9)), (low - margin, high + margin)
+    across, up = Axis(first, max(last, first + 1e-9)), Axis(low - margin, high + margin)
     title = f"Strength of the corrected field over {disturbance.name}, before and after following it"
-    return _framed(Panel(*ends, with_unit(disturbance), drawn.unit, draw), title, height=190.0)
+    return stacked(title, [Panel(across, up, draw, with_unit(disturbance), drawn.unit)], wide=WIDE, high=190.0)
 
 
 # --------------------------------------------------------------------------------------------------------- deviation
@@ -506,22 +479,7 @@ def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
 
 def deviation(view: View, target_deg: float) -> str:
     """A level turn: what the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
-    before, after = deviations(view, target_deg)
-    raw, plot = before.at(LEFT, 24, WIDE - 88, 120), after.at(LEFT, 180, WIDE - 88, 120)
-    parts = [
-        text(raw.left, 15, "before: the raw compass", "start", "name raw"),
-        raw.columns([(value, "") for value, _ in compass_ticks()]),
-        raw.rows(_degrees(raw)),
-        *before.draw(raw),
-        text(plot.left, 171, "after: expected, ± 1 σ and ± 2 σ", "start", "name corrected"),
-        plot.columns(compass_ticks(), gap=16),
-        plot.rows(_degrees(plot)),
-        *after.draw(plot),
-        text(plot.middle, 336, after.x_words),
-    ]
-    if target_deg < plot.up.high:
-        parts.append(text(plot.right - 4, plot.y(target_deg) + 13, f"target {target_deg:g}°", "end", "name"))
-    return chart(WIDE, 342, "Deviation over the heading, before and after", *parts)
+    return stacked("Deviation over the heading, before and after", deviations(view, target_deg), wide=WIDE, high=120.0)
 
 
 def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
@@ -540,18 +498,24 @@ def deviations(view: View, target_deg: float) -> tuple[Panel, Panel]:
         bands = [plot.area("band", heading, -factor * sigma, factor * sigma) for factor in (2.0, 1.0)]
         return bands + [plot.level(sign * target_deg, "aim") for sign in (1.0, -1.0) if has_target]
 
-    words, turn = "heading of a level vehicle", (0.0, 360.0)
-    ends = 180.0 if largest > 150.0 else largest, round_up(1.1 * (max(most, target_deg) if has_target else most))
-    raw, corrected = ((-end, end) for end in ends)
-    return Panel(turn, raw, words, "before, °", draw_before), Panel(
-        turn, corrected, words, "after, ± 1 σ, ± 2 σ, °", draw_after
+    target = f"; dotted: target {target_deg:g}°" if has_target else ""
+    return (
+        _turn(180.0 if largest > 150.0 else largest, draw_before, "before: the raw compass", "raw"),
+        _turn(
+            round_up(1.1 * max(most, target_deg if has_target else 0.0)),
+            draw_after,
+            f"after: expected, ± 1 σ and ± 2 σ{target}",
+            "corrected",
+        ),
     )
 
 
-def _degrees(plot: Plot) -> list[tuple[float, str]]:
-    """Numbers of an axis of deviation."""
-    end = plot.up.high
-    return labelled([-180.0, -90.0, 0.0, 90.0, 180.0] if end == 180.0 else ticks(-end, end, 5), unit="°")
+def _turn(end: float, draw: Callable[[Canvas], list[str]], title: str, kind: str) -> Panel:
+    """A panel of a deviation over the heading."""
+    up = Axis(-end, end)
+    numbers = labelled([-180.0, -90.0, 0.0, 90.0, 180.0], "°") if end == 180.0 else round_ticks(up, 5, "°")
+    words = "heading of a level vehicle"
+    return Panel(Axis(0.0, 360.0), up, draw, words, title=title, kind=kind, x_ticks=compass_ticks(), y_ticks=numbers)
 
 
 def _runs(angle: Floats) -> list[slice]:

@@ -1,22 +1,44 @@
-"""Calibrations as pages for the terminal: of a recording, merged, typed, of several sensors."""
+"""Calibrations as pages for the terminal: of a recording, merged, typed, of several sensors, of a turn in one plane.
+
+>>> from flinders.geometry.plane import PlaneEllipse, Turn
+>>> heading = np.radians(np.arange(0, 360, 10))
+>>> points = np.stack([30 * np.cos(heading) + 10, -20 * np.sin(heading) - 5], axis=1)
+>>> turn = Turn.of("xy", points, PlaneEllipse.of_points(points))
+>>> [row[:2] for row in plane_rows(turn, "µT")][1:4]
+[('mean Hx', '10.0000 µT'), ('mean Hy', '-5.0000 µT'), ('eigenvalues', '450.000, 200.000')]
+>>> spacing_words(turn, 1.0, is_mean=True)
+'36 points, widest gap 10°, first harmonic 0.000, second 0.000: evenly spaced, the mean can be trusted'
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from rich.console import Group
 from rich.table import Column
 from rich.text import Text
 
+from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
-from flinders.fitting.advice import UPSIDE_DOWN, condition, movement
+from flinders.fitting.advice import condition, movement
 from flinders.fitting.result import Fit, fit_of
-from flinders.report.formatting import degrees, p_value, written_time
-from flinders.report.sections import mounting, said_of
-from flinders.report.terminal import COLOURS, graded, notes, numbers, page, styled, table
+from flinders.geometry.plane import across
+from flinders.report.formatting import (
+    aligned,
+    degrees,
+    matrix_entries,
+    mounting,
+    offset_entries,
+    on_the_point,
+    p_value,
+    reach,
+    shown_findings,
+    written_time,
+)
+from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -24,12 +46,18 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from flinders.arrays import Floats
     from flinders.comparison.multi_sensor import Member, Together
+    from flinders.core.calibration import Calibration
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError
     from flinders.findings import Finding, Verdict
     from flinders.fitting.axis_extremes import Extremes
+    from flinders.geometry.plane import PlaneEllipse, Turn
     from flinders.heading.error_propagation import HeadingError
+
+NEGLIGIBLE: Final = 0.1
+"""Of the target: what costs less is not worth a word."""
 
 
 def of_fit(fit: Fit) -> RenderableType:
@@ -39,45 +67,40 @@ def of_fit(fit: Fit) -> RenderableType:
     copied into a firmware sooner or later. It says why, how to do better, and what is odd about the recording.
     Calibrations put together are shown each against the others.
     """
+    is_refused = fit.verdict == "refused"
+    result = None if is_refused else numbers(fit.calibration, fit.offset_sigma, fit.noise)
     if fit.method == "merged" and fit.repeats is not None:
-        blocks = _merged_parts(fit.repeats), _numbers(fit), _merged_verdict(fit, fit.repeats)
-        return Group(page(*blocks), findings(said_of(fit)))
-    before = None if fit.verdict == "refused" else _before_and_after(fit)
-    return Group(page(before, _numbers(fit), _fit_verdict(fit)), findings(said_of(fit), movement(fit)))
+        blocks = _merged_parts(fit.repeats), result, _merged_verdict(fit, fit.repeats)
+        return Group(page(*blocks), findings(shown_findings(fit)))
+    before = None if is_refused else _before_and_after(fit)
+    turn = "" if fit.verdict == "good" else movement(fit)
+    return Group(page(before, result, _fit_verdict(fit)), findings(shown_findings(fit), turn))
 
 
 def of_extremes(extremes: Extremes) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
-    unknown = np.full(3, np.nan)
-    said = graded(extremes.verdict, "how good it is nobody knows, with these limits:", "six typed numbers; minmax")
-    result = numbers(extremes.calibration, unknown, math.nan)
+    said = _graded(extremes.verdict, "how good it is nobody knows, with these limits:", "six typed numbers; minmax")
+    result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
 
 def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float) -> RenderableType:
     """Lay out each magnetometer of a log that was calibrated by itself: a row each, and why some were refused."""
-    headings = (
-        "",
-        Column("magnetometer", overflow="fold"),
-        "readings",
-        "seen",
-        "worst heading",
-        Column("verdict"),
-    )
+    name, quality = Column("magnetometer", overflow="fold"), Column("verdict")
     rows = [(str(number), *_sensor_row(*pair)) for number, pair in enumerate(outcomes, 1)]
     reasons = [(number, _why_refused(outcome)) for number, (_, outcome) in enumerate(outcomes, 1)]
     said = [Text(f"  {number} {why}") for number, why in reasons if why]
     basis = f"worst heading error, 1 σ, held level; the target is {target_deg:g}°"
-    return page(table(headings, rows), Group(*said, basis))
+    return page(table(("", name, "readings", "seen", "worst heading", quality), rows), Group(*said, basis))
 
 
 def of_several(together: Together, target_deg: float) -> RenderableType:
     """Lay out magnetometers that were calibrated together: a row each, and how the others agree with it."""
-    upper = (f"axes of\n{together.reference}", "\nbut for", "\noff by")
+    numbered = ("heading\nalone", "\ntogether", f"axes of\n{together.reference}", "\nbut for", "\noff by")
     headings = (
         Column("\n"),
         Column("\nmagnetometer", overflow="fold", min_width=12),
-        *(Column(name, justify="right", no_wrap=True) for name in ("heading\nalone", "\ntogether", *upper)),
+        *whole_columns(numbered),
         Column("\nverdict"),
     )
     rows = [
@@ -91,7 +114,31 @@ def of_several(together: Together, target_deg: float) -> RenderableType:
     return page(table(headings, rows), said)
 
 
+def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) -> RenderableType:
+    """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
+    mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
+    headings = (
+        f"plane {turn.plane}, turned about {across(turn.plane)}",
+        Column("mean and scatter", justify="right", style=mean_style),
+        Column("least squares", justify="right", style=least_style),
+    )
+    recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
+    words = spacing_words(turn, fit.target_deg, is_mean=is_mean(fit))
+    return Group(page(recipe, words), of_fit(fit), *([] if composed is None else [_composed(composed, after)]))
+
+
 # ---------------------------------------------------------------------------------------------------------- one fit
+
+
+def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Text:
+    """Offset above matrix, in columns x, y and z, each on its decimal points."""
+    unit = label(calibration.unit)
+    offset = offset_entries(calibration, offset_sigma)
+    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix))]
+    below, _ = on_the_point(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
+    shown.append(below.ljust(len(shown[0])))
+    names, units = ("offset", "matrix", "", "", "noise"), (unit, "", "", "", unit)
+    return lines(list(zip(names, shown, units, strict=True)))
 
 
 def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
@@ -105,53 +152,43 @@ def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
     return notes(said)
 
 
-def _numbers(fit: Fit) -> Text | None:
-    """Offset, matrix and noise; none of a refused fit."""
-    return None if fit.verdict == "refused" else numbers(fit.calibration, fit.offset_sigma, fit.noise)
-
-
-def _before_and_after(fit: Fit) -> Table:
-    unit = label(fit.calibration.unit)
-    raw, error = fit.uncorrected_heading_error_deg, fit.heading_error_deg
-    strength, spread = fit.uncorrected_strength
-    left = f"{fit.noise / fit.ellipsoid.radius:.1%}"
-    field = f"{figures(fit.calibration.field_strength, 4)} {unit}"
-    before = ("before", f"{figures(strength, 4)} {unit}", f"{spread:.1%}", degrees(raw.rms), degrees(raw.worst))
-    after = styled("bold", "after", field, left, degrees(error.rms), degrees(error.worst))
-    return table(("", "strength", "spread", "heading error, rms", "worst"), [before, after])
-
-
 def good_to(error: HeadingError, target_deg: float) -> str:
     """Say to how much the worst heading is good, and to how much it should be."""
     return f"worst heading good to {degrees(error.worst)} (1 σ; the target is {target_deg:g}°)"
 
 
-def _quality(fit: Fit, good: str, refused: str, basis: str, *more: Text) -> Table:
+def _graded(quality: Verdict, words: str, *more: str) -> Table:
+    """The verdict of a calibration, with what it means and what that rests on."""
+    return verdict(quality.upper(), quality, words, *more)
+
+
+def _before_and_after(fit: Fit) -> Table:
+    unit, (strength, spread) = label(fit.calibration.unit), fit.uncorrected_strength
+    before, after = (
+        (name, f"{figures(mean, 4)} {unit}", f"{scatter:.1%}", degrees(error.rms), degrees(error.worst))
+        for name, mean, scatter, error in (
+            ("before", strength, spread, fit.uncorrected_heading_error_deg),
+            ("after", fit.calibration.field_strength, fit.noise / fit.ellipsoid.radius, fit.heading_error_deg),
+        )
+    )
+    return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
+
+
+def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table:
     """The verdict of a calibration, for whom its number holds, and what it rests on."""
-    error, within = fit.heading_error_deg, good_to(fit.heading_error_deg, fit.target_deg)
-    words = {
-        "good": f"{within}{good}",
-        "limited": f"{within}, with these limits:",
-        "refused": f"not fit for use, {refused}",
-    }[fit.verdict]
     if fit.verdict == "refused":
-        return graded(fit.verdict, words, basis)
-    return graded(fit.verdict, words, f"{basis}; held level, dip {error.dip_deg:.3g}°", *more)
+        return _graded(fit.verdict, f"not fit for use, {refused}", basis)
+    within = good_to(fit.heading_error_deg, fit.target_deg)
+    words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with these limits:"
+    return _graded(fit.verdict, words, f"{basis}; held level, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
     seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
-    reach = "" if fit.verdict != "good" else f", {_reach(fit)}"
+    good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
-    more = [Text(words) for words in (adds, condition(fit)) if words]
-    return _quality(fit, reach, "no calibration was written", basis, *more)
-
-
-def _reach(fit: Fit) -> str:
-    """Say up to which tilt a fit is as good as was asked for."""
-    limit = fit.attitude_limit_deg
-    return "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
+    return _quality(fit, good, "no calibration was written", basis, *filter(None, (adds, condition(fit))))
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed
@@ -160,16 +197,12 @@ def _reach(fit: Fit) -> str:
 def _merged_parts(repeats: Repeats) -> Table:
     """Each calibration against the others."""
     names = ("readings", "claims", "off the others", "chance")
-    headings = (
-        Column("calibration", overflow="fold"),
-        *(Column(name, justify="right", no_wrap=True) for name in names),
-    )
     rows = [
         (part.source, f"{part.samples:,}" if part.samples else "", degrees(part.claimed_deg),
          f"{degrees(part.off_deg)} ± {degrees(part.off_sigma_deg)}", p_value(part.p_value))
         for part in repeats.parts
     ]  # fmt: skip
-    return table(headings, rows)
+    return table((Column("calibration", overflow="fold"), *whole_columns(names)), rows)
 
 
 def _merged_verdict(fit: Fit, repeats: Repeats) -> Table:
@@ -275,3 +308,67 @@ def _agreed(together: Together) -> str:
     but = f", those of {' and '.join(own)} in their own" if own else ""
     corrected = f"corrected readings are in the axes {axes}{but}\n" if together.is_joint else ""
     return f"{corrected}{over}{seconds}; off by: readings averaged over a second, in degrees of heading, 1 σ"
+
+
+# -------------------------------------------------------------------------------------------------- a turn in one plane
+
+
+def is_mean(fit: Fit) -> bool:
+    """Whether the offset is the mean of the points."""
+    return fit.method.startswith("two-axis")
+
+
+def plane_rows(turn: Turn, unit: str) -> list[tuple[str, str, str]]:
+    """Name, what mean and scatter give and what least squares give, of each number of the recipe."""
+    points, axes = f"{turn.spacing.points:,}", ["xyz".index(axis) + 1 for axis in turn.plane]
+    entries = [f"S{row}{column}" for row in axes for column in axes]
+    means = [f"mean H{axis}" for axis in turn.plane]
+    names = (*means, "eigenvalues", "semi-axes", "axis ratio", "skew angle", *entries)
+    cells = (_ellipse_cells(ellipse, unit) for ellipse in (turn.recipe, turn.ellipse))
+    return [("points", points, points), *zip(names, *cells, strict=True)]
+
+
+def _ellipse_cells(ellipse: PlaneEllipse, unit: str) -> list[str]:
+    """Write an ellipse as the recipe has it."""
+    first, second = (figures(value, 6) for value in ellipse.eigenvalues.tolist())
+    long, short = (figures(axis, 6) for axis in ellipse.semi_axes.tolist())
+    return [
+        *(f"{value:.4f} {unit}" for value in ellipse.centre.tolist()),
+        f"{first}, {second}",
+        f"{long}, {short} {unit}",
+        f"{ellipse.ratio:.5f}",
+        f"{ellipse.direction_deg + 0.0:+.3f}°",
+        *(f"{entry + 0.0:+.6f}" for entry in ellipse.matrix.ravel().tolist()),
+    ]
+
+
+def spacing_words(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
+    """Say how the points are spaced, and whether their mean is the centre."""
+    spacing = turn.spacing
+    instead = "" if spacing.is_even(within_deg=target_deg) or not is_mean else "; use --method ellipse"
+    return (
+        f"{counted(spacing.points, 'point')}, widest gap {spacing.widest_gap_deg:.0f}°, first harmonic "
+        f"{spacing.first:.3f}, second {spacing.second:.3f}: {evenness(turn, target_deg, is_mean=is_mean)}{instead}"
+    )
+
+
+def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
+    """Say what the spacing of the points costs, or would cost, those who take the mean."""
+    spacing = turn.spacing
+    if spacing.cost_deg < NEGLIGIBLE * target_deg:
+        return "evenly spaced, the mean can be trusted"
+    cost = f"the mean {'costs' if is_mean else 'would cost'} up to {degrees(spacing.cost_deg)} of heading"
+    if spacing.is_even(within_deg=target_deg):
+        return f"{cost}, within the target of {target_deg:g}°"
+    return f"not evenly spaced, {cost}"
+
+
+def _composed(composed: Fit, after: str | None) -> RenderableType:
+    """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
+    error = composed.heading_error_deg
+    words = good_to(error, composed.target_deg) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
+    basis = f"{in_words(turns_of(composed.method))}; held level, dip {error.dip_deg:g}°"
+    said = _graded(composed.verdict, f"{words}, with these limits:", basis)
+    title = Text(f"composed with {after}, to be loaded in its place", "bold")
+    result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
+    return Group(page(result, said), findings(composed.findings))

@@ -4,16 +4,19 @@ The file needs nothing else: no server, no network, and no script but that of th
 sorted by choosing one of several orders, which a browser does without a script. What comes from files is escaped, and a
 Content-Security-Policy lets nothing run but the page's own script. Its size does not grow with the fleet.
 
->>> when(1.7e9), when(float("nan"))
-('2023-11-14', '–')
+What is shown are values that `flinders.fleet` fills in. Counts add, so that a table of any length is gone through in
+parts:
 
-Its figures are distributions, shares of verdicts or states, and a map of hardware batches. Colours are classes of the
-style sheet, as in `flinders.report.figures`, so that a figure is the same text in light, in dark and on paper. A batch
-stands out where its share of rows without a good verdict is more than chance explains.
+>>> whole = Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0])
+>>> parts = Histogram.over(0.01, 100.0, 40).counted([0.2]) + Histogram.over(0.01, 100.0, 40).counted([0.3, 5.0])
+>>> whole.counts == parts.counts, whole.total
+(True, 3)
+
+A batch stands out where its share of rows without a good verdict is more than chance explains:
 
 >>> standing_out({"A": {"good": 950, "refused": 50}, "B": {"good": 60, "refused": 40}})
 {'B': True}
->>> figure = distribution(Histogram.over(0.01, 100.0, 40).counted([0.2, 0.3, 5.0]), "degrees", target=1.0)
+>>> figure = distribution(whole, "degrees", target=1.0)
 >>> figure.startswith("<svg"), "style=" in figure
 (True, False)
 """
@@ -22,9 +25,10 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -32,21 +36,248 @@ from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import CATALOGUE, action
 from flinders.report.charts import Axis, Plot, chart, segment, text
-from flinders.report.fleet_view import (
-    STATES,
-    SUMS_ALONE,
-    Histogram,
-)
 from flinders.report.formatting import as_sentence, date_of, degrees
-from flinders.report.html_file import html_file, joined, style_of
+from flinders.report.html_file import START, html_file, joined, style_of
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping, Sequence
 
-    from flinders.report.fleet_view import BatchDrift, FleetDrift, Histogram, Overview, UnitDrift
+    from numpy.typing import ArrayLike
+
+STATES: Final = {
+    "recalibrate": "the heading changed by more than the target, and by more than chance explains",
+    "unsure": "changed by more than the target as far as was seen, or recorded too poorly to tell: record again",
+    "changed": "changed by more than chance explains, and less than the target",
+    "unordered": "nothing tells in what order it was recorded: put dates into the names of recordings",
+    "steady": "did not change by more than chance explains",
+    "single": "has one calibration alone",
+    "none": "has no calibration",
+}
+"""What each state of a unit means, in the order of urgency."""
+SUMS_ALONE: Final = (
+    "outliers, drift and correlated residuals went unnoticed: headings are as good where there are none, but 3 "
+    "times further off than claimed where residuals are correlated, and 10 times with 1 % of outliers"
+)
+"""What fits from sums alone, which tables of earlier releases may hold, have cost."""
+
+PRINTED: Final = {"session": "claims_too_small", "walk_deg": "walk_deg_per_root_year"}
+"""Names in JSON, where they are not those of the attributes."""
+STEPS: Final = {
+    "count": "step_count", "units": "step_units", "gaps": "gaps", "gap_chance": "step_chance", "largest": "steps",
+}  # fmt: skip
+"""What stands under ``steps`` in JSON, by the attribute."""
 
 
-START: Final = "m0.theming(() => {});"
+@dataclass(frozen=True, slots=True)
+class Histogram:
+    """Numbers counted in classes whose ends grow by one factor; what lies beyond counts in the outermost."""
+
+    low: float  # end of the first class
+    high: float  # end of the last class
+    counts: tuple[int, ...]
+
+    @classmethod
+    def over(cls, low: float, high: float, classes: int) -> Self:
+        """Nothing counted yet."""
+        return cls(low, high, (0,) * classes)
+
+    @property
+    def edges(self) -> tuple[float, ...]:
+        """Ends of the classes, one more than there are classes."""
+        return tuple(np.geomspace(self.low, self.high, len(self.counts) + 1).tolist())
+
+    @property
+    def total(self) -> int:
+        """How many were counted."""
+        return sum(self.counts)
+
+    def counted(self, numbers: ArrayLike) -> Self:
+        """With more numbers; those that are not known are left out."""
+        values = np.asarray(numbers, float)
+        values = values[np.isfinite(values)].clip(self.low, self.high)
+        counts, _ = np.histogram(values, np.array(self.edges))
+        return replace(self, counts=tuple((np.array(self.counts) + counts).tolist()))
+
+    def share_above(self, limit: float) -> float:
+        """Share of the numbers above a limit, to the width of a class."""
+        above = sum(count for edge, count in zip(self.edges[1:], self.counts, strict=True) if edge > limit)
+        return above / self.total if self.total else 0.0
+
+    def quantile(self, share: float) -> float:
+        """The number that a share of all lies below, to the width of a class; NaN where there is none.
+
+        >>> round(Histogram.over(1.0, 100.0, 200).counted(np.linspace(1.0, 99.0, 981)).quantile(0.5))
+        50
+        """
+        if not self.total:
+            return float("nan")
+        below = np.concatenate([[0.0], np.cumsum(self.counts) / self.total])
+        return float(np.exp(np.interp(share, below, np.log(self.edges))))
+
+    def __add__(self, other: Histogram) -> Histogram:
+        counts = tuple(a + b for a, b in zip(self.counts, other.counts, strict=True))
+        return Histogram(self.low, self.high, counts)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: median and tails."""
+        quantiles = {"median": 0.5, "p95": 0.95, "p99": 0.99}
+        return {"count": self.total} | {name: self.quantile(share) for name, share in quantiles.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class FleetUnit:
+    """One row that a table of the report shows."""
+
+    unit: str
+    recording: str
+    verdict: str
+    code: str
+    message: str
+    worst_deg: float
+    offset: float  # length, as a share of the field
+    noise: float  # as a share of the field
+    radius: float
+    unit_of_field: str
+    findings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Overview:
+    """A table of a fleet in numbers that fit on a page."""
+
+    tables: tuple[str, ...]  # names of the files
+    rows: int
+    units: int
+    verdicts: Mapping[str, int]  # rows of each
+    heading_deg: Histogram  # worst heading error
+    offset: Histogram  # length, as a share of the field
+    noise: Histogram  # as a share of the field
+    field: Mapping[str, Histogram]  # field strengths, by their unit
+    findings: Mapping[str, int]  # rows that have each
+    codes: Mapping[str, tuple[int, str, str]]  # of those refused or failed: rows, one of the units, what was said of it
+    methods: Mapping[str, int]
+    batches: Mapping[str, Mapping[str, int]]  # rows of each verdict; empty where no hardware batches are known
+    batch_of: str  # where the batch is taken from, in words
+    worst: Mapping[str, tuple[FleetUnit, ...]]  # rows with the largest "heading error", "offset" and "noise"
+    target_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class UnitDrift:
+    """How one unit's newest calibration differs from its reference; angles are at the worst level heading."""
+
+    unit: str
+    batch: str
+    state: str
+    recordings: int  # of which there is a calibration
+    reference: str  # the two recordings
+    newest: str
+    reference_s: float  # when they were made, since 1970; NaN where no date is known
+    newest_s: float
+    worst_deg: float  # difference in heading
+    rms_deg: float
+    sigma_deg: float  # 1 σ of the worst
+    offset_deg: float  # of the change of the offset alone
+    offset_sigma_deg: float
+    matrix_deg: float  # of the change of the matrix alone
+    matrix_sigma_deg: float
+    moved: float  # how far the offset went, in `unit_of_field`
+    p_value: float  # how often chance makes as much
+    unit_of_field: str
+
+
+@dataclass(frozen=True, slots=True)
+class UnitStep:
+    """A step of a unit's offset between two recordings."""
+
+    unit: str
+    before: str  # the recordings
+    after: str
+    before_s: float  # when they were made, since 1970; NaN where no date is known
+    after_s: float
+    worst_deg: float  # what it turns the heading by, at the worst heading
+    moved: tuple[float, ...]  # x, y, z, in `unit_of_field`
+    p_value: float
+    unit_of_field: str
+
+
+@dataclass(frozen=True, slots=True)
+class BatchDrift:
+    """How the units of one hardware batch changed."""
+
+    batch: str  # empty for the units of which it is not known
+    units: int
+    states: Mapping[str, int]  # units in each state that some are in
+    stepped: int  # units that have a step
+    verdicts: Mapping[str, int]  # recordings of each
+    stands_out: tuple[str, ...]  # of what it has more than chance explains: "changes", "steps", "verdicts" not good
+
+    @property
+    def changed(self) -> int:
+        """Units that changed by more than chance explains."""
+        return self.states.get("recalibrate", 0) + self.states.get("changed", 0)
+
+    @property
+    def not_good(self) -> tuple[int, int]:
+        """Recordings without a good verdict, of how many."""
+        return _bad(self.verdicts), sum(self.verdicts.values())
+
+
+@dataclass(frozen=True, slots=True)
+class Undated:
+    """Units whose recordings have an order and no dates, and how these scatter."""
+
+    units: int  # with two calibrations or more
+    session: float  # factor on claimed variances
+    walk_deg: float  # 1 σ of the heading that slow drift makes from one recording to the next
+    pairs: int  # of recordings that both rest on
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        printed = PRINTED | {"walk_deg": "walk_deg_per_root_recording"}
+        return {printed.get(name, name): value for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True, slots=True)
+class FleetDrift:
+    """How a fleet changed."""
+
+    units: int
+    calibrations: int
+    left_out: int  # rows that give no calibration
+    passed_over: int  # rows that a later table has as well
+    states: Mapping[str, int]  # units in each of `STATES`
+    change_deg: Histogram  # worst heading difference of units with two calibrations or more
+    listed: tuple[UnitDrift, ...]  # to recalibrate, and unsure ones; the worst first, no more than were asked for
+    steps: tuple[UnitStep, ...]  # the largest, no more than were asked for
+    step_count: int
+    step_units: int
+    gaps: int  # gaps that were tested for a step
+    step_chance: float  # a gap is reported where chance makes as much less often
+    change_chance: float  # and so is a change
+    chance: float  # how often chance alone reports a change of a fleet in which nothing moved; and so of steps
+    session: float  # factor on claimed variances, of units whose recordings have dates
+    walk_deg: float  # 1 σ of the heading that their slow drift makes in a year
+    pairs: int  # of recordings that both rest on
+    undated: Undated
+    unordered: tuple[str, ...]  # units whose order of recordings is not known, no more than were asked for
+    batches: tuple[BatchDrift, ...]  # by name; empty where none are known
+    batch_of: str  # where the batch is taken from, in words
+    target_deg: float
+    dip_deg: float
+    against: str  # "first" or "previous"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: what ``--json`` prints."""
+        fields: dict[str, Any] = asdict(self)
+        fields |= {"change_deg": self.change_deg.as_dict(), "undated": self.undated.as_dict()}
+        fields["steps"] = {name: fields.pop(field) for name, field in STEPS.items()}
+        fields["batches"] = {"told_by": fields.pop("batch_of"), "each": fields["batches"]}
+        return {PRINTED.get(name, name): value for name, value in fields.items()}
+
+
+# ----------------------------------------------------------------------------------------------------------- the page
+
 VERDICTS: Final = {
     "good": "good",
     "limited": "good with limits",
@@ -62,17 +293,7 @@ FAIR: Final = 0.02
 
 
 def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence[str] = ()) -> str:
-    """Write a fleet as one HTML file.
-
-    Parameters
-    ----------
-    overview : Overview
-        Of the table.
-    drift : FleetDrift, optional
-        How its units changed.
-    notes : sequence of str
-        What else to know, in sentences.
-    """
+    """Write a fleet as one HTML file, with how its units changed where that is known, and notes, a sentence each."""
     about = [] if drift is None else [as_sentence(words) for words in about_order(drift)]
     given = {
         "overview": overview,
@@ -176,27 +397,25 @@ def _figures(overview: Overview, drift: FleetDrift | None) -> dict[str, Any]:
 
 def _distributions(overview: Overview) -> list[tuple[str, str, str]]:
     """Title, words and figure of each number that a fleet has a distribution of."""
-    fields = [(f"Field strength, {label(unit)}", counts, label(unit), "") for unit, counts in overview.field.items()]
+    fields = [
+        (f"Field strength, {label(unit)}", counts, label(unit), "", None) for unit, counts in overview.field.items()
+    ]
     listed = [
-        ("Offset", overview.offset, "length, in field strengths", ""),
-        ("Noise", overview.noise, "% of the field", "%"),
+        ("Worst heading error", overview.heading_deg, "degrees, 1 σ", "°", overview.target_deg),
+        ("Offset", overview.offset, "length, in field strengths", "", None),
+        ("Noise", overview.noise, "% of the field", " %", None),
         *fields,
     ]
-    worst, target = overview.heading_deg, overview.target_deg
-    heading = (
-        "Worst heading error",
-        quantile_words(worst, "°"),
-        distribution(worst, "degrees, 1 σ", target=target),
-    )
-    return [heading] * bool(worst.total) + [
-        (
-            title,
-            quantile_words(counts, unit),
-            distribution(counts, words, factor=100.0 if unit else 1.0),
-        )
-        for title, counts, words, unit in listed
+    return [
+        (title, quantile_words(counts, unit), distribution(counts, words, target=target, factor=_factor(unit)))
+        for title, counts, words, unit, target in listed
         if counts.total
     ]
+
+
+def _factor(unit: str) -> float:
+    """By which shown numbers are larger than those counted."""
+    return 100.0 if unit == " %" else 1.0
 
 
 def _share(value: float) -> str:
@@ -217,20 +436,11 @@ SEEN: Final = 0.004
 def distribution(histogram: Histogram, words: str, *, target: float | None = None, factor: float = 1.0) -> str:
     """Numbers counted on a logarithmic axis, with their median, and what is above the target in another colour.
 
-    Parameters
-    ----------
-    histogram : Histogram
-    words : str
-        What stands below the axis.
-    target : float, optional
-        The largest number that is good enough.
-    factor : float
-        By which numbers on the axis are larger than those counted.
+    `words` stand below the axis, whose numbers are larger by `factor` than those counted.
     """
     low, high = _ends(histogram)
     edges, counts = histogram.edges[low : high + 1], histogram.counts[low:high]
-    most = max(counts, default=1) or 1
-    plot = Plot(16, 22, WIDE - 28, 124, Axis(edges[0], edges[-1], np.log), Axis(0.0, most))
+    plot = Plot(16, 22, WIDE - 28, 124, Axis(edges[0], edges[-1], np.log), Axis(0.0, max(counts, default=1) or 1))
     is_above = [target is not None and first * last > target**2 for first, last in itertools.pairwise(edges)]
     parts = [plot.columns(_decades(edges[0], edges[-1], factor), gap=27)]
     for kind, is_kind in (("bar", False), ("bar above", True)):
@@ -243,8 +453,7 @@ def distribution(histogram: Histogram, words: str, *, target: float | None = Non
     middle = histogram.quantile(0.5)
     if math.isfinite(middle):
         parts.append(text(plot.x(min(max(middle, edges[0]), edges[-1])), plot.bottom + 14, "▲", kind="name"))
-    parts.append(text(plot.middle, HIGH - 4, words))
-    return chart(WIDE, HIGH, f"Distribution: {words}", *parts)
+    return chart(WIDE, HIGH, f"Distribution: {words}", *parts, text(plot.middle, HIGH - 4, words))
 
 
 def shares(counts: Mapping[str, int], kinds: Sequence[str] = tuple(VERDICTS)) -> list[tuple[str, float, float]]:
@@ -358,9 +567,8 @@ def quantile_words(histogram: Histogram, unit: str) -> str:
     """
     if not histogram.total:
         return "none is known"
-    factor, sign = (100.0, " %") if unit == "%" else (1.0, unit)
-    middle, most = (figures(factor * histogram.quantile(share)) for share in (0.5, 0.95))
-    return f"median {middle}{sign}, 95 % below {most}{sign}"
+    middle, most = (figures(_factor(unit) * histogram.quantile(share)) for share in (0.5, 0.95))
+    return f"median {middle}{unit}, 95 % below {most}{unit}"
 
 
 FILTERS: Final = {

@@ -1,4 +1,11 @@
-"""Numbers as reports write them: angles, values with their uncertainty, matrices."""
+"""Numbers and words as every report writes them: angles, values with their uncertainty, matrices, and what a fit says.
+
+>>> import flinders
+>>> from flinders import simulate
+>>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
+>>> mounting(flinders.fit(boat, aiding=("rate", "dip")))
+'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.75° (1 σ)'
+"""
 
 from __future__ import annotations
 
@@ -8,6 +15,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import figures
+from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.fitting.advice import UPSIDE_DOWN
+from flinders.fitting.verdict import OF_THE_RECORDING
+from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,9 +26,14 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
+    from flinders.core.disturbance import Disturbance
+    from flinders.findings import Finding
+    from flinders.fitting.result import Fit
 
 FINEST: Final = 2e-4
 """Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
+SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
+"""What each aiding sensor is called."""
 DECIMALS: Final = 6
 """Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
@@ -25,8 +41,7 @@ DECIMALS: Final = 6
 def with_uncertainty(value: float, sigma: float, *, finest: float = math.inf) -> str:
     """Write a number to the second digit of its standard deviation, and to a multiple of `finest` at the least.
 
-    Errors of several numbers may cancel, as those of a level turn's offset and shape do: then each of them matters to
-    more digits than its own uncertainty says.
+    Where errors of several numbers cancel, each matters to more digits than its own uncertainty says.
 
     >>> with_uncertainty(-17.0318, 15.3, finest=0.01)
     '-17.03 ± 15'
@@ -159,3 +174,51 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
     """Rows of numbers, each column padded to stand on its decimal points."""
     columns = (on_the_point(column) for column in zip(*rows, strict=True))
     return [list(row) for row in zip(*columns, strict=True)]
+
+
+# ------------------------------------------------------------------------------------------------------- words on a fit
+
+
+def shown_findings(fit: Fit) -> list[Finding]:
+    """Findings that a page shows: of a refused fit those that limit it or refuse it, and notes on the recording."""
+    if fit.verdict != "refused":
+        return list(fit.findings)
+    return [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
+
+
+def mounting(fit: Fit) -> str:
+    """What the mounting of the sensor adds to the heading error; empty where that is not known.
+
+    An estimated rotation is observed by an aiding sensor; one that was stated is observed by nothing.
+    """
+    error = fit.alignment_error_deg
+    if error is None:
+        return ""
+    if fit.calibration.rotation != "estimated":
+        return f"the mounting adds {degrees(error)} (1 σ), which no magnetometer can see"
+    who = sources(fit)
+    if not error < ANY_ANGLE_DEG:
+        return f"how the axes sit in the body is not told by {who}: no heading of the body is known"
+    return f"how the axes sit in the body, as {who} tell{'' if ' and ' in who else 's'} it, adds {degrees(error)} (1 σ)"
+
+
+def reach(limit_deg: float) -> str:
+    """Up to which tilt a heading is as good as was asked for."""
+    return "at any attitude" if limit_deg >= UPSIDE_DOWN else f"up to {limit_deg:.0f}° of tilt"
+
+
+def sources(fit: Fit) -> str:
+    """The aiding sensors that are in the fit."""
+    each = () if fit.aiding is None else fit.aiding.each
+    names = [SOURCES[aid.name] for aid in each if aid.kept and aid.name in SOURCES]
+    return f"the {' and '.join(names)}" if names else "what was recorded beside"
+
+
+def with_unit(disturbance: Disturbance) -> str:
+    """A disturbance with its unit, as an axis says it.
+
+    >>> from flinders.core.disturbance import Disturbance
+    >>> with_unit(Disturbance("current", [0, 0, 0])), with_unit(Disturbance("throttle", [0, 0, 0]))
+    ('current, A', 'throttle')
+    """
+    return f"{disturbance.name},{disturbance.kind.unit}" if disturbance.kind.unit else disturbance.name

@@ -1,17 +1,7 @@
-"""Headings on the terminal, and a swing: how good they are, where north is, coefficients, card and curve.
-
-The curve of a swing over the compass heading is drawn as SVG too: a band of 1 σ, the curve, what was observed and how
-far off it is.
-
->>> from flinders.heading.deviation import fit
->>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
->>> drawing(swing).startswith("<svg"), drawing(swing).count("<circle")
-(True, 8)
-"""
+"""Headings and a swing as pages for the terminal: how good they are, where north is, coefficients, card and curve."""
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -26,9 +16,7 @@ from flinders.heading.axis_consistency import OPPOSITE, remedy
 from flinders.heading.compass import AS_THEY_ARE, LEVEL
 from flinders.heading.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.heading.stationary import hard_iron
-from flinders.report import charts
-from flinders.report.charts import COMPASS_POINTS, Axis, Plot, segment, text
-from flinders.report.formatting import degrees, minus, with_uncertainty
+from flinders.report.formatting import degrees, with_uncertainty
 from flinders.report.terminal import axis_end, dotted, facts, notes, page, table, verdict
 
 if TYPE_CHECKING:
@@ -60,22 +48,11 @@ def of_headings(
     plausible: bool,
     turned: Axes = AS_THEY_ARE,
 ) -> RenderableType:
-    """Lay out a run for a rich console.
+    """Lay out a run of headings.
 
-    Parameters
-    ----------
-    voyage : Voyage
-    formula : str
-        By which tilt was taken off, or ``level``.
-    site : SiteField, optional
-    declination_deg : float, optional
-        What true headings were made with.
-    claims : mapping
-        ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which comes from ``dip_from``.
-    plausible : bool
-        Corrected readings are about as long as they should be.
-    turned : Axes
-        How the acceleration was turned.
+    `formula` is by which tilt was taken off, or ``level``; `declination_deg` is what true headings were made with;
+    `claims` has ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which is from ``dip_from``;
+    corrected readings are about as long as they should be where `plausible`; `turned` is how the acceleration was.
     """
     how = "from x and y alone, level" if formula == LEVEL else f"tilt taken off ({formula})"
     known = [
@@ -123,13 +100,7 @@ def _dip(voyage: Voyage, site: SiteField | None) -> str:
 
 
 def _heading_notes(
-    voyage: Voyage,
-    formula: str,
-    site: SiteField | None,
-    claims: Mapping[str, Any],
-    *,
-    plausible: bool,
-    turned: Axes,
+    voyage: Voyage, formula: str, site: SiteField | None, claims: Mapping[str, Any], *, plausible: bool, turned: Axes
 ) -> Iterator[tuple[str, str]]:
     """What limits the headings, and what to do."""
     if not plausible:
@@ -141,26 +112,30 @@ def _heading_notes(
     if site is not None and site.doubt:
         yield "limits", site.doubt
     if voyage.without:
-        yield (
-            "note",
-            f"{counted(voyage.without, 'reading')} without a heading (nan): a number is missing, or x is vertical",
+        missing = counted(voyage.without, "reading")
+        yield "note", f"{missing} without a heading (nan): a number is missing, or x is vertical"
+    yield from _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, turned)
+
+
+def _level_notes(voyage: Voyage, claims: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    cost = float(np.tan(np.deg2rad(abs(claims["dip_deg"]))))
+    yield "note", f"each degree of tilt turns a level heading by up to {cost:.1f}°"
+    if _is_z_up(voyage, claims):
+        words = (
+            "the vertical field points along −z: z is up and level headings run backwards, unless the site is in "
+            "the other hemisphere (--dip): calibrate with --axes x,-y,-z"
         )
-    if formula == LEVEL:
-        cost = float(np.tan(np.deg2rad(abs(claims["dip_deg"]))))
-        yield "note", f"each degree of tilt turns a level heading by up to {cost:.1f}°"
-        if _is_z_up(voyage, claims):
-            words = (
-                "the vertical field points along −z: z is up and level headings run backwards, unless the site is in "
-                "the other hemisphere (--dip): calibrate with --axes x,-y,-z"
-            )
-            yield "limits", words
-        return
+        yield "limits", words
+
+
+def _tilted_notes(voyage: Voyage, formula: str, site: SiteField | None, turned: Axes) -> Iterator[tuple[str, str]]:
     if formula == "an3192":
         yield "limits", "an3192 is wrong where roll and pitch come together, by 10° at 20° of each: use exact"
     if voyage.frames.readings and voyage.shaken > MANY * voyage.readings:
         share = voyage.shaken / voyage.readings
         yield "note", f"in {share:.0%} of the readings the acceleration was not that of gravity: their tilt is off"
-    yield from _dip_notes(voyage, site, turned)
+    if voyage.frames.readings:
+        yield from _dip_notes(voyage, site, turned)
     yield "note", "a constant error of mounting is unseen: compare with a known heading"
 
 
@@ -174,8 +149,6 @@ def _is_z_up(voyage: Voyage, claims: Mapping[str, Any]) -> bool:
 
 def _dip_notes(voyage: Voyage, site: SiteField | None, turned: Axes) -> Iterator[tuple[str, str]]:
     """What the dip shows of iron, axes and the sign of the acceleration."""
-    if not voyage.frames.readings:
-        return
     dip, scatter = voyage.frames.dip_deg
     if site is None and dip < 0.0:
         words = (
@@ -218,7 +191,7 @@ def of_swing(
     step_deg: float,
     expected: Expected | None = None,
 ) -> RenderableType:
-    """Lay out a swing for a rich console."""
+    """Lay out a swing, and the turns by 180° that were made."""
     blocks: list[RenderableType | None] = [_rests_table(rests) if rests else None]
     if deviation is not None:
         blocks += [_coefficients(deviation, expected), _card(deviation, step_deg)]
@@ -316,15 +289,13 @@ def _card(deviation: Deviation, step_deg: float) -> Text:
     end, half = axis_end(deviation), CURVE_WIDTH // 2
     ends = f"{f'{end:g}° W':<{half}}0{f'{end:g}° E':>{half}}"
     text = Text(no_wrap=True, overflow="ignore")
-    text.append(f"compass   deviation {'± 1 σ' if sigmas is not None else '':7} magnetic   {ends}\n", "dim")
+    text.append(f"compass   deviation {'± 1 σ' if sigmas is not None else '':7} magnetic   {ends}", "dim")
     known = [""] * len(headings) if sigmas is None else [f"± {sigma:<4.2f}°" for sigma in sigmas]
     rows = zip(headings.tolist(), values.tolist(), known, deviation.magnetic(headings).tolist(), strict=True)
     for heading, value, sigma, magnetic in rows:
         curve = dotted(value, end, CURVE_WIDTH, seen=_seen(deviation, heading, step_deg)).rstrip()
-        text.append(
-            f"{shown_heading(heading):>7}  {_sided(value):>10} {sigma:7} {shown_heading(magnetic):>8}   {curve}\n"
-        )
-    text.rstrip()
+        numbers = f"{shown_heading(heading):>7}  {_sided(value):>10} {sigma:7} {shown_heading(magnetic):>8}"
+        text.append(f"\n{numbers}   {curve}")
     return text
 
 
@@ -433,74 +404,3 @@ def _half_turns_verdict(halves: Sequence[HalfTurn], target_deg: float) -> Table:
     )
     advice = ["one pair of headings sees one direction of hard iron: add a pair at 90° to it"] * (len(halves) < 2)
     return verdict("PASSES" if passed else "FAILS", "good" if passed else "refused", words, *advice)
-
-
-# ----------------------------------------------------------------------------------------------- the curve as a drawing
-
-GRID: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0)
-"""Degrees between the lines of the drawing."""
-LINES: Final = 4
-"""Lines above zero, at most, and as many below."""
-
-WIDE, HIGH = 720, 468
-
-NARROW: Final = """\
-.figure .curve { stroke-width: 2.5 }
-@media (max-width: 520px) { .figure text, .figure .title { font-size: 21px } .figure .between { display: none } }
-"""
-"""On a narrow screen letters are larger and every second number is left out."""
-
-
-def drawing(deviation: Deviation) -> str:
-    """Draw a curve and what it was fitted to."""
-    around = np.arange(0.0, 361.0, 2.0)
-    curve, sigma = deviation.at(around), deviation.sigma_at(around)
-    spread = 0.0 if sigma is None else float(sigma.max())
-    largest = 1.04 * (float(np.abs([*curve, *deviation.observed_deg]).max()) + spread)
-    step = next((step for step in GRID if LINES * step >= min(largest, 180.0)), GRID[-1])
-    count = max(math.ceil(min(largest, 180.0) / step), 1)
-    plot = Plot(92, 84, WIDE - 120, HIGH - 182, Axis(0.0, 360.0), Axis(-step * count, step * count))
-    inside = ["" if sigma is None else plot.area("band", around, curve - sigma, curve + sigma)]
-    inside += [plot.line("curve corrected", around, curve), _observed(deviation, plot)]
-    edge = charts.rectangle("", plot.left - 8, plot.top, plot.width + 16, plot.height)
-    parts = [*_head(deviation), _frame(plot, step, count), charts.clipped("inside", edge, *inside)]
-    return charts.drawing(WIDE, HIGH, "Deviation over compass heading", *parts, style=NARROW)
-
-
-def _observed(deviation: Deviation, plot: Plot) -> str:
-    """What was observed, each joined to the curve."""
-    rows = zip(deviation.compass_deg, deviation.observed_deg, deviation.residual_deg, strict=True)
-    return "".join(
-        segment("residual", plot.x(heading), plot.y(observed - residual), plot.x(heading), plot.y(observed))
-        + charts.circle("observed", plot.x(heading), plot.y(observed), 5)
-        for heading, observed, residual in rows
-    )
-
-
-def _head(deviation: Deviation) -> list[str]:
-    """What is drawn, in which colour, and its coefficients."""
-    pairs = zip(NAMES, deviation.coefficients_deg, strict=True)
-    shown = "\N{EM SPACE}".join(minus(f"{name} {value + 0.0:+.2f}°") for name, value in pairs)
-    words = "curve" if deviation.covariance is None else "curve ± 1 σ"
-    return [
-        text(24, 30, "Deviation, magnetic less compass", "start", "title"),
-        text(24, 58, shown, "start"),
-        charts.key(WIDE - 28, 30, ("raw", "seen"), ("corrected", words)),
-    ]
-
-
-def _frame(plot: Plot, step: float, count: int) -> str:
-    """Grid, numbers and names of the axes."""
-    parts = []
-    for place, name in enumerate(COMPASS_POINTS):
-        shown, kind = "360°" if place == 8 else shown_heading(45.0 * place, 0), "between" if place % 2 else ""
-        x = plot.x(45.0 * place)
-        parts.append(plot.upright(45.0 * place, "grid"))
-        parts.append(text(x, plot.bottom + 24, shown, kind=kind) + text(x, plot.bottom + 50, name, kind=kind))
-    for line in range(-count, count + 1):
-        side = " E" if line > 0 else " W" if line < 0 else ""
-        shown, kind = f"{abs(line) * step:.4g}°{side}", "between" if line % 2 else ""
-        y = plot.y(line * step)
-        parts.append(plot.level(line * step, "grid" if line else "zero"))
-        parts.append(text(plot.left - 12, y + 5, shown, "end", kind))
-    return "".join(parts) + text(plot.middle, HIGH - 16, "heading by compass")

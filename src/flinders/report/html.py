@@ -31,6 +31,7 @@ import msgspec
 import numpy as np
 
 from flinders.core.calibration_file import Provenance
+from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
 from flinders.fitting.advice import UPSIDE_DOWN, condition
@@ -40,6 +41,7 @@ from flinders.report import figures as drawing
 from flinders.report.colours import STEPS
 from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
+    SOURCES,
     as_sentence,
     date_of,
     degrees,
@@ -47,19 +49,26 @@ from flinders.report.formatting import (
     matrix_entries,
     minus,
     offset_entries,
+    sources,
+    with_uncertainty,
+    with_unit,
 )
-from flinders.report.html_file import filled, html_file, joined, style_of
-from flinders.report.sections import SOURCES, disturbance_rows, instrument_rows, sources, with_unit
+from flinders.report.html_file import START, filled, html_file, joined, style_of
 from flinders.report.view import matrix_sigma, sentence, tiles_view
 from flinders.targets import registry
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import ArrayLike
+
     from flinders.core.calibration import Calibration
+    from flinders.core.disturbance import Disturbance
     from flinders.core.samples import Recording
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.errors import FitError
+    from flinders.estimators.regressors import DisturbanceEstimate
+    from flinders.fitting.aiding import Aiding
     from flinders.report.view import View
 
 TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
@@ -68,17 +77,8 @@ TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not 
 WITH_3D, WITHOUT_3D = "report.js", "plain.js"
 """The script of a report, and that of one without a 3-D view, which has to be started."""
 
-FILTERS: Final = {
-    "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
-    "label": label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
-}  # fmt: skip
-"""How the page writes numbers."""
-
-START: Final = "m0.theming(() => {});\nm0.copying();"
-
 ASTRAY, NOISY = 0.05, 3.0
 """Of the field, and times the noise of the fit: readings that are farther off (rms) do not go with a calibration."""
-
 
 OPEN_TARGET: Final = "c"
 """Target whose listing stands first, open."""
@@ -86,21 +86,12 @@ OPEN_TARGET: Final = "c"
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """Text to copy from a report: a calibration as a program or board takes it.
-
-    Attributes
-    ----------
-    title : str
-    filename : str
-    text : str
-    notes : tuple of str
-        What to see to before it is used.
-    """
+    """Text to copy from a report: a calibration as a program or board takes it."""
 
     title: str
     filename: str
     text: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what to see to before it is used
 
 
 def page(
@@ -148,7 +139,7 @@ def page(
         "upside_down": UPSIDE_DOWN,
         "parameters": [] if usable is None else _parameters(usable),
         "disturbances": [] if usable is None else disturbance_rows(usable),
-        "listings": [] if usable is None else [_python_listing(usable.calibration), *listings],
+        "listings": [] if usable is None else [_as_python(usable.calibration), *listings],
         "walk": walk,
         "walk_words": "" if walk is None or fit is None else _walk_words(walk, fit),
         "names": SOURCES,
@@ -190,8 +181,7 @@ def goes_with(fit: Fit, drawn: FigureData) -> bool:
     return math.sqrt(float(np.mean(off**2))) <= max(ASTRAY * fit.calibration.field_strength, NOISY * noise)
 
 
-def _python_listing(calibration: Calibration) -> Listing:
-    """The correction as Python."""
+def _as_python(calibration: Calibration) -> Listing:
     return Listing("Python with NumPy", "correction.py", python_of(calibration))
 
 
@@ -235,6 +225,74 @@ def _split(number: str) -> tuple[str, str]:
     return value, sigma
 
 
+def disturbance_rows(fit: Fit) -> list[tuple[str, str, list[tuple[str, str]], str]]:
+    """Each disturbance that the offset depends on: name, unit, offset in x, y and z for one of it, and words."""
+    dip = fit.heading_error_deg.dip_deg
+    known = {estimate.name: estimate for estimate in fit.disturbances if estimate.disturbance is not None}
+    motors = {one.name for one in fit.calibration.disturbances if motor(one.name)[1]}
+    rows = []
+    for place, one in enumerate(fit.calibration.disturbances):
+        taken_deg = fit.calibration.disturbance_deg(one, dip_deg=dip)
+        has_others = one.name in motors and len(motors) > 1
+        words = _disturbance_words(one, taken_deg, known.get(one.name), has_others=has_others)
+        unit = f"{label(fit.calibration.unit)} per {one.kind.per}"
+        rows.append((one.name.capitalize(), unit, _disturbance_offsets(fit, one, place), words))
+    return rows
+
+
+def _disturbance_offsets(fit: Fit, disturbance: Disturbance, place: int) -> list[tuple[str, str]]:
+    """Value and uncertainty of each axis; no uncertainty where none is known."""
+    values = disturbance.per_unit.tolist()
+    if fit.disturbances_covariance is None:
+        return [_split(f"{value:.4g}") for value in values]
+    first = 9 + 3 * place
+    sigma = np.sqrt(np.diag(fit.disturbances_covariance)[first : first + 3]).tolist()
+    return [_split(with_uncertainty(*pair)) for pair in zip(values, sigma, strict=True)]
+
+
+def _disturbance_words(
+    disturbance: Disturbance, taken_deg: float, estimate: DisturbanceEstimate | None, *, has_others: bool
+) -> str:
+    """In which range it was recorded, what it does to a heading, and what is left of that; reference, lag and gain."""
+    amount, left = disturbance.amount, ""
+    if estimate is not None:
+        running = " and the other motors run along as they did then" if has_others else ""
+        left = f", of which {degrees(estimate.left_deg)} (1 σ) is left when it is followed{running}"
+    parts = [
+        f"recorded from {disturbance.lowest:.3g} to {amount(disturbance.highest)}",
+        f"at {amount(disturbance.farthest)} it moves headings by up to {degrees(taken_deg)}{left}",
+    ]
+    if disturbance.reference:
+        parts.append(f"the offset of the table below is that at {amount(disturbance.reference)}")
+    if disturbance.lag_s:
+        side = "later" if disturbance.lag_s > 0 else "earlier"
+        parts.append(f"readings follow {abs(disturbance.lag_s):.2g} s {side}")
+    if disturbance.gain_per_unit:
+        parts.append(f"the scale grows by {figures(100.0 * disturbance.gain_per_unit)} % per °C")
+    return minus(f"{'; '.join(parts)}.")
+
+
+def instrument_rows(aiding: Aiding) -> list[tuple[str, str]]:
+    """Biases and delays of the aiding sensors: name, and number with its uncertainty."""
+    known = (
+        ("Dip of the field", aiding.dip_deg, aiding.dip_sigma_deg, 1.0, "°"),
+        ("Bias of the gyro, °/s", aiding.gyro_bias, aiding.gyro_bias_sigma, math.degrees(1.0), ""),
+        ("Bias of the accelerometer, m/s²", aiding.acceleration_bias, aiding.acceleration_bias_sigma, 1.0, ""),
+        ("Magnetometer behind the gyro", aiding.delay_s, aiding.delay_sigma_s, 1e3, " ms"),
+    )
+    return [
+        (name, minus(f"{', '.join(with_uncertainty(*pair) for pair in _pairs(value, sigma, factor))}{unit}"))
+        for name, value, sigma, factor, unit in known
+        if value is not None
+    ]
+
+
+def _pairs(value: ArrayLike, sigma: ArrayLike | None, factor: float) -> list[tuple[float, float]]:
+    """One number or several in another unit, each with its uncertainty."""
+    pairs = np.broadcast_arrays(np.ravel(value), 0.0 if sigma is None else sigma)
+    return [(float(number), float(its)) for number, its in factor * np.transpose(pairs)]
+
+
 # ----------------------------------------------------------------------------------------------------- what is drawn
 
 
@@ -244,10 +302,8 @@ def _figures(drawn: FigureData | None, fit: Fit | None, walk: RandomWalk | None)
     if drawn is None or not len(drawn.raw):
         return drawings
     view, target = drawn.view, 1.0 if fit is None else fit.target_deg
-    drawings |= {
-        "before": drawing.projections(drawn, is_corrected=False),
-        "pictures": drawing.pictures(drawn, target),
-    }
+    drawings["before"] = drawing.projections(drawn, is_corrected=False)
+    drawings["pictures"] = drawing.pictures(drawn, target)
     if view is None or view.shown is None:
         return drawings
     drawings |= {
@@ -280,13 +336,22 @@ def _data(drawn: FigureData, view: View, fit: Fit | None) -> str:
 
 def _script(*, has_view: bool) -> tuple[str, bool]:
     """The script, and whether it has the 3-D view."""
-    try:
-        return f"\n{joined(WITH_3D)}\n" if has_view else f"\n{joined(WITHOUT_3D)}\n{START}\n", has_view
-    except FileNotFoundError:
-        return f"\n{joined(WITHOUT_3D)}\n{START}\n", False
+    if has_view:
+        try:
+            return f"\n{joined(WITH_3D)}\n", True
+        except FileNotFoundError:  # installed without the bundle
+            pass
+    return f"\n{joined(WITHOUT_3D)}\n{START}\nm0.copying();\n", False
 
 
 def _style() -> str:
     """The style sheet, with the colours of the maps."""
     steps = [*(f"e{step}" for step in range(STEPS)), "unknown", *(f"s{level}" for level in range(5))]
     return style_of() + "\n".join(f".{name} {{ fill: var(--{name}); }}" for name in steps)
+
+
+FILTERS: Final = {
+    "counted": counted, "figures": figures, "degrees": degrees, "sentence": as_sentence, "instruments": instrument_rows,
+    "label": label, "strength": length, "date": date_of, "minus": minus, "sources": sources,
+}  # fmt: skip
+"""How the page writes numbers."""

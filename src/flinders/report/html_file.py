@@ -36,21 +36,14 @@ if TYPE_CHECKING:
 
 SHEETS: Final = ("figure.css", "report.css")
 """Style sheets of every report."""
+START: Final = "m0.theming(() => {});"
+"""How the script of a page without a 3-D view is started."""
 
 
 def html_file(template: str, given: Mapping[str, Any], *, style: str, script: str, filters: Mapping[str, Any]) -> str:
     """Fill in a template of this package that is a page.
 
-    Parameters
-    ----------
-    template : str
-        Name of its file.
-    given : mapping of str to Any
-        What it takes by name, besides `style`, `script` and their hashes.
-    style, script : str
-        What the page may use, and nothing else.
-    filters : mapping of str to function
-        How it writes numbers.
+    `style` and `script` are what the page may use, and nothing else; `filters` say how it writes numbers.
     """
     hashes = {"style_hash": _hash(style), "script_hash": _hash(script)}
     return filled(template, {**given, "style": style, "script": script, **hashes}, filters) + "\n"
@@ -105,12 +98,7 @@ class NotJoined(Exception):
 def joined(entry: str = "report.js", *, exported: Sequence[str] = ()) -> str:
     """Join a module of ``static`` and all that it imports into the text of one module script.
 
-    Parameters
-    ----------
-    entry : str
-        Path within ``static``.
-    exported : sequence of str
-        What the script exports of what the module does; a page imports that by name.
+    The script exports what is named in `exported` of what the module does; a page imports that by name.
 
     Raises
     ------

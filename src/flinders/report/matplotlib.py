@@ -73,19 +73,7 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
 
 
 def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
-    """Draw a part, or all of them below each other.
-
-    Parameters
-    ----------
-    drawn : FigureData
-    fit : Fit
-        Good or limited.
-    what : str
-        ``all`` or a key of `PARTS`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
+    """Draw a part of a good or limited fit, one of `PARTS`, or all of them below each other.
 
     Raises
     ------
@@ -97,7 +85,9 @@ def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
     matplotlib = matplotlib_of()
     if what != "all" and what not in PARTS:
         raise UsageError(f"figure {what!r} is not known: use all or one of {', '.join(PARTS)}")
-    names = [name for name in (PARTS if what == "all" else (what,)) if _is_known(drawn, name)]
+    view = drawn.view
+    known = [] if view is None else [name for name in PARTS if name != "deviation" or view.turn is not None]
+    names = [name for name in known if what in ("all", name)]
     if not names:
         raise UsageError(f"nothing is known to draw {what} from: the calibration states no uncertainty")
     heights = [PARTS[name][0] for name in names]
@@ -200,12 +190,11 @@ class AxesCanvas:
 def _draw(axes: Axes, panel: Panel, title: str = "") -> None:
     """Draw a panel of the report."""
     panel.draw(AxesCanvas(axes))
-    axes.set(xlim=panel.x, ylim=panel.y, xlabel=panel.x_words, ylabel=panel.y_words)
-    axes.set_title(title, color=INK, weight="bold")
-
-
-def _is_known(drawn: FigureData, name: str) -> bool:
-    return drawn.view is not None and (name != "deviation" or drawn.view.turn is not None)
+    ends = {"xlim": (panel.x.low, panel.x.high), "ylim": (panel.y.low, panel.y.high)}
+    axes.set(**ends, xlabel=panel.x_words, ylabel=panel.y_words)
+    if panel.y_ticks:
+        axes.set_yticks(*zip(*panel.y_ticks, strict=True))
+    axes.set_title(title or panel.title, color=INK, weight="bold")
 
 
 def _projections(part: SubFigure, drawn: FigureData, _: Fit) -> None:
@@ -223,12 +212,11 @@ def _projections(part: SubFigure, drawn: FigureData, _: Fit) -> None:
 def _deviation(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
     """What the raw compass is off over the heading, and 1 σ and 2 σ of the corrected one."""
     assert drawn.view is not None
-    above, below = part.subplots(2, 1, sharex=True)
-    for axes, panel in zip((above, below), drawing.deviations(drawn.view, fit.target_deg), strict=True):
+    both = part.subplots(2, 1, sharex=True)
+    for axes, panel in zip(both, drawing.deviations(drawn.view, fit.target_deg), strict=True):
         _draw(axes, panel)
-    above.set_title("deviation of a level vehicle", color=INK, weight="bold")
-    above.set_xlabel("")
-    below.set(xticks=np.arange(0.0, 361.0, 45.0), xlabel="heading, °")
+        axes.set(xticks=np.arange(0.0, 361.0, 45.0), xlabel="")
+    both[1].set_xlabel("heading of a level vehicle, °")
 
 
 def _residuals(part: SubFigure, drawn: FigureData, _: Fit) -> None:
@@ -246,14 +234,12 @@ def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
 
     view, target = drawn.view, fit.target_deg
     assert view is not None
-    maps = {
-        "predicted error": (drawing.error_classes(view, target), drawing.error_legend(target)),
-        "readings": (drawing.seen_classes(view), drawing.seen_legend(view)),
-    }
+    maps = (
+        ("predicted error", drawing.error_classes(view, target), drawing.error_legend(target), "left"),
+        ("readings", drawing.seen_classes(view), drawing.seen_legend(view), "right"),
+    )
     grid = part.subplots(1, 4).reshape(2, 2)
-    for pair, place, (title, (classes, legend)) in zip(
-        grid, ("outside lower left", "outside lower right"), maps.items(), strict=True
-    ):
+    for pair, (title, classes, legend, side) in zip(grid, maps, strict=True):
         for axes, up in zip(pair, (1.0, -1.0), strict=True):
             _draw(axes, drawing.hemisphere_panel(classes, up))
             axes.set_title(f"{title}, {'+z' if up > 0.0 else '−z'}", color=INK, fontsize=9)
@@ -262,7 +248,7 @@ def _coverage(part: SubFigure, drawn: FigureData, fit: Fit) -> None:
             for x, name in ((1.55, "+x"), (-1.55, "−x")):
                 axes.text(x, 0.0, name, color=FAINT, fontsize=7, ha="center", va="center")
         patches = [Patch(color=colour_of(kind, "light"), label=words) for kind, words in legend]
-        part.legend(handles=patches, ncols=len(patches), **LEGEND | {"loc": place})
+        part.legend(handles=patches, ncols=len(patches), **LEGEND | {"loc": f"outside lower {side}"})
 
 
 PARTS: Final[dict[str, tuple[float, Callable[[SubFigure, FigureData, Fit], None]]]] = {

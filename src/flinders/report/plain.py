@@ -29,11 +29,12 @@ from flinders.report.formatting import (
     degrees,
     length,
     matrix_entries,
+    mounting,
     offset_entries,
     on_the_point,
+    shown_findings,
 )
 from flinders.report.html_file import filled
-from flinders.report.sections import mounting, said_of
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance
@@ -48,15 +49,7 @@ RUNS: Final = 8
 
 
 def page(outcome: Fit | FitError, provenance: Provenance) -> str:
-    """Write a fit, or why there is none, in plain words.
-
-    Parameters
-    ----------
-    outcome : Fit or FitError
-        The result, or the refusal.
-    provenance : Provenance
-        Release, date and recordings.
-    """
+    """Write a fit, or why there is none, in plain words, with release, date and recordings."""
     fit = fit_of(outcome)
     why, remedies = _of_no_fit(cast("FitError", outcome)) if fit is None else _of_findings(fit)
     given = {
@@ -89,7 +82,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
 
 def _of_findings(fit: Fit) -> tuple[list[str], list[str]]:
     """What limits a fit, and what to do about each finding, each thing once."""
-    said = said_of(fit)
+    said = shown_findings(fit)
     move = f"{capitalised(remedy(fit))}."
     remedies = (CATALOGUE[finding.code].remedy.format(remedy=move) for finding in said)
     return [_in_words(fit, finding) for finding in said], [what for what in dict.fromkeys(remedies) if what]

@@ -1,6 +1,6 @@
-"""What every terminal page is laid out with: tables, lines of numbers, facts, a verdict and what limits it.
+"""The renderer of terminal pages: tables, facts, lines of numbers, a verdict, notes; and a fit drawn in twelve lines.
 
-A page is a few blocks with an empty line before each; what is not known is None and leaves no line.
+A page is a few blocks of rows with an empty line before each; what is not known is None and leaves no line.
 
 >>> from rich.console import Console
 >>> block = verdict("GOOD", "good", "worst heading good to 0.12°", "3,000 readings")
@@ -12,8 +12,7 @@ GOOD  worst heading good to 0.12°
       3,000 readings
   ! few readings
 
-`plot` draws a fit in a few lines: the readings before and after, and what is known in which direction. Eight dots of
-Braille in a character make square pictures; a terminal without such letters gets others.
+Pictures have eight dots of Braille in a character; a terminal without such letters gets others.
 
 >>> print(*braille(np.eye(8, dtype=bool)), sep=" / ")
 ⠑⢄⠀⠀ / ⠀⠀⠑⢄
@@ -23,7 +22,6 @@ Braille in a character make square pictures; a terminal without such letters get
 
 from __future__ import annotations
 
-import math
 from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
@@ -33,10 +31,7 @@ from rich.console import Group
 from rich.table import Column, Table
 from rich.text import Text
 
-from flinders.core.units import label
-from flinders.errors import figures
 from flinders.geometry.sphere import around_z, tile_of
-from flinders.report.formatting import aligned, matrix_entries, offset_entries, on_the_point
 from flinders.summary.coverage import cells_of
 
 if TYPE_CHECKING:
@@ -46,8 +41,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
-    from flinders.findings import Verdict
     from flinders.fitting.result import Fit
     from flinders.heading.deviation import Deviation
     from flinders.report.figure_data import FigureData
@@ -79,6 +72,11 @@ def table(
     return laid
 
 
+def whole_columns(names: Iterable[str]) -> list[Column]:
+    """Columns of numbers that are never cut."""
+    return [Column(name, justify="right", no_wrap=True) for name in names]
+
+
 def styled(style: str, *cells: str) -> list[Text]:
     """Cells of a row that stands out."""
     return [Text(cell, style) for cell in cells]
@@ -102,29 +100,13 @@ def lines(rows: Sequence[tuple[str, str, str]]) -> Text:
     return text
 
 
-def numbers(calibration: Calibration, offset_sigma: Floats, noise: float) -> Text:
-    """Offset above matrix, in columns x, y and z, each on its decimal points."""
-    unit = label(calibration.unit)
-    offset = offset_entries(calibration, offset_sigma)
-    shown = ["   ".join(row) for row in aligned(offset, *matrix_entries(calibration.matrix))]
-    below, _ = on_the_point(["?" if math.isnan(noise) else figures(noise, 3), offset[0]])
-    shown.append(below.ljust(len(shown[0])))
-    names, units = ("offset", "matrix", "", "", "noise"), (unit, "", "", "", unit)
-    return lines(list(zip(names, shown, units, strict=True)))
-
-
-def verdict(title: str, colour: str, words: str, *more: str | Text) -> Table:
+def verdict(title: str, colour: str, words: str, *more: str) -> Table:
     """The verdict, what it means in words and, below, what that rests on."""
     grid = Table.grid(Column(no_wrap=True), Column(), padding=(0, 2))
     grid.add_row(Text(title, f"bold {COLOURS[colour]}"), words)
     for text in more:
-        grid.add_row("", Text(text, "dim") if isinstance(text, str) else text)
+        grid.add_row("", Text(text, "dim"))
     return grid
-
-
-def graded(quality: Verdict, words: str, *more: str | Text) -> Table:
-    """The verdict of a calibration, with what it means and what that rests on."""
-    return verdict(quality.upper(), quality, words, *more)
 
 
 def notes(said: Iterable[tuple[str, str]]) -> RenderableType:
@@ -140,7 +122,7 @@ def notes(said: Iterable[tuple[str, str]]) -> RenderableType:
 
 ROWS, COLUMNS, WIDE, GAP = 10, 20, 32, 3
 WIDTH: Final = 2 * (COLUMNS + GAP) + WIDE
-"""Lines, and characters of a picture, of the map, between them, and of all."""
+"""Lines; characters of a picture, of the map, between them, and of all."""
 
 WEIGHTS: Final = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 """What each dot adds to the first letter of Braille."""
@@ -158,27 +140,18 @@ STEPS: Final = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 45.0
 
 
 def plot(drawn: FigureData, fit: Fit, *, is_plain: bool = False, width: int = 80) -> Text:
-    """Draw a fit: twelve lines.
+    """Draw a good or limited fit in twelve lines; on a narrow terminal without the map.
 
-    Parameters
-    ----------
-    drawn : FigureData
-    fit : Fit
-        Good or limited.
-    is_plain : bool
-        With letters that every terminal has.
-    width : int
-        Characters of the terminal; on a narrow one the map is left out.
+    `is_plain` takes letters that every terminal has.
     """
     pictures = [
         ("before, x and y", _picture(drawn.raw[drawn.is_used], is_plain=is_plain), "yellow"),
         ("after", _picture(drawn.corrected[drawn.is_used], is_plain=is_plain), "cyan"),
     ]
+    rows = list(_map(drawn.view, fit)) if width >= WIDTH and drawn.view is not None else []
     text = Text(no_wrap=True)
-    has_map = width >= WIDTH and drawn.view is not None
-    titles = [f"{title:<{COLUMNS + GAP}}" for title, _, _ in pictures]
-    text.append("".join(titles) + ("directions, +z above" if has_map else "") + "\n", "bold")
-    rows = list(_map(drawn.view, fit)) if has_map and drawn.view is not None else []
+    titles = "".join(f"{title:<{COLUMNS + GAP}}" for title, _, _ in pictures)
+    text.append(f"{titles}{'directions, +z above' if rows else ''}\n", "bold")
     for place in range(ROWS):
         for _, lines, colour in pictures:
             text.append(lines[place], colour).append(" " * GAP)
@@ -248,16 +221,7 @@ def axis_end(deviation: Deviation) -> float:
 
 
 def dotted(value: float, end: float, width: int, *, seen: float | None = None) -> str:
-    """One line of a curve: ``|`` at zero, ``*`` at the value, ``o`` where it was seen.
-
-    Parameters
-    ----------
-    value, seen : float, degrees
-        West is left.
-    end : float, degrees
-        At the ends of the line.
-    width : int
-        Characters; odd, so that zero has one of its own.
+    """One line of a curve, west to the left: ``|`` at zero, ``*`` at the value, ``o`` where it was seen.
 
     >>> dotted(10.5, 25.0, 21, seen=10.0)
     '          |   o      '

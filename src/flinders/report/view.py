@@ -29,23 +29,22 @@ from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.findings.row import ANY_ANGLE_DEG
-from flinders.fitting.advice import UPSIDE_DOWN, WORTH_IT, condition, movement
+from flinders.fitting.advice import WORTH_IT, condition, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
 from flinders.heading.guidance import guide
+from flinders.report.formatting import reach
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Plane
-    from flinders.heading.guidance import Frame, Goal, Guidance
+    from flinders.heading.guidance import Frame, Goal
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -94,106 +93,38 @@ class Shown(Struct, frozen=True):
 
 
 class ResidualHistogram(Struct, frozen=True):
-    """Distances of the readings used from the surface, counted.
+    """Distances of the readings used from the surface, counted; what lies beyond the ends is in the outermost bins."""
 
-    Attributes
-    ----------
-    edges : (n + 1,) float, in the view's unit
-    counts : (n,) int
-        What lies beyond the ends is counted in the outermost.
-    """
-
-    edges: tuple[float, ...]
+    edges: tuple[float, ...]  # (n + 1,), in the view's unit
     counts: tuple[int, ...]
 
 
 class LevelTurn(Struct, frozen=True):
-    """A level turn of a vehicle.
+    """A level turn of a vehicle."""
 
-    Attributes
-    ----------
-    heading_deg : (72,) float
-        Clockwise from magnetic north.
-    before_deg : (72,) float
-        Deviation of the raw compass: what it reads less that, its mean taken off, −180 to 180.
-    sigma_deg : (72,) float
-        1 σ of the corrected one.
-    """
-
-    heading_deg: tuple[float, ...]
-    before_deg: tuple[float, ...]
-    sigma_deg: tuple[float, ...]
+    heading_deg: tuple[float, ...]  # (72,), clockwise from magnetic north
+    before_deg: tuple[float, ...]  # deviation of the raw compass, its mean taken off, −180 to 180
+    sigma_deg: tuple[float, ...]  # 1 σ of the corrected one
 
 
 class GuidanceView(Struct, frozen=True):
-    """Which way to turn next.
+    """Which way to turn next."""
 
-    Attributes
-    ----------
-    direction : (3,) float or None
-        Where the field should point next, a unit vector in corrected sensor axes; None where none is better than
-        the others.
-    words : str
-    worst_deg, after_deg : float
-        The error that matters now, and after some readings there.
-    goal : str
-        ``heading`` of a level vehicle, or ``attitude``: of one at any attitude.
-    """
-
-    direction: Triple | None
+    direction: Triple | None  # of the field in corrected sensor axes; None where none is better than the others
     words: str
-    worst_deg: float
-    after_deg: float
-    goal: Literal["heading", "attitude"]
+    worst_deg: float  # the error that matters now
+    after_deg: float  # and after some readings there
+    goal: Literal["heading", "attitude"]  # of a level vehicle, or of one at any attitude
 
 
 class View(Struct, frozen=True, kw_only=True):
-    """One fit as it is drawn; what cannot be trusted is None.
-
-    Attributes
-    ----------
-    verdict : str
-    sentence : str
-        The verdict in plain words.
-    condition : str
-        What a good verdict rests on and nothing shows; empty where there is nothing.
-    method : str
-    unit : str
-        ``µT`` or ``counts``; of all that is a field.
-    field_strength : float or None
-    field_strength_known : bool
-    offset, offset_sigma : (3,) or None
-    matrix, matrix_sigma : (3, 3) or None
-    noise : float or None
-    samples : int
-        Readings used.
-    heading_error_deg : HeadingErrorView or None
-        Of a level vehicle.
-    uncorrected_heading_error_deg : ErrorView or None
-    attitude_limit_deg : float or None
-        Tilt up to which the worst heading is within the target; 180 for all.
-    any_attitude_deg : ErrorView or None
-        Over the tiles: at any attitude of the vehicle.
-    findings : list of FindingView
-        Gravest first.
-    tiles_deg : (642,) float or None
-        See `tile_errors_deg`; None where nothing is known.
-    tiles_seen : (642,) int
-        Readings used, by tile.
-    rejected : list of (first, last)
-        Runs of readings, counted from 0, that were left out.
-    residuals : ResidualHistogram or None
-    turn : LevelTurn or None
-    guidance : GuidanceView or None
-    shown : Shown or None
-        Also of a refused fit.
-    """
+    """One fit as it is drawn; what cannot be trusted is None."""
 
     verdict: Literal["good", "limited", "refused"]
-    sentence: str
-    condition: str = ""
+    sentence: str  # the verdict in plain words
+    condition: str = ""  # what a good verdict rests on and nothing shows
     method: str
-    unit: str
+    unit: str  # "µT" or "counts", of all that is a field
     field_strength: float | None = None
     field_strength_known: bool
     offset: Triple | None = None
@@ -201,33 +132,26 @@ class View(Struct, frozen=True, kw_only=True):
     matrix: Matrix | None = None
     matrix_sigma: Matrix | None = None
     noise: float | None = None
-    samples: int
-    heading_error_deg: HeadingErrorView | None = None
+    samples: int  # readings used
+    heading_error_deg: HeadingErrorView | None = None  # of a level vehicle
     uncorrected_heading_error_deg: ErrorView | None = None
-    attitude_limit_deg: float | None = None
-    any_attitude_deg: ErrorView | None = None
-    findings: tuple[FindingView, ...]
-    tiles_deg: tuple[float | None, ...]
-    tiles_seen: tuple[int, ...]
-    rejected: tuple[tuple[int, int], ...]
+    attitude_limit_deg: float | None = None  # tilt up to which the worst heading is within the target; 180 for all
+    any_attitude_deg: ErrorView | None = None  # over the tiles
+    findings: tuple[FindingView, ...]  # most severe first
+    tiles_deg: tuple[float | None, ...]  # (642,), see `tile_errors_deg`; None where nothing is known
+    tiles_seen: tuple[int, ...]  # (642,) readings used, by tile
+    rejected: tuple[tuple[int, int], ...]  # first and last of each run that was left out, counted from 0
     residuals: ResidualHistogram | None = None
     turn: LevelTurn | None = None
     guidance: GuidanceView | None = None
-    shown: Shown | None = None
+    shown: Shown | None = None  # also of a refused fit
 
 
 class TilesView(Struct, frozen=True):
-    """The tiles, sent once.
+    """The tiles, sent once."""
 
-    Attributes
-    ----------
-    centres : (1926,) float
-        x, y, z of each in turn.
-    corners : 642 lists of 15 or 18 float
-    """
-
-    centres: tuple[float, ...]
-    corners: tuple[tuple[float, ...], ...]
+    centres: tuple[float, ...]  # (1926,): x, y, z of each in turn
+    corners: tuple[tuple[float, ...], ...]  # 642 of 15 or 18 numbers
 
 
 def tiles_view() -> TilesView:
@@ -239,19 +163,13 @@ def tiles_view() -> TilesView:
 
 
 def view(
-    fit: Fit,
-    samples: Samples,
-    *,
-    numbers: ArrayLike | None = None,
-    goal: Goal = "heading",
-    frame: Frame = "sensor",
+    fit: Fit, samples: Samples, *, numbers: ArrayLike | None = None, goal: Goal = "heading", frame: Frame = "sensor"
 ) -> View:
-    """Put together what is drawn of a fit.
+    """Put together what is drawn of a fit, also of that of a `Refused`.
 
     Parameters
     ----------
     fit : Fit
-        Also that of a `Refused`.
     samples : Samples
         The readings that were fitted, in the order in which they were.
     numbers : (N,) int, optional
@@ -319,13 +237,24 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
 
 
 def _rejected(fit: Fit, samples: Samples) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
-    """(N,) which readings a fit left out, outliers and what sits at the end of an axis; and the runs of these."""
+    """(N,) which readings a fit left out, outliers and what sits at the end of an axis; and the runs of these.
+
+    The fit counts outliers among the readings at no rail. Of a run that bridges good ones, those are outliers that are
+    farthest from the ellipsoid.
+    """
     is_at_rail = np.zeros(len(samples), bool)
     for rail in DataQuality.of(samples).rails:
         is_at_rail |= samples.field[:, rail.axis] == rail.value
-    outliers = _outlier_runs(fit, is_at_rail)
-    rows = is_at_rail | _are_outliers(fit, samples, is_at_rail, outliers)
-    return rows, [*outliers, *((run.start, run.stop - 1) for run in runs(is_at_rail))]
+    free, is_rejected = np.flatnonzero(~is_at_rail), is_at_rail.copy()
+    ends = [(run.start, run.stop - 1) for run in runs(is_at_rail)]
+    for outlier in fit.outliers:
+        first, last = int(free[outlier.first - 1]), int(free[outlier.last - 1])
+        inside = slice(first, last + 1)
+        lengths = np.linalg.norm(fit.calibration.at().apply(samples.field[inside]), axis=1)
+        distances = np.where(is_at_rail[inside], -1.0, np.abs(lengths - fit.calibration.field_strength))
+        is_rejected[first + np.argsort(-distances, kind="stable")[: outlier.rows]] = True
+        ends.append((first, last))
+    return is_rejected, ends
 
 
 def rotation_of(fit: Fit) -> Floats:
@@ -342,13 +271,8 @@ def tile_errors_deg(fit: Fit) -> Floats:
     A field along u leaves a heading open to where the vehicle's vertical is: it makes 90° − I with u, in any direction
     around it. An error δu across u costs the heading its part along the horizontal, over cos I. So at the worst of the
     attitudes which bring the field there the variance is the largest eigenvalue of the transverse covariance of u,
-    (1 − uuᵀ) S⁻¹ J P Jᵀ S⁻ᵀ (1 − uuᵀ), over cos² I. What belongs to the direction is added, as to all headings. No mean
-    is taken off: from one attitude to another there is none that a mounting would explain.
-
-    Parameters
-    ----------
-    fit : Fit
-        Its dip is used.
+    (1 − uuᵀ) S⁻¹ J P Jᵀ S⁻ᵀ (1 − uuᵀ), over cos² I, with the dip I of the fit. What belongs to the direction is added,
+    as to all headings; no mean is taken off, since no mounting would explain one.
     """
     gradients = direction_gradients(fit.ellipsoid, tiles().centres @ rotation_of(fit))
     covariance = gradients @ fit.covariance @ np.swapaxes(gradients, 1, 2)  # (642, 3, 3), of rank 2
@@ -377,8 +301,7 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
             return f"Headings may be off by {much} (1 σ, worst heading). {target}"
         return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
-    reach = "at any attitude" if limit >= UPSIDE_DOWN else f"up to {limit:.0f}° of tilt"
-    attitudes = "held level" if limit < 1.0 else reach
+    attitudes = "held level" if limit < 1.0 else reach(limit)
     good = "are good to" if worst <= fit.target_deg else "may be off by"
     return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {attitudes}. {target}"
 
@@ -390,9 +313,8 @@ def matrix_sigma(fit: Fit) -> Floats:
     """
     inverse, matrix = np.linalg.inv(fit.ellipsoid.shape), fit.calibration.matrix
     rows = []
-    for entry in range(6):
+    for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
         change = np.zeros((3, 3))
-        i, j = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))[entry]
         change[i, j] = change[j, i] = 1.0
         scale = 0.0 if fit.calibration.field_strength_known else np.trace(inverse @ change) / 3.0
         rows.append((scale * matrix - matrix @ change @ inverse).ravel())
@@ -441,19 +363,8 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
 
     A turn in one plane, and a fit that no direction would help more than the others, get words without a direction.
     """
-    guided = _guide(fit, goal)
-    if fit.plane or guided.after_deg > (1.0 - WORTH_IT) * guided.worst_deg:
-        words = (
-            movement(fit) if fit.plane else "turn it slowly through all directions, away from iron and from currents"
-        )
-        return GuidanceView(None, words, guided.worst_deg, guided.after_deg, goal)
-    direction = _triple(rotation_of(fit) @ guided.direction)
-    return GuidanceView(direction, guided.words(frame), guided.worst_deg, guided.after_deg, goal)
-
-
-def _guide(fit: Fit, goal: Goal) -> Guidance:
     is_seen_from_below = fit.heading_error_deg.dip_deg * fit.dip_deg < 0.0
-    return guide(
+    guided = guide(
         fit.ellipsoid,
         fit.covariance,
         noise=fit.noise,
@@ -462,26 +373,12 @@ def _guide(fit: Fit, goal: Goal) -> Guidance:
         down=np.array([0.0, 0.0, -1.0]) if is_seen_from_below else None,
         goal=goal,
     )
-
-
-def _outlier_runs(fit: Fit, is_at_rail: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Runs of outliers as places in what was fitted; the fit counts them among the readings that are at no rail."""
-    free = np.flatnonzero(~is_at_rail)
-    return [(int(free[outlier.first - 1]), int(free[outlier.last - 1])) for outlier in fit.outliers]
-
-
-def _are_outliers(
-    fit: Fit, samples: Samples, is_at_rail: NDArray[np.bool_], runs: Sequence[tuple[int, int]]
-) -> NDArray[np.bool_]:
-    """(N,) which readings are outliers: of a run that bridges good ones, the farthest from the ellipsoid."""
-    are = np.zeros(len(samples), bool)
-    for (first, last), outlier in zip(runs, fit.outliers, strict=True):
-        inside = slice(first, last + 1)
-        lengths = np.linalg.norm(fit.calibration.at().apply(samples.field[inside]), axis=1)
-        distances = np.where(is_at_rail[inside], -1.0, np.abs(lengths - fit.calibration.field_strength))
-        farthest = np.argsort(-distances, kind="stable")[: outlier.rows]
-        are[first + farthest] = True
-    return are
+    direction, words = None, "turn it slowly through all directions, away from iron and from currents"
+    if fit.plane:
+        words = movement(fit)
+    elif guided.after_deg <= (1.0 - WORTH_IT) * guided.worst_deg:
+        direction, words = _triple(rotation_of(fit) @ guided.direction), guided.words(frame)
+    return GuidanceView(direction, words, guided.worst_deg, guided.after_deg, goal)
 
 
 def _triple(vector: Floats) -> Triple:

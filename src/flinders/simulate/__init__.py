@@ -54,54 +54,47 @@ from __future__ import annotations
 
 import numpy as np  # noqa: F401  for the examples above
 
-from flinders.geometry.rotation import rotation_vectors as rotation_vectors
-from flinders.geometry.sphere import clump as clump
-from flinders.geometry.sphere import clumped as clumped
-from flinders.geometry.sphere import fibonacci as fibonacci
-from flinders.geometry.sphere import hemisphere as hemisphere
-from flinders.geometry.sphere import uniform as uniform
-from flinders.simulate import fleet as fleet
-from flinders.simulate import truth as truth
-from flinders.simulate.disturbances import Effect as Effect
-from flinders.simulate.disturbances import FieldStep as FieldStep
-from flinders.simulate.disturbances import GaussMarkov as GaussMarkov
-from flinders.simulate.disturbances import MotorCurrent as MotorCurrent
-from flinders.simulate.disturbances import Motors as Motors
-from flinders.simulate.disturbances import PassingMagnet as PassingMagnet
-from flinders.simulate.disturbances import Perturbation as Perturbation
-from flinders.simulate.disturbances import Step as Step
-from flinders.simulate.disturbances import ThermalDrift as ThermalDrift
-from flinders.simulate.disturbances import stray_fields as stray_fields
-from flinders.simulate.motions import GRAVITY as GRAVITY
-from flinders.simulate.motions import MOTIONS as MOTIONS
-from flinders.simulate.motions import RATE_HZ as RATE_HZ
-from flinders.simulate.motions import SETTLING as SETTLING
-from flinders.simulate.motions import Course as Course
-from flinders.simulate.motions import Motion as Motion
-from flinders.simulate.motions import Path as Path
-from flinders.simulate.motions import Trajectory as Trajectory
-from flinders.simulate.motions import drive as drive
-from flinders.simulate.motions import figure_eight as figure_eight
-from flinders.simulate.motions import flight as flight
-from flinders.simulate.motions import hand_tumble as hand_tumble
-from flinders.simulate.motions import level_turn as level_turn
-from flinders.simulate.motions import north_and_down as north_and_down
-from flinders.simulate.motions import planar_sweeps as planar_sweeps
-from flinders.simulate.motions import posed as posed
-from flinders.simulate.motions import rocked as rocked
-from flinders.simulate.motions import seen_from as seen_from
-from flinders.simulate.motions import swayed as swayed
-from flinders.simulate.motions import tilted as tilted
-from flinders.simulate.motions import turns as turns
-from flinders.simulate.recording import ACCELERATION_NOISE as ACCELERATION_NOISE
-from flinders.simulate.recording import RATE_NOISE as RATE_NOISE
-from flinders.simulate.recording import Imu as Imu
-from flinders.simulate.recording import Simulated as Simulated
-from flinders.simulate.recording import angle_error_deg as angle_error_deg
-from flinders.simulate.recording import specific_force as specific_force
-from flinders.simulate.recording import tumble as tumble
-from flinders.simulate.sensor import Sensor as Sensor
-from flinders.simulate.sensor import soft_iron as soft_iron
-from flinders.simulate.table import write_csv as write_csv
-from flinders.simulate.two_axis import TwoAxis as TwoAxis
-from flinders.simulate.two_axis import swing as swing
+from flinders.geometry.rotation import rotation_vectors
+from flinders.geometry.sphere import clump, clumped, fibonacci, hemisphere, uniform
+from flinders.simulate import fleet, truth
+from flinders.simulate.disturbances import (
+    FieldStep,
+    GaussMarkov,
+    MotorCurrent,
+    Motors,
+    PassingMagnet,
+    Perturbation,
+    Step,
+    ThermalDrift,
+    stray_fields,
+)  # fmt: skip
+from flinders.simulate.motions import (
+    MOTIONS,
+    RATE_HZ,
+    Trajectory,
+    drive,
+    figure_eight,
+    flight,
+    hand_tumble,
+    level_turn,
+    north_and_down,
+    planar_sweeps,
+    posed,
+    rocked,
+    seen_from,
+    swayed,
+    tilted,
+    turns,
+)  # fmt: skip
+from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_deg, specific_force, tumble
+from flinders.simulate.sensor import Sensor, soft_iron
+from flinders.simulate.table import write_csv
+from flinders.simulate.two_axis import TwoAxis, swing
+
+__all__ = [
+    "MOTIONS", "RATE_HZ", "RATE_NOISE", "FieldStep", "GaussMarkov", "Imu", "MotorCurrent", "Motors", "PassingMagnet",
+    "Perturbation", "Sensor", "Simulated", "Step", "ThermalDrift", "Trajectory", "TwoAxis", "angle_error_deg", "clump",
+    "clumped", "drive", "fibonacci", "figure_eight", "fleet", "flight", "hand_tumble", "hemisphere", "level_turn",
+    "north_and_down", "planar_sweeps", "posed", "rocked", "rotation_vectors", "seen_from", "soft_iron",
+    "specific_force", "stray_fields", "swayed", "swing", "tilted", "truth", "tumble", "turns", "uniform", "write_csv",
+]  # fmt: skip

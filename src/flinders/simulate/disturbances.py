@@ -40,30 +40,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Effect:
-    """What a disturbance does to N readings.
+    """What a disturbance does to N readings."""
 
-    Attributes
-    ----------
-    shift : (N, 3) float, µT
-        By how much the raw readings are off.
-    current : (N,) float, A, optional
-        What a meter of the motors' current says.
-    currents : (N, M) float, A, optional
-        What the meter of each motor says.
-    temperature : (N,) float, °C, optional
-        What the sensor's thermometer says.
-    outliers : (N,) bool, optional
-        Readings that are of no use.
-    gain : (N,) float, optional
-        What the earth's field is multiplied by.
-    """
-
-    shift: Floats
-    current: Floats | None = None
-    temperature: Floats | None = None
-    outliers: NDArray[np.bool_] | None = None
-    gain: Floats | None = None
-    currents: Floats | None = None
+    shift: Floats  #: (N, 3), µT: by how much the raw readings are off
+    current: Floats | None = None  #: (N,): what a meter of the motors' current says
+    temperature: Floats | None = None  #: (N,), °C: what the sensor's thermometer says
+    outliers: NDArray[np.bool_] | None = None  #: (N,): readings that are of no use
+    gain: Floats | None = None  #: (N,): what the earth's field is multiplied by
+    currents: Floats | None = None  #: (N, M): what the meter of each motor says
 
     strays = renamed_attribute("strays", "outliers")
 
@@ -82,25 +66,14 @@ class MotorCurrent:
     """Motors whose current makes a field: in the readings, ``per_ampere`` times what they draw.
 
     The throttle is set anew every few seconds to anything between none and all.
-
-    Attributes
-    ----------
-    per_ampere : float or (3,) array-like, µT/A
-        In sensor axes; one number for a direction that is drawn.
-    amperes : float, A
-        The most that is drawn.
-    hold : float, s
-        How long a setting lasts.
-    noise : float, A
-        Of the meter, one σ.
     """
 
     kind: ClassVar[str] = "motor"
 
-    per_ampere: float | ArrayLike
-    amperes: float = 20.0
-    hold: float = 3.0
-    noise: float = 0.05
+    per_ampere: float | ArrayLike  #: µT/A: in sensor axes; one number for a direction that is drawn
+    amperes: float = 20.0  #: A: the most that is drawn
+    hold: float = 3.0  #: s: how long a setting lasts
+    noise: float = 0.05  #: A: of the meter, one σ
 
     def on(self, time: Floats, rng: Generator) -> Effect:
         """What it does to readings taken at (N,) times in s."""
@@ -121,35 +94,15 @@ class Motors:
 
     All follow one throttle, set anew every few seconds. What rolls, pitches and yaws the vehicle parts them: what one
     is asked for more, the others are asked for less, set anew three times as often. With the throttle at none all rest.
-
-    Attributes
-    ----------
-    per_ampere : (M, 3) array-like, µT/A
-        One row a motor, in sensor axes.
-    amperes : float, A
-        The most that one of them is asked for together with all others.
-    apart : float
-        By which share of that, one σ, each is asked for more or less than the others.
-    hold : float, s
-        How long a setting of the throttle lasts.
-    noise : float, A
-        Of each meter, one σ.
-
-    Examples
-    --------
-    >>> arms = [[0.5, 0.0, -0.3], [-0.5, 0.0, -0.3], [0.0, 0.5, 0.3], [0.0, -0.5, 0.3]]
-    >>> flown = Motors(arms).on(np.arange(100) / 50, np.random.default_rng(0))
-    >>> flown.currents.shape, bool(np.allclose(flown.currents.sum(axis=1), flown.current))
-    ((100, 4), True)
     """
 
     kind: ClassVar[str] = "motors"
 
-    per_ampere: ArrayLike
-    amperes: float = 8.0
-    apart: float = 0.1
-    hold: float = 3.0
-    noise: float = 0.02
+    per_ampere: ArrayLike  #: (M, 3), µT/A: one row a motor, in sensor axes
+    amperes: float = 8.0  #: A: the most that one of them is asked for together with all others
+    apart: float = 0.1  #: by which share of that, one σ, each is asked for more or less than the others
+    hold: float = 3.0  #: s: how long a setting of the throttle lasts
+    noise: float = 0.02  #: A: of each meter, one σ
 
     def on(self, time: Floats, rng: Generator) -> Effect:
         """What it does to readings taken at (N,) times in s."""
@@ -175,20 +128,12 @@ def _set_anew(since: Floats, values: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class GaussMarkov:
-    """Noise with a memory: what it is at one moment has nearly gone after a few time constants.
-
-    Attributes
-    ----------
-    sigma : float, µT
-        Standard deviation along each axis.
-    seconds : float, s
-        Until its correlation has sunk to 37 %.
-    """
+    """Noise with a memory: what it is at one moment has nearly gone after a few time constants."""
 
     kind: ClassVar[str] = "noise"
 
-    sigma: float
-    seconds: float = 1.0
+    sigma: float  #: µT: standard deviation along each axis
+    seconds: float = 1.0  #: s: until its correlation has sunk to 37 %
 
     def on(self, time: Floats, rng: Generator) -> Effect:
         """What it does to readings taken at (N,) times in s."""
@@ -203,29 +148,15 @@ class GaussMarkov:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThermalDrift:
-    """An offset that moves with the temperature of the sensor, which warms up and settles.
-
-    Attributes
-    ----------
-    per_kelvin : float or (3,) array-like, µT/K
-        One number for a direction that is drawn.
-    kelvin : float, K
-        By how much it warms up in the end; negative where it cools.
-    seconds : float, s
-        Until 63 % of that.
-    start : float, °C
-        Where it begins; the sensor's offset is that of this temperature.
-    noise : float, K
-        Of the thermometer, one σ.
-    """
+    """An offset that moves with the temperature of the sensor, which warms up and settles."""
 
     kind: ClassVar[str] = "drift"
 
-    per_kelvin: float | ArrayLike
-    kelvin: float = 15.0
-    seconds: float = 60.0
-    start: float = 20.0
-    noise: float = 0.02
+    per_kelvin: float | ArrayLike  #: µT/K: one number for a direction that is drawn
+    kelvin: float = 15.0  #: K: by how much it warms up in the end; negative where it cools
+    seconds: float = 60.0  #: s: until 63 % of that
+    start: float = 20.0  #: °C: where it begins; the sensor's offset is that of this temperature
+    noise: float = 0.02  #: K: of the thermometer, one σ
 
     def on(self, time: Floats, rng: Generator) -> Effect:
         """What it does to readings taken at (N,) times in s."""
@@ -237,20 +168,12 @@ class ThermalDrift:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """Something of iron near the sensor that is moved once, and stays where it then is.
-
-    Attributes
-    ----------
-    by : float or (3,) array-like, µT
-        What it changes; one number for a direction that is drawn.
-    at : float
-        When, as a share of the recording.
-    """
+    """Something of iron near the sensor that is moved once, and stays where it then is."""
 
     kind: ClassVar[str] = "step"
 
-    by: float | ArrayLike
-    at: float = 0.5
+    by: float | ArrayLike  #: µT: what it changes; one number for a direction that is drawn
+    at: float = 0.5  #: when, as a share of the recording
 
     def on(self, time: Floats, rng: Generator) -> Effect:
         """What it does to readings taken at (N,) times in s."""
@@ -260,20 +183,12 @@ class Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldStep:
-    """Another place: from some moment on the earth's field is stronger or weaker, as indoors beside a beam.
-
-    Attributes
-    ----------
-    by : float
-        By which share of it: −0.1 for a tenth less.
-    at : float
-        When, as a share of the recording.
-    """
+    """Another place: from some moment on the earth's field is stronger or weaker, as indoors beside a beam."""
 
     kind: ClassVar[str] = "field-step"
 
-    by: float
-    at: float = 0.5
+    by: float  #: by which share of it: −0.1 for a tenth less
+    at: float = 0.5  #: when, as a share of the recording
 
     def on(self, time: Floats, rng: Generator) -> Effect:  # noqa: ARG002 - nothing is left to chance
         """What it does to readings taken at (N,) times in s; nothing is drawn."""
@@ -285,23 +200,13 @@ class FieldStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PassingMagnet:
-    """A magnet that is carried past: a field that swells, and is gone. Its readings are outliers.
-
-    Attributes
-    ----------
-    peak : float or (3,) array-like, µT
-        At its closest; one number for a direction that is drawn.
-    at : float
-        When it is closest, as a share of the recording.
-    seconds : float, s
-        From when it is first felt until it is gone; the field follows a squared cosine.
-    """
+    """A magnet that is carried past: a field that swells, and is gone. Its readings are outliers."""
 
     kind: ClassVar[str] = "magnet"
 
-    peak: float | ArrayLike
-    at: float = 0.5
-    seconds: float = 3.0
+    peak: float | ArrayLike  #: µT: at its closest; one number for a direction that is drawn
+    at: float = 0.5  #: when it is closest, as a share of the recording
+    seconds: float = 3.0  #: s: from when it is first felt until it is gone; the field follows a squared cosine
 
     def on(self, time: Floats, rng: Generator) -> Effect:
         """What it does to readings taken at (N,) times in s."""
@@ -315,15 +220,8 @@ class PassingMagnet:
 def stray_fields(rng: Generator, n: int, proportion: float) -> tuple[Floats, NDArray[np.bool_]]:
     """(n, 3) stray fields in field strengths, zero but for a share of the readings, and (n,) which those are.
 
-    Each is half to three field strengths long, in any direction.
+    Each is half to three field strengths long, in any direction. A share that is none raises `UsageError`.
 
-    Raises
-    ------
-    UsageError
-        For a share that is none.
-
-    Examples
-    --------
     >>> fields, outliers = stray_fields(np.random.default_rng(0), 100, 0.03)
     >>> int(outliers.sum()), bool(np.linalg.norm(fields[outliers], axis=1).min() >= 0.5)
     (3, True)

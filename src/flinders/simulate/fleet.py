@@ -29,9 +29,7 @@ from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.geometry.sphere import uniform
 from flinders.simulate._checks import count, share
-from flinders.simulate.disturbances import GaussMarkov, ThermalDrift
 from flinders.simulate.motions import north_and_down, random_attitude, turns
-from flinders.simulate.recording import tumble
 from flinders.simulate.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -51,8 +49,6 @@ SOFT: Final = 0.15
 NOISE_UT: Final = (0.1, 1.0)
 FIELD_UT: Final = (25.0, 65.0)
 STEP_UT: Final = 0.1
-FIELD_READINGS: Final = (1_000, 20_000)
-"""Of a unit that people record."""
 DIP_DEG: Final = 60.0
 BY_JIG: Final = 0.5
 """Share of units that a jig turns; a hand turns the others."""
@@ -66,34 +62,16 @@ UNITS: Final = (0.01, 0.1, 10.0, 1000.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Specimen:
-    """A recording of one unit, and what is wrong with it.
+    """A recording of one unit, and what is wrong with it."""
 
-    Attributes
-    ----------
-    number : int
-        From 0.
-    samples : Samples
-        In µT, with time.
-    sensor : Sensor
-        The truth, as it is where nothing is wrong.
-    field_strength : float, µT
-    fault : str
-        One of `FAULTS`; nothing for a good unit.
-    severity : int
-        1 for the smaller one, 2 for the larger; 0 for a good unit.
-    amount : float
-        How much of the fault, as `FAULTS` tells.
-    lasting : (3, 3) float
-        What the fault does to every reading, in use as well; nothing but for a lasting one.
-    """
-
-    number: int
-    samples: Samples
-    sensor: Sensor
-    field_strength: float
-    fault: str = ""
-    severity: int = 0
-    amount: float = 0.0
+    number: int  #: from 0
+    samples: Samples  #: in µT, with time
+    sensor: Sensor  #: the truth, as it is where nothing is wrong
+    field_strength: float  #: µT
+    fault: str = ""  #: one of `FAULTS`; nothing for a good unit
+    severity: int = 0  #: 1 for the smaller one, 2 for the larger; 0 for a good unit
+    amount: float = 0.0  #: how much of the fault, as `FAULTS` tells
+    #: (3, 3): what the fault does to every reading, in use as well; nothing but for a lasting one
     lasting: Floats = field(default_factory=lambda: np.eye(3))
 
     @property
@@ -104,33 +82,18 @@ class Specimen:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TurnedSensor:
-    """A sensor that is turned, before anything goes wrong.
-
-    Attributes
-    ----------
-    sensor : Sensor
-    field_strength : float, µT
-    time : (N,) float, s
-    angles : (3, N) float, rad
-        Heading, pitch and roll.
-    noise : (N, 3) float, µT
-    """
+    """A sensor that is turned, before anything goes wrong."""
 
     sensor: Sensor
-    field_strength: float
-    time: Floats
-    angles: Floats
-    noise: Floats
+    field_strength: float  #: µT
+    time: Floats  #: (N,), s
+    angles: Floats  #: (3, N), rad: heading, pitch and roll
+    noise: Floats  #: (N, 3), µT
 
     def read(self, *, room: Floats | None = None, shift: Floats | None = None) -> Floats:
         """(N, 3) readings, in µT.
 
-        Parameters
-        ----------
-        room : (N, 3) float, µT, optional
-            What stands in the room adds to the earth's field: north, east, down.
-        shift : (N, 3) float, µT, optional
-            What moves with the sensor adds to its readings.
+        `room`, (N, 3) north, east, down, adds to the earth's field; `shift`, (N, 3), to the readings.
         """
         world = self.field_strength * north_and_down(DIP_DEG)[:, np.newaxis]
         body = in_body(world if room is None else world + room.T, self.angles)
@@ -141,28 +104,16 @@ class TurnedSensor:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that can be wrong with a unit.
+    """Something that can be wrong with a unit."""
 
-    Attributes
-    ----------
-    words : str
-        What it is, and what its amount means.
-    smaller, larger : float
-        Amounts of the two severities.
-    strike : function, optional
-        Of what was turned, an amount and a generator; gives (N, 3) readings in µT. It ends with the recording.
-    lasting : function, optional
-        Of an amount and a generator; gives the (3, 3) matrix that every reading is multiplied by, then and in use.
-    can_be_told : bool
-        False where readings of a magnetometer are those of another good one.
-    """
-
-    words: str
-    smaller: float
+    words: str  #: what it is, and what its amount means
+    smaller: float  #: amounts of the two severities
     larger: float
+    #: of what was turned, an amount and a generator; gives (N, 3) readings in µT; it ends with the recording
     strike: Callable[[TurnedSensor, float, Generator], Floats] | None = None
+    #: of an amount and a generator; gives the (3, 3) matrix that every reading is multiplied by, then and in use
     lasting: Callable[[float, Generator], Floats] | None = None
-    can_be_told: bool = True
+    can_be_told: bool = True  #: False where readings of a magnetometer are those of another good one
 
     def amount(self, severity: int) -> float:
         """How much of it: the smaller amount for 1, the larger for 2."""
@@ -183,9 +134,8 @@ def unit(
     Parameters
     ----------
     number : int
-        From 0; with the seed it says all.
+        From 0; with the seed of the fleet it says all.
     seed : int
-        Of the fleet.
     bad : float
         Share of units that something is wrong with; which fault, and which severity, is drawn evenly.
     readings : int
@@ -235,66 +185,12 @@ def _recorded(number: int, turned: TurnedSensor, readings: Floats) -> Specimen:
 def fleet(
     n: int, seed: int = 0, bad: float = BAD, *, readings: int = READINGS, first: int = 0
 ) -> Iterator[Specimen]:  # fmt: skip
-    """Make units one after the other: those numbered from `first` on, `n` of them.
+    """Make `n` units one after the other, numbered from `first` on; other parameters and errors as `unit`.
 
-    Parameters
-    ----------
-    n : int
-    seed : int
-    bad : float
-        Share of units that something is wrong with.
-    readings : int
-        Of each unit.
-    first : int
-        Number of the first.
-
-    Raises
-    ------
-    UsageError
-        As `unit`.
-
-    Examples
-    --------
     >>> sorted({unit.fault for unit in fleet(200, seed=3, readings=20) if unit.fault})[:2]
     ['flipped-throughout', 'level-turn']
     """
     return (unit(number, seed=seed, bad=bad, readings=readings) for number in range(first, first + n))
-
-
-def field_unit(number: int, *, seed: int = 0) -> Specimen:
-    """Make a unit as people record it, not as a line does: by hand, with all that comes with it.
-
-    20 s to 7 min of turning at 50 Hz, half a µT of noise of which a part has a memory of a second, a reading in a
-    hundred taken beside something magnetic, and a sensor that warms up by 15 K, has a thermometer and hardly minds.
-
-    Parameters
-    ----------
-    number : int
-        From 0; with the seed it says all.
-    seed : int
-        Of the fleet.
-
-    Examples
-    --------
-    >>> one = field_unit(3)
-    >>> len(one.samples), list(one.samples.disturbances)
-    (1102, ['temperature'])
-    """
-    if number < 0 or seed < 0:
-        raise UsageError(f"unit {number} of seed {seed}: need numbers from 0 on")
-    rng = np.random.default_rng([seed, number, 1])
-    least, most = np.log(FIELD_READINGS)
-    made = tumble(
-        rng,
-        motion="hand",
-        n=int(np.exp(rng.uniform(least, most))),
-        field_strength=rng.uniform(*FIELD_UT),
-        noise=0.4,
-        outliers=0.01,
-        disturbances=[GaussMarkov(0.3, seconds=1.0), ThermalDrift(0.002)],
-    )
-    samples = replace(made.samples, source=f"unit {number:07d}")
-    return Specimen(number, samples, made.sensor, made.field_strength)
 
 
 def in_body(world: Floats, angles: Floats) -> Floats:

@@ -57,83 +57,42 @@ TURNING_OVER: Final = 0.05
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """How a body turns.
+    """How a body turns."""
 
-    Attributes
-    ----------
-    time : (N,) float, s
-    attitudes : (N, 3, 3) float
-        Rotations from body axes into world axes (north, east, down).
-    rate : (N, 3) float, rad/s
-        Angular rate in body axes: constant from each instant to the next.
-    acceleration : (N, 3) float, m/s², optional
-        What moves the body, in world axes and without gravity; a body that turns on the spot has none.
-    """
-
-    time: Floats
-    attitudes: Floats
-    rate: Floats
+    time: Floats  #: (N,), s
+    attitudes: Floats  #: (N, 3, 3): rotations from body axes into world axes (north, east, down)
+    rate: Floats  #: (N, 3), rad/s: angular rate in body axes: constant from each instant to the next
+    #: (N, 3), m/s²: what moves the body, in world axes and without gravity; a body that turns on the spot has none
     acceleration: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """What is asked of a motion.
+    """What is asked of a motion."""
 
-    Attributes
-    ----------
-    n : int
-        Readings.
-    rate_hz : float
-    world : (3,) float
-        Unit direction of the field: north, east, down.
-    tilt_deg : float, optional
-        In place of the motion's own limit.
-    """
-
-    n: int
+    n: int  #: readings
     rate_hz: float
-    world: Floats
-    tilt_deg: float | None = None
+    world: Floats  #: (3,): unit direction of the field: north, east, down
+    tilt_deg: float | None = None  #: in place of the motion's own limit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """What a body meets.
+    """What a body meets."""
 
-    Attributes
-    ----------
-    directions : (N, 3) float
-        Unit direction of the field in body axes.
-    attitudes : (N, 3, 3) float, optional
-    rate : (N, 3) float, rad/s, optional
-    acceleration : (N, 3) float, m/s², optional
-        As those of `Trajectory`.
-    """
-
-    directions: Floats
-    attitudes: Floats | None = None
-    rate: Floats | None = None
-    acceleration: Floats | None = None
+    directions: Floats  #: (N, 3): unit direction of the field in body axes
+    attitudes: Floats | None = None  #: (N, 3, 3)
+    rate: Floats | None = None  #: (N, 3), rad/s
+    acceleration: Floats | None = None  #: (N, 3), m/s²: as those of `Trajectory`
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A motion by name.
+    """A motion by name."""
 
-    Attributes
-    ----------
-    draw : function
-        Of a generator and a `Course`; gives a `Path`.
-    seconds : float, optional
-        How long it is unless someone says otherwise; None for 1,000 readings in no order.
-    tilt_deg : float, optional
-        How far the body is tilted at most, where that is limited and can be chosen.
-    """
-
-    draw: Callable[[Generator, Course], Path]
-    seconds: float | None = None
-    tilt_deg: float | None = None
+    draw: Callable[[Generator, Course], Path]  #: of a generator and a `Course`; gives a `Path`
+    seconds: float | None = None  #: how long it is unless someone says otherwise; None for 1,000 readings in no order
+    tilt_deg: float | None = None  #: how far the body is tilted at most, where that is limited and can be chosen
 
 
 def tilted(rng: Generator, n: int, *, tilt_deg: float = 35.0) -> Floats:
@@ -169,7 +128,6 @@ def hand_tumble(
     ----------
     rng : Generator
     seconds, rate_hz : float
-        How long, and how many instants a second.
     speed : float, rad/s
         Root mean square rate about each axis.
     smoothness : float, s
@@ -191,19 +149,9 @@ def hand_tumble(
 def figure_eight(rng: Generator, *, seconds: float = 60.0, rate_hz: float = RATE_HZ, period: float = 3.0) -> Trajectory:
     """Wave a body in figures of eight, as phones ask for: over to either side, the nose twice up and down.
 
-    Each eight rolls by about 110° to either side and pitches by about 55° at twice the pace, while the whole body
-    turns around three times in all. No two are the same.
+    Each eight, of `period` s, rolls by about 110° to either side and pitches by about 55° at twice the pace, while the
+    whole body turns around three times in all. No two are the same.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    period : float, s
-        Of one eight.
-
-    Examples
-    --------
     >>> figure_eight(np.random.default_rng(0), seconds=10).attitudes.shape
     (500, 3, 3)
     """
@@ -227,18 +175,8 @@ def drive(
 ) -> Trajectory:
     """Drive through bends and over hills: all headings in time, and never tilted by more than `tilt_deg`.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    tilt_deg : float
-        The steepest slope; zero for a level floor.
-    speed : float, m/s
-        Constant: the acceleration is that of bends.
+    The `speed` in m/s is constant: the acceleration is that of bends.
 
-    Examples
-    --------
     >>> on_a_floor = drive(np.random.default_rng(0), seconds=10, tilt_deg=0.0)
     >>> on_a_floor.attitudes[:, 2].tolist() == [[0.0, 0.0, 1.0]] * 500
     True
@@ -259,22 +197,11 @@ def flight(
     tilt_deg: float = 35.0,
     speed: float = 15.0,
 ) -> Trajectory:
-    """Fly in banked turns, climbing and sinking, never tilted by more than `tilt_deg`.
+    """Fly in banked turns, climbing and sinking; bank and pitch together are never more than `tilt_deg`.
 
-    Turns are coordinated: at speed v and bank φ the heading turns by g tan φ / v, and the accelerometer feels no
+    Turns are coordinated: at speed v, m/s, and bank φ the heading turns by g tan φ / v, and the accelerometer feels no
     sideways pull, so that what it calls down leans with the craft.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    tilt_deg : float
-        Bank and pitch together.
-    speed : float, m/s
-
-    Examples
-    --------
     >>> flight(np.random.default_rng(0), seconds=10).acceleration.shape
     (500, 3)
     """
@@ -296,21 +223,9 @@ def swayed(
 ) -> Trajectory:
     """Turn a body through all headings while it leans to all sides: what `tilted` draws, in the order of time.
 
-    A vehicle that can be pushed around and leant over, and not turned upside down. It turns on the spot, so that
-    nothing but gravity is felt.
+    A vehicle that can be pushed around and leant over by less than `tilt_deg`, and not turned upside down. It turns
+    around `turns_each` times, on the spot, so that nothing but gravity is felt.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    tilt_deg : float
-        Never reached; leans are to any side, as of a smooth random walk.
-    turns_each : float
-        Times around in all.
-
-    Examples
-    --------
     >>> leant = swayed(np.random.default_rng(0)).attitudes[:, 2, 2]
     >>> bool(25 < np.degrees(np.arccos(leant.min())) < 35)
     True
@@ -335,15 +250,8 @@ def rocked(
     """Rock a body about each of its axes, each as a sine of its own: the motion of the MAGYC simulations.
 
     Roll, pitch and heading are A sin((w/A) t + φ), so that w is the largest rate: 0.05 … 0.08, 0.1 … 0.3 and
-    0.2 … 0.4 rad/s, drawn with the phases.
-
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second; MAGYC has 10.
-    amplitudes_deg : (3,) sequence of float
-        Of roll, pitch and heading: (5, 45, 360) is called WAM, (5, 5, 360) MAM and (5, 45, 90) LAM.
+    0.2 … 0.4 rad/s, drawn with the phases. `amplitudes_deg` (5, 45, 360) is called WAM there, (5, 5, 360) MAM and
+    (5, 45, 90) LAM; `rate_hz` is 10.
 
     References
     ----------
@@ -375,25 +283,9 @@ def planar_sweeps(
     """Turn a body about its own axes, one after the other, each pointing down meanwhile.
 
     What the plain procedure for two-axis fits asks for: flat on the table around, on its side around, on its end
-    around. A plane is named by the two axes that lie level. In between the body is turned over.
+    around, `turns_each` times in each of the planes ``xy``, ``yz`` and ``zx``, named by the two axes that lie level.
+    In between the body is turned over. A plane that is not known, or none, raises `UsageError`.
 
-    Parameters
-    ----------
-    rng : Generator
-    seconds, rate_hz : float
-        How long, and how many instants a second.
-    planes : sequence of str
-        Of ``xy``, ``yz`` and ``zx``.
-    turns_each : float
-        Turns in each plane.
-
-    Raises
-    ------
-    UsageError
-        For a plane that is not known, or none.
-
-    Examples
-    --------
     >>> flat = planar_sweeps(np.random.default_rng(0), seconds=10, planes=["xy"])
     >>> bool(np.allclose(flat.attitudes[:, 2], [0.0, 0.0, 1.0]))
     True

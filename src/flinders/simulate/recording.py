@@ -46,24 +46,15 @@ PAUSES: Final = 3
 class Imu:
     """The gyro and the accelerometer next to a magnetometer, both in its axes.
 
-    Attributes
-    ----------
-    gyro_bias : (3,) float, rad/s
-        What the gyro reads at rest.
-    gyro_noise : float, rad/s
-        One σ per axis.
-    acceleration_noise : float, m/s²
-        One σ per axis.
-
     Raises
     ------
     ArrayError, UsageError
         For a bias that is not three finite numbers, or negative noise.
     """
 
-    gyro_bias: Floats = field(default_factory=lambda: np.zeros(3))
-    gyro_noise: float = RATE_NOISE
-    acceleration_noise: float = ACCELERATION_NOISE
+    gyro_bias: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,), rad/s: what the gyro reads at rest
+    gyro_noise: float = RATE_NOISE  #: rad/s: one σ per axis
+    acceleration_noise: float = ACCELERATION_NOISE  #: m/s²: one σ per axis
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -152,23 +143,19 @@ def tumble(
     n : int, optional
         Readings; by default as many as the motion takes: a minute by hand is 3,000, and 1,000 have no order.
     rate_hz : float
-        Readings a second.
     tilt_deg : float, optional
         How far the body is tilted at most, for ``tilted``, ``drive`` and ``flight``.
     stationary : float
         Share of the readings, 0 … 1, taken while the body is held still, in three pauses.
     sensor : Sensor, optional
         By default `Sensor.random`.
-    field_strength : float, µT
-    dip_deg : float
-        How far the field points down from the horizon; for the motions that are attitudes.
+    field_strength, dip_deg : float, µT and degrees
+        The dip, down from the horizon, is for the motions that are attitudes.
     noise : float, µT, optional
         In place of the sensor's own, which is 0.5 for a random one.
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
     disturbances : sequence of Perturbation
-        `MotorCurrent`, `Motors`, `ThermalDrift`, `Step`, `FieldStep`, `PassingMagnet`, or anything with their
-        two names.
     imu : Imu, optional
         Another gyro and accelerometer than the usual ones.
 
@@ -222,17 +209,8 @@ def specific_force(
 ) -> Floats:
     """(N, 3) what an accelerometer measures in m/s², with noise: level and at rest, −g on z.
 
-    Parameters
-    ----------
-    attitudes : (N, 3, 3) float
-    rng : Generator
-    noise : float, m/s²
-        One σ per axis.
-    acceleration : (N, 3) float, m/s², optional
-        What moves the body, in world axes; a body that turns on the spot has none.
+    `acceleration`, (N, 3) m/s² in world axes, is what moves the body; one that turns on the spot has none.
 
-    Examples
-    --------
     >>> specific_force(np.eye(3)[np.newaxis], np.random.default_rng(0)).round(1)
     array([[ 0. ,  -0. ,  -9.8]])
     """
@@ -251,19 +229,9 @@ def angle_error_deg(
 ) -> float:
     """Root mean square angle between true and corrected field, over 400 directions spread evenly, in degrees.
 
-    The matrix is judged by its symmetric root (MᵀM)^½, which is all that an ellipsoid fixes of it; its scale
-    does not count.
-
-    Parameters
-    ----------
-    matrix : (3, 3) array-like
-        Of the calibration that is judged.
-    offset : (3,) array-like, µT
-    truth : Simulated
-        Its sensor and field strength.
-    rotation : str
-        ``symmetric`` counts the sensor's own `Sensor.rotation` as error, as a heading would; ``best`` takes the
-        best rotation away first, for sensors whose matrix is not symmetric.
+    The (3, 3) matrix is judged by its symmetric root (MᵀM)^½, which is all that an ellipsoid fixes of it; its scale
+    does not count. With ``rotation="symmetric"`` the sensor's own `Sensor.rotation` is an error, as it would be of a
+    heading; ``"best"`` takes the best rotation away first, for sensors whose matrix is not symmetric.
 
     Raises
     ------
@@ -272,7 +240,6 @@ def angle_error_deg(
 
     Examples
     --------
-    >>> from flinders.simulate import Sensor, tumble
     >>> recording = tumble(sensor=Sensor(matrix=[[1.0, 0.0, 0.0], [0.1, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     >>> angle_error_deg(*recording.sensor.correction, recording)
     2.3

@@ -46,10 +46,8 @@ class Sensor:
         Hard iron: what the sensor reads in zero field.
     noise : float, µT
         One σ per axis, white.
-    resolution : float, µT, optional
-        Step of the converter; readings are multiples of it.
-    limit : float, µT, optional
-        Where each axis saturates.
+    resolution, limit : float, µT, optional
+        Step of the converter, of which readings are multiples; where each axis saturates.
 
     Raises
     ------
@@ -57,11 +55,6 @@ class Sensor:
         For a wrong shape, values that are not finite, or a matrix that is singular or mirrors.
     UsageError
         For negative noise, or a resolution or limit that is not positive.
-
-    Examples
-    --------
-    >>> Sensor(offset=[20, 120, 90]).read([[50, 0, 0]], np.random.default_rng(0))
-    array([[ 70., 120.,  90.]])
     """
 
     matrix: Floats = field(default_factory=lambda: np.eye(3))
@@ -127,25 +120,10 @@ class Sensor:
         return cls(matrix, rng.uniform(-hard, hard, 3) * strength, noise, resolution, limit)
 
     def read(self, field: ArrayLike, rng: Generator, *, shift: Floats | None = None) -> Floats:
-        """Read a field.
+        """(N, 3) readings, in µT, of an (N, 3) field in µT in the axes of the body.
 
-        Parameters
-        ----------
-        field : (N, 3) array-like, µT
-            True field in the axes of the body.
-        rng : Generator
-            For the noise; the same number of draws whatever `noise` is.
-        shift : (N, 3) float, µT, optional
-            By how much each reading is off for another reason: what moves near the sensor, or its own temperature.
-
-        Returns
-        -------
-        (N, 3) float, µT
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape or values that are not finite.
+        As many numbers are drawn whatever `noise` is. `shift`, (N, 3) µT, is by how much each reading is off for
+        another reason. A wrong shape or values that are not finite raise `ArrayError`.
         """
         true = table(field)
         raw = true @ self.matrix.T + self.offset + self.noise * rng.standard_normal(true.shape)

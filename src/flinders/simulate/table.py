@@ -28,15 +28,9 @@ DIGITS: Final = 4
 
 
 def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]:
-    """Yield header and rows, without line ends.
+    """Yield header and rows, without line ends; numbers have four decimals, and so the same text on all machines.
 
-    The same samples give the same text on all machines: numbers are written to four decimals.
-
-    Parameters
-    ----------
-    samples : Samples
-    corrected : (N, 3) float, in the unit of the samples, optional
-        Three more columns, named with ``_cal``.
+    `corrected`, (N, 3) in the unit of the samples, makes three more columns, named with ``_cal``.
     """
     columns = dict(_columns(samples))
     if corrected is not None:
@@ -47,15 +41,7 @@ def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]
 
 
 def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a recording, whole or not at all.
-
-    Raises
-    ------
-    OutputExists
-        Where there is a file already, unless `force`.
-    OutputError
-        Where it cannot be written; says why and what to do.
-    """
+    """Write a recording, whole or not at all; raises as `flinders.core.files.replacing`."""
     with replacing(path, force=force) as file:
         file.writelines(f"{line}\n" for line in lines(samples))
 

@@ -39,23 +39,12 @@ LARGEST: Final = 2**20
 
 
 class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The sensor: raw = matrix field + offset + noise, then rounded and limited.
+    """The sensor: raw = matrix field + offset + noise, then rounded and limited."""
 
-    Attributes
-    ----------
-    matrix : (3, 3)
-        Rows; dimensionless, need not be symmetric.
-    offset : (3,) in the unit of the file
-    noise : float
-        One σ per axis.
-    resolution, limit : float or None
-        Step of the converter; where each axis saturates.
-    """
-
-    matrix: tuple[Triple, Triple, Triple]
-    offset: Triple
-    noise: NotNegative
-    resolution: Positive | None = None
+    matrix: tuple[Triple, Triple, Triple]  #: (3, 3): rows; dimensionless, need not be symmetric
+    offset: Triple  #: (3,) in the unit of the file
+    noise: NotNegative  #: one σ per axis
+    resolution: Positive | None = None  #: step of the converter; where each axis saturates
     limit: Positive | None = None
 
     def __post_init__(self) -> None:
@@ -66,20 +55,11 @@ class SensorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The field at the site.
-
-    Attributes
-    ----------
-    strength : float
-    dip_deg : float
-        How far it points down from the horizon.
-    vector : (3,)
-        North, east, down.
-    """
+    """The field at the site."""
 
     strength: Positive
-    dip_deg: Annotated[float, Meta(ge=-90, le=90)]
-    vector: Triple
+    dip_deg: Annotated[float, Meta(ge=-90, le=90)]  #: how far it points down from the horizon
+    vector: Triple  #: (3,): north, east, down
 
     def __post_init__(self) -> None:
         """Refuse a vector that contradicts strength and dip; called when a file is read."""
@@ -90,53 +70,26 @@ class FieldRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class RecordingRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How the recording was made.
-
-    Attributes
-    ----------
-    motion : str
-    seed : int or None
-    readings : int
-    rate_hz : float or None
-    outliers : int
-        Readings that are of no use.
-    gyro_bias : (3,) rad/s or None
-        Where there is a gyro.
-    disturbances : of str
-        Their kinds.
-    """
+    """How the recording was made."""
 
     motion: str
     seed: int | None = None
     readings: Count
     rate_hz: Positive | None = None
-    outliers: Count = msgspec.field(default=0, name="strays")
-    gyro_bias: Triple | None = None
-    disturbances: tuple[str, ...] = ()
+    outliers: Count = msgspec.field(default=0, name="strays")  #: readings that are of no use
+    gyro_bias: Triple | None = None  #: (3,) rad/s or None: where there is a gyro
+    disturbances: tuple[str, ...] = ()  #: their kinds
 
 
 class Truth(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="truth"):
-    """What is true of a recording.
+    """What is true of a recording."""
 
-    Attributes
-    ----------
-    schema : int
-        Version of this layout.
-    unit : str
-        Of all that is a field.
-    sensor : SensorRecord
-    field : FieldRecord
-    recording : RecordingRecord
-    version : str
-        Of the Flinders that made it: the same seed gives the same bytes in the same version.
-    """
-
-    schema: Literal[1] = 1
-    unit: Literal["uT", "counts"] = "uT"
+    schema: Literal[1] = 1  #: version of this layout
+    unit: Literal["uT", "counts"] = "uT"  #: of all that is a field
     sensor: SensorRecord
     field: FieldRecord
     recording: RecordingRecord
-    version: str
+    version: str  #: of the Flinders that made it: the same seed gives the same bytes in the same version
 
     @classmethod
     def of(cls, simulated: Simulated) -> Truth:
@@ -193,25 +146,13 @@ def truth_path(recording: str | os.PathLike[str]) -> str:
 
 
 def read(path: str | os.PathLike[str]) -> Truth:
-    """Read the truth of a recording.
-
-    Raises
-    ------
-    UnreadableInput
-        For a file that cannot be opened, or is none that this release understands.
-    """
+    """Read the truth of a recording; what cannot be opened or is none raises `UnreadableInput`."""
     text = read_bytes(path, largest=LARGEST, what="truth of a recording", refused=UnreadableInput)
     return loads(text, source=os.fspath(path))
 
 
 def loads(text: str | bytes, *, source: str = "truth") -> Truth:
-    """Understand the text of such a file; `source` names it in messages.
-
-    Raises
-    ------
-    UnreadableInput
-        With the first thing that is wrong and where it stands.
-    """
+    """Understand the text of such a file; `source` names it in the `UnreadableInput` for what is wrong."""
     if not text.strip():
         raise UnreadableInput(f"{source}: holds nothing: need the truth that `flinders simulate` wrote")
     try:
@@ -232,13 +173,7 @@ def loads(text: str | bytes, *, source: str = "truth") -> Truth:
 
 
 def dumps(truth: Truth) -> str:
-    """Lay it out as text; numbers are read back to the bit.
-
-    Raises
-    ------
-    UsageError
-        For numbers that are not finite.
-    """
+    """Lay it out as text; numbers are read back to the bit, and those that are not finite raise `UsageError`."""
     content = truth.as_dict()
     for place in gaps(content):
         raise UsageError(f"truth: {place} is not finite: only finite numbers are written")
@@ -246,17 +181,7 @@ def dumps(truth: Truth) -> str:
 
 
 def write(truth: Truth, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write it, whole or not at all.
-
-    Raises
-    ------
-    UsageError
-        For numbers that are not finite; nothing is written.
-    OutputExists
-        Where there is a file already, unless `force`.
-    OutputError
-        Where it cannot be written; says why and what to do.
-    """
+    """Write it, whole or not at all; raises as `dumps` and `flinders.core.files.write_text`."""
     write_text(dumps(truth), path, force=force)
 
 

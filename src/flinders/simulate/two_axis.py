@@ -88,13 +88,8 @@ class TwoAxis:
         shape : (2, 2) array-like, µT
             Maps unit vectors to readings about the centre; which rotation it has on the right does not matter.
         horizontal : float, µT
-            Strength of the field across the ground.
+            Strength of the field across the ground; one that is not positive raises `UsageError`.
         noise : float, µT
-
-        Raises
-        ------
-        ArrayError, UsageError
-            As the class, and for a field that is not positive.
         """
         first, second = square(shape, "shape", 2)
         x, y = math.hypot(*first), math.hypot(*second)
@@ -121,27 +116,16 @@ class TwoAxis:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Polar:
-    """A swing in polar coordinates, before and after correction: what is drawn around a compass rose.
+    """A swing in polar coordinates, before and after correction: what is drawn around a compass rose."""
 
-    Attributes
-    ----------
-    heading_deg : (N,) float
-        True headings.
-    raw_radius, corrected_radius : (N,) float, µT
-        Length of the readings across the ground.
-    raw_heading_deg, corrected_heading_deg : (N,) float
-        What the compass shows, 0 to 360.
-    raw_error_deg, corrected_error_deg : (N,) float
-        By how much that is off, −180 to 180, the mean taken off: how it is mounted, a swing cannot tell.
-    """
-
-    heading_deg: Floats
-    raw_radius: Floats
-    raw_heading_deg: Floats
+    heading_deg: Floats  #: (N,): true headings
+    raw_radius: Floats  #: (N,), µT: length of the readings across the ground
+    raw_heading_deg: Floats  #: (N,): what the compass shows, 0 to 360
+    #: (N,): by how much that is off, −180 to 180, the mean taken off: how it is mounted, a swing cannot tell
     raw_error_deg: Floats
-    corrected_radius: Floats
-    corrected_heading_deg: Floats
-    corrected_error_deg: Floats
+    corrected_radius: Floats  #: (N,), µT
+    corrected_heading_deg: Floats  #: (N,)
+    corrected_error_deg: Floats  #: (N,)
 
     @classmethod
     def of(cls, swung: Simulated, matrix: ArrayLike, offset: ArrayLike) -> Self:
@@ -174,24 +158,10 @@ def swing(
     field_strength: float = 50.0,
     dip_deg: float = 60.0,
 ) -> Simulated:
-    """Swing a compass: one reading at each of `headings_deg`, the body level.
+    """Swing a compass: one reading at each of `headings_deg`, the body level; by default a perfect compass.
 
-    Parameters
-    ----------
-    compass : TwoAxis, optional
-        By default a perfect one.
-    seed : int or Generator
-        For the noise.
-    points : int
-        At least three.
-    field_strength : float, µT
-    dip_deg : float
-        The field across the ground is ``field_strength`` times its cosine.
-
-    Raises
-    ------
-    UsageError
-        For a number out of its range.
+    The field across the ground is `field_strength`, µT, times the cosine of `dip_deg`. A number out of its range
+    raises `UsageError`; there are at least three `points`.
     """
     compass = TwoAxis() if compass is None else compass
     if not abs(dip_deg) <= 89.0:

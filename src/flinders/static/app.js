@@ -7,7 +7,7 @@
  */
 
 import { Connection } from "./connection.js";
-import { ask, byId, element, icon, Refusal, setIcon, setList, setText } from "./dom.js";
+import { ask, byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
@@ -28,6 +28,8 @@ const CHART_MS = 100;
 const CHART_SHARE = 6;
 /** Letters of advice that the large type has room for. */
 const LONG_ADVICE = 112;
+/** Where the browser keeps which theme was chosen; see theme.js. */
+const THEME = "flinders-theme";
 const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
@@ -58,6 +60,7 @@ const connection = new Connection(address.href, {
         store.take(message);
         if (message.type === "hello") {
             finish.setTargets(message.targets);
+            setText(byId("about", HTMLElement), `Flinders ${message.version}`);
             sceneFrom = 0;
             dirty.points = true;
             dirty.now = true;
@@ -284,10 +287,8 @@ function legendRow(colour, words) {
     if (colour) patch.append(svg("rect", { width: 14, height: 14, rx: 3, fill: colour }));
     else patch.append(svg("rect", { width: 13, height: 13, x: 0.5, y: 0.5, rx: 3, fill: "none", stroke: "currentColor" }), svg("path", { d: "M2 12L12 2M2 7L7 2M7 12L12 7", stroke: "currentColor" }));
     const [, first, rest] = /^(\S+°)?(.*)$/.exec(words) ?? [words, "", words];
-    const label = element("span", first ?? "");
-    const more = element("span", rest);
-    if (first) more.className = "rest";
-    label.append(more);
+    const label = element("span", first);
+    label.append(element("span", rest, first ? "rest" : ""));
     row.append(patch, label);
     return row;
 }
@@ -349,7 +350,7 @@ function drawScene(view, state) {
     const key = JSON.stringify([spans, view?.rejected ?? [], store.points.stride]);
     if (key !== maskKey) {
         maskKey = key;
-        scene.setMask(spans, view?.rejected ?? [], store.points.stride);
+        scene.setMask(spans, view?.rejected ?? []);
     }
 }
 
@@ -414,8 +415,7 @@ function notify(severity, words) {
     for (const other of list.children) if (other.querySelector("span")?.textContent === sentence(words)) other.remove();
     const row = element("li");
     row.dataset.severity = severity;
-    const shut = element("button");
-    shut.className = "square quiet";
+    const shut = element("button", "", "square quiet");
     shut.setAttribute("aria-label", "Close this notice");
     shut.append(icon("close"));
     shut.addEventListener("click", () => row.remove());
@@ -581,22 +581,10 @@ function theme() {
     return document.documentElement.dataset.theme === "light" ? "light" : "dark";
 }
 
-function hasChosenTheme() {
-    try {
-        return localStorage.getItem("flinders-theme") !== null;
-    } catch {
-        return false;
-    }
-}
-
 function toggleTheme() {
     const next = theme() === "dark" ? "light" : "dark";
     document.documentElement.dataset.theme = next;
-    try {
-        localStorage.setItem("flinders-theme", next);
-    } catch {
-        // Storage may be switched off: the theme then lasts as long as the page.
-    }
+    remember(THEME, next);
     themed();
 }
 
@@ -657,7 +645,7 @@ const single = byId("single-keys", HTMLInputElement);
 single.checked = singleKeys();
 single.addEventListener("change", () => setSingleKeys(single.checked));
 window.matchMedia("(prefers-color-scheme: light)").addEventListener("change", (event) => {
-    if (hasChosenTheme()) return;
+    if (remembered(THEME) !== null) return;
     document.documentElement.dataset.theme = event.matches ? "light" : "dark";
     themed();
 });

@@ -25,12 +25,40 @@ export function setText(element, text) {
 /**
  * @param {string} name
  * @param {string} [text]
+ * @param {string} [kind]  its class
  * @returns {HTMLElement}
  */
-export function element(name, text) {
+export function element(name, text = "", kind = "") {
     const made = document.createElement(name);
-    if (text !== undefined) made.textContent = text;
+    if (text) made.textContent = text;
+    if (kind) made.className = kind;
     return made;
+}
+
+/**
+ * What this browser was told to remember; null where it was not, or remembers nothing.
+ * @param {string} key
+ * @returns {string | null}
+ */
+export function remembered(key) {
+    try {
+        return localStorage.getItem(key);
+    } catch {
+        return null;
+    }
+}
+
+/**
+ * Have this browser remember something, where storage is not switched off.
+ * @param {string} key
+ * @param {string} value
+ */
+export function remember(key, value) {
+    try {
+        localStorage.setItem(key, value);
+    } catch {
+        // It then lasts as long as the page.
+    }
 }
 
 /**

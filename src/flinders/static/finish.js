@@ -1,7 +1,7 @@
 /** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
 
 import { errors } from "./store.js";
-import { ask, byId, element, icon, Refusal, save, setIcon, setList, setText } from "./dom.js";
+import { ask, byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { table } from "./views/table.js";
 import { counted, degrees, ICONS, measured, PHASES, sentence, significant, VERDICTS } from "./views/words.js";
 
@@ -46,7 +46,7 @@ export class Finish {
         /** @type {State | null} */
         this.state = null;
         this.targets.addEventListener("change", () => {
-            remember(this.targets.value);
+            remember(LAST_TARGET, this.targets.value);
             this.showPreview(null, "…");
             this.refresh();
         });
@@ -94,13 +94,12 @@ export class Finish {
      * @param {readonly TargetInfo[]} targets
      */
     setTargets(targets) {
-        const known = (/** @type {string} */ chosen) => targets.some(({ name }) => name === chosen);
-        const chosen = [this.targets.value, remembered(), FIRST_TARGET].find(known);
+        const known = (/** @type {string | null} */ chosen) => targets.some(({ name }) => name === chosen);
+        const chosen = [this.targets.value, remembered(LAST_TARGET), FIRST_TARGET].find(known);
         this.targets.replaceChildren(
             ...targets.map(({ name, title, suffix }) => {
-                const option = document.createElement("option");
-                option.value = name;
-                option.textContent = `${title} (${suffix})`;
+                const option = element("option", `${title} (${suffix})`);
+                option.setAttribute("value", name);
                 return option;
             }),
         );
@@ -125,9 +124,8 @@ export class Finish {
             else region.replaceChildren(element("p", view ? "A refused fit gives no numbers to copy." : "None yet."));
         }
         setList(byId("findings", HTMLElement), view?.findings ?? [], (finding) => {
-            const row = element("li");
+            const row = noted(ICONS[finding.severity] ?? "info", finding.advice);
             row.dataset.severity = finding.severity;
-            row.append(icon(ICONS[finding.severity] ?? "info"), element("span", sentence(finding.advice)));
             return row;
         });
         setText(byId("kept", HTMLElement), state?.recording ? `All that arrives is recorded to ${state.recording}.` : "");
@@ -243,11 +241,7 @@ export class Finish {
         const host = byId("preview", HTMLElement);
         host.classList.toggle("refusal", preview === null);
         setText(host, words);
-        setList(byId("export-warnings", HTMLElement), preview?.warnings ?? [], (warning) => {
-            const row = element("li");
-            row.append(icon("limited"), element("span", sentence(warning)));
-            return row;
-        });
+        setList(byId("export-warnings", HTMLElement), preview?.warnings ?? [], (warning) => noted("limited", warning));
         this.allow();
     }
 
@@ -293,6 +287,18 @@ export class Finish {
         const { words } = await answer.json().catch(() => ({}));
         setText(this.answer, typeof words === "string" ? sentence(words) : "Sent.");
     }
+}
+
+/**
+ * A row of a list: an icon and a sentence.
+ * @param {string} name
+ * @param {string} words
+ * @returns {HTMLElement}
+ */
+function noted(name, words) {
+    const row = element("li");
+    row.append(icon(name), element("span", sentence(words)));
+    return row;
 }
 
 /**
@@ -344,22 +350,4 @@ function withUnit(number, unit) {
 function hex(bytes) {
     const pairs = Array.from(bytes, (letter) => letter.charCodeAt(0).toString(16).padStart(2, "0"));
     return Array.from({ length: Math.ceil(pairs.length / 16) }, (_, i) => pairs.slice(16 * i, 16 * i + 16).join(" ")).join("\n");
-}
-
-/** @returns {string} */
-function remembered() {
-    try {
-        return localStorage.getItem(LAST_TARGET) ?? "";
-    } catch {
-        return "";
-    }
-}
-
-/** @param {string} name */
-function remember(name) {
-    try {
-        localStorage.setItem(LAST_TARGET, name);
-    } catch {
-        // Storage may be switched off: the first target is then chosen next time.
-    }
 }

@@ -1,5 +1,7 @@
 /** Keyboard shortcuts: one table, which the help shows too. */
 
+import { element, remember, remembered } from "./dom.js";
+
 /**
  * A shortcut.
  * @typedef {object} Shortcut
@@ -12,20 +14,12 @@ const STORE = "flinders-single-keys";
 
 /** Whether single keys act; a person who speaks to the computer, or types by accident, can switch them off. */
 export function singleKeys() {
-    try {
-        return localStorage.getItem(STORE) !== "off";
-    } catch {
-        return true;
-    }
+    return remembered(STORE) !== "off";
 }
 
 /** @param {boolean} on */
 export function setSingleKeys(on) {
-    try {
-        localStorage.setItem(STORE, on ? "on" : "off");
-    } catch {
-        // Storage may be switched off: the choice then holds for nothing, and the default stays.
-    }
+    remember(STORE, on ? "on" : "off");
 }
 
 /**
@@ -65,20 +59,16 @@ function isTyping(event) {
  */
 export function rows(shortcuts) {
     return shortcuts.map(({ keys, words }) => {
-        const row = document.createElement("div");
-        const head = document.createElement("dt");
+        const row = element("div");
+        const head = element("dt");
         keys.slice(0, 2).forEach((key, i) => {
             if (i > 0) head.append(" or ");
             key.split("+").filter(Boolean).forEach((part, j) => {
                 if (j > 0) head.append(" ");
-                const cap = document.createElement("kbd");
-                cap.textContent = part.length === 1 ? part.toUpperCase() : part[0].toUpperCase() + part.slice(1);
-                head.append(cap);
+                head.append(element("kbd", part[0].toUpperCase() + part.slice(1)));
             });
         });
-        const cell = document.createElement("dd");
-        cell.textContent = words;
-        row.append(head, cell);
+        row.append(head, element("dd", words));
         return row;
     });
 }

@@ -62,7 +62,6 @@ export interface SessionState {
   can_undo: boolean;
   can_redo: boolean;
   stride: number;
-  has_acceleration: boolean;
   paused: boolean;
   recording: string | null;
   previous: PreviousState | null;

@@ -9,7 +9,7 @@ import { Scene } from "./views/scene.js";
 import { copying, theming } from "./plain.js";
 
 /** @typedef {import("./views/colours.js").Theme} Theme */
-/** @typedef {import("./views/picture.js").Mode} Mode */
+/** @typedef {import("./views/scene.js").Mode} Mode */
 
 const host = document.getElementById("scene");
 const text = document.getElementById("drawn")?.textContent;
@@ -24,14 +24,14 @@ if (host && text) {
     const field = numbers(drawn.field);
     const points = { count: field.length / 3, time: new Float32Array(field.length / 3), field, stride: drawn.stride };
     document.documentElement.classList.add("moving");
-    scene = new Scene(host, { tiles: drawn.tiles, theme: theme(), target_deg: drawn.target_deg, wheel: "focus" });
-    if (scene.available) {
-        scene.setMask([], drawn.rejected, drawn.stride);
+    try {
+        scene = new Scene(host, { tiles: drawn.tiles, theme: theme(), target_deg: drawn.target_deg, wheel: "focus" });
+        scene.setMask([], drawn.rejected);
         scene.setPoints(points);
         scene.setView(drawn);
         choosing(scene);
-    } else {
-        scene.dispose();
+    } catch (error) {
+        console.warn("flinders: no 3-D view:", error);
         document.documentElement.classList.remove("moving");
     }
 }

@@ -8,12 +8,21 @@
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
-/** @typedef {import("./views/charts.js").Points} Points */
 
 const MAGIC = 0x464c4e44;
 const HEADER_BYTES = 32;
 const NOW_NUMBERS = 6;
 const FIRST_ROOM = 4096;
+
+/**
+ * Readings, as the page keeps them. The arrays may be longer than `count`.
+ * @typedef {object} Points
+ * @property {number} count
+ * @property {Float32Array} time Seconds since the session began.
+ * @property {Float32Array} field Three numbers a reading, raw.
+ * @property {Float32Array | null} acceleration
+ * @property {number} stride Point j is reading number j · stride.
+ */
 
 /**
  * The newest reading.

@@ -17,7 +17,7 @@ import { strength } from "./views/strength.js";
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./store.js").Now} Now */
 /** @typedef {import("./store.js").Store} Store */
-/** @typedef {import("./views/charts.js").Points} Points */
+/** @typedef {import("./store.js").Points} Points */
 
 /**
  * What of the session a widget shows.
@@ -120,18 +120,15 @@ export function drawChanged(panels, changed, picture) {
  * @returns {WidgetPanel}
  */
 function panelOf(row) {
-    const section = element("section");
-    section.className = `panel ${row.name}`;
+    const section = element("section", "", `panel ${row.name}`);
     section.setAttribute("aria-labelledby", `${row.name}-title`);
-    const head = element("div");
-    head.className = "head";
+    const head = element("div", "", "head");
     const title = element("h2", row.title);
     title.id = `${row.name}-title`;
     head.append(title);
     if (row.legend) head.append(legendOf(row.legend));
     if (row.enlarges) head.append(enlarger(row.enlarges));
-    const host = element("div");
-    host.className = row.host ?? "host";
+    const host = element("div", "", row.host ?? "host");
     host.id = row.name;
     section.append(head, host);
     return { row, head, title, host, controls: null };
@@ -142,14 +139,9 @@ function panelOf(row) {
  * @returns {HTMLElement}
  */
 function legendOf(legend) {
-    const made = element("p");
-    made.className = "key";
+    const made = element("p", "", "key");
     made.setAttribute("aria-hidden", "true");
-    for (const [kind, words] of legend) {
-        const part = element("span", words);
-        part.className = kind;
-        made.append(part);
-    }
+    made.append(...legend.map(([kind, words]) => element("span", words, kind)));
     return made;
 }
 
@@ -158,9 +150,8 @@ function legendOf(legend) {
  * @returns {HTMLElement}
  */
 function enlarger(what) {
-    const button = element("button");
+    const button = element("button", "", "square quiet enlarge");
     button.setAttribute("type", "button");
-    button.className = "square quiet enlarge";
     button.setAttribute("aria-label", `Enlarge ${what}`);
     button.append(icon("enlarge"));
     return button;

@@ -18,8 +18,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError, UsageError
-from flinders.targets._export import Difference, Export, ExportOptions, Written
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 __all__ = [
-    "Difference",
     "Export",
     "ExportOptions",
     "Target",

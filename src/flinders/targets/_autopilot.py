@@ -1,4 +1,6 @@
-"""What ArduPilot and PX4 share: mountings by number, a symmetric matrix in six numbers, motors, parameter files.
+"""What ArduPilot and PX4 share: parameters of a compass, mountings by number, motors, parameter files.
+
+Both correct with a symmetric matrix in six numbers, an offset, and what each A or full throttle adds.
 
 >>> name, roll, pitch, yaw = ROTATIONS[10]
 >>> name, euler(roll, pitch, yaw) @ [1, 0, 0]                  # turned over, its x to the right
@@ -12,19 +14,30 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
-from flinders.arrays import floats
+from flinders.arrays import Floats, floats
+from flinders.core.calibration import Calibration
 from flinders.core.disturbance import Disturbance
-from flinders.errors import ArrayError, DocumentError, InputError, NotExportable, counted, figures
+from flinders.core.units import MICROTESLA, Unit
+from flinders.errors import (
+    ArrayError,
+    DocumentError,
+    InputError,
+    NotExportable,
+    UnitError,
+    UsageError,
+    counted,
+    figures,
+)
+from flinders.targets._numbers import decoded
+from flinders.targets._target import MOTORS, followed, in_recorded_axes, single
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 ROTATIONS: Final[tuple[tuple[str, float, float, float], ...]] = (
     ("NONE", 0, 0, 0), ("YAW_45", 0, 0, 45), ("YAW_90", 0, 0, 90), ("YAW_135", 0, 0, 135),
@@ -45,6 +58,9 @@ ROTATIONS: Final[tuple[tuple[str, float, float, float], ...]] = (
 
 MOST_TURN_DEG: Final = 0.05
 """A symmetric matrix cannot turn; a calibration that turns by more is refused."""
+
+
+# rotations
 
 
 def euler(roll: float, pitch: float, yaw: float) -> Floats:
@@ -79,18 +95,6 @@ def without_turn(matrix: Floats) -> tuple[Floats, float]:
     return (root + root.T) / 2, float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def angles_of(rotation: Floats) -> tuple[float, float, float]:
-    """Roll, pitch and yaw in degrees, as `euler` takes them.
-
-    >>> [round(angle, 9) for angle in angles_of(euler(10, -20, 170))]
-    [10.0, -20.0, 170.0]
-    """
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    pitch = math.asin(min(max(-float(rotation[2, 0]), -1.0), 1.0))
-    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
-    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
-
-
 def turn_of(matrix: Floats) -> Floats | None:
     """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None where it hardly turns."""
     root, angle = without_turn(matrix)
@@ -100,37 +104,144 @@ def turn_of(matrix: Floats) -> Floats | None:
     return rotation
 
 
-def said(rotation: Floats) -> str:
-    """A rotation in words, as autopilots take it.
+def in_words(rotation: Floats) -> str:
+    """A rotation as autopilots take it, by the angles of `euler`.
 
-    >>> said(euler(0, -12, 3))
+    >>> in_words(euler(0, -12, 3))
     'roll 0.00°, pitch −12.00°, yaw 3.00°'
     """
-    named = zip(("roll", "pitch", "yaw"), angles_of(rotation), strict=True)
-    return ", ".join(f"{name} {round(angle, 2) + 0.0:.2f}°" for name, angle in named).replace("-", "−")
+    angles = {
+        "roll": math.atan2(rotation[2, 1], rotation[2, 2]),
+        "pitch": math.asin(min(max(-float(rotation[2, 0]), -1.0), 1.0)),
+        "yaw": math.atan2(rotation[1, 0], rotation[0, 0]),
+    }
+    words = (f"{name} {round(math.degrees(angle), 2) + 0.0:.2f}°" for name, angle in angles.items())
+    return ", ".join(words).replace("-", "−")
 
 
-def symmetric(matrix: Floats, who: str, beyond: str, *, by: str, lossy: bool = False) -> Floats:
-    """(3, 3) the symmetric matrix of what hardly turns, for an autopilot that holds six numbers.
+# the parameters of a compass
 
-    Raises
-    ------
-    NotExportable
-        For a matrix that turns readings by more than `MOST_TURN_DEG`, unless `lossy`; `by` is what sets the mounting
-        instead.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompassParameters:
+    """The parameters of one compass.
+
+    Attributes
+    ----------
+    offset : (3,) float, in `unit`
+    diagonal, off_diagonal : (3,) float
+        Of the symmetric matrix; its entries xy, xz and yz.
+    motor : (3,) float
+        What each A, kA or full throttle adds, in `unit`.
+    motor_by : int
+        One of `MOTORS`, or 0: what `motor` is multiplied by.
+    compass : int
+        Which of several.
+    device_id : int, optional
     """
-    root, angle = without_turn(matrix)
-    if angle > MOST_TURN_DEG and not lossy:
-        raise NotExportable(
-            f"the calibration turns readings by {figures(angle)}°, and {who}'s symmetric matrix cannot: flinders "
-            f"export --lossy writes the rest, and says what roll, pitch and yaw then belong into the mounting ({by})",
-            beyond=(beyond,),
-            turn_deg=angle,
-        )
-    return root
 
+    offset: Floats = field(default_factory=lambda: np.zeros(3))
+    diagonal: Floats = field(default_factory=lambda: np.ones(3))
+    off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
+    motor: Floats = field(default_factory=lambda: np.zeros(3))
+    motor_by: int = 0
+    compass: int = 0
+    device_id: int | None = None
 
-# a symmetric matrix in six numbers
+    who: ClassVar[str]
+    unit: ClassVar[str]
+    frame: ClassVar[str] = "sensor"
+    compasses: ClassVar[tuple[int, ...]]
+
+    @classmethod
+    def read(cls, values: Mapping[str, float], compass: int) -> Self:
+        """Take one compass out of a vehicle's parameters."""
+        raise NotImplementedError
+
+    @property
+    def matrix(self) -> Floats:
+        """(3, 3) the A of corrected = A (raw − b)."""
+        return of_six(self.diagonal, self.off_diagonal)
+
+    @property
+    def centre(self) -> Floats:
+        """(3,) the b of corrected = A (raw − b), in µT."""
+        raise NotImplementedError
+
+    @property
+    def has_disturbances(self) -> bool:
+        """It compensates for motors."""
+        return self.motor_by in MOTORS.values() and bool(self.motor.any())
+
+    def as_held(self) -> Self:
+        """The same after the autopilot has kept each value as a float32."""
+        diagonal, off_diagonal = single(self.diagonal), single(self.off_diagonal)
+        held = replace(self, offset=single(self.offset), motor=single(self.motor))
+        return replace(held, diagonal=diagonal, off_diagonal=off_diagonal)
+
+    def words(self) -> str:
+        """Write what is in force on one line, with its names."""
+        raise NotImplementedError
+
+    def inverse(self) -> Floats:
+        """(3, 3) A⁻¹; `ArrayError` where A flattens readings."""
+        try:
+            return floats(np.linalg.inv(self.matrix))
+        except np.linalg.LinAlgError:
+            raise ArrayError(
+                f"{self.words()}: this flattens all readings into a plane, so that what the compass read is lost"
+            ) from None
+
+    def motor_shift(self, name: str) -> Floats:
+        """(3,) µT by which raw readings are off for each A, or at full throttle."""
+        raise NotImplementedError
+
+    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
+        """The calibration that the parameters stand for, without a mounting, with motors if `has_disturbances`.
+
+        They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given;
+        nor at which currents the motors' part was found, while a throttle goes from 0 to 1. A matrix that flattens
+        readings raises `ArrayError`.
+        """
+        raw = Unit.of(self.unit)
+        plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, sensor=sensor, frame=self.frame)
+        if not self.has_disturbances:
+            return plain
+        name = next(name for name, number in MOTORS.items() if number == self.motor_by)
+        motor = Disturbance(name, self.motor_shift(name), highest=1.0 if name == "throttle" else 0.0)
+        return replace(plain, disturbances=(motor,))
+
+    @classmethod
+    def symmetric(cls, calibration: Calibration, compass: int, *, lossy: bool, beyond: str, by: str) -> Floats:
+        """(3, 3) the symmetric matrix of a calibration without motors, in the axes as recorded.
+
+        Raises
+        ------
+        UnitError, UsageError
+            For a calibration in counts; for a compass that there is not.
+        NotExportable
+            For a matrix that turns readings by more than `MOST_TURN_DEG`, unless `lossy`; `by` is what sets the
+            mounting instead.
+        """
+        if compass not in cls.compasses:
+            numbers = f"{', '.join(map(str, cls.compasses[:-1]))} and {cls.compasses[-1]}"
+            raise UsageError(f"compass {compass}: {cls.who} keeps parameters of compass {numbers}")
+        if calibration.unit != MICROTESLA:
+            others = "mG, uT" if cls.unit == "G" else "G, uT"
+            raise UnitError(
+                f"the calibration is in counts, and {cls.who}'s parameters are in {cls.unit}: calibrate again with "
+                f"--unit {cls.unit} (or {others} …), or with --scale where the microtesla in one count are known"
+            )
+        root, angle = without_turn(in_recorded_axes(followed(calibration)[0])[0])
+        if angle > MOST_TURN_DEG and not lossy:
+            raise NotExportable(
+                f"the calibration turns readings by {figures(angle)}°, and {cls.who}'s symmetric matrix cannot: "
+                "flinders export --lossy writes the rest, and says what roll, pitch and yaw then belong into the "
+                f"mounting ({by})",
+                beyond=(beyond,),
+                turn_deg=angle,
+            )
+        return root
 
 
 def of_six(diagonal: Floats, off_diagonal: Floats) -> Floats:
@@ -150,6 +261,12 @@ def in_six(matrix: Floats) -> tuple[Floats, Floats]:
     return np.diag(matrix), matrix[[0, 0, 1], [1, 2, 2]]
 
 
+def motor_kind(values: Mapping[str, float], name: str) -> int:
+    """The number of `MOTORS` that a parameter holds; 0 for what is not known."""
+    kind = float(values.get(name, 0.0))
+    return int(kind) if kind in MOTORS.values() else 0
+
+
 def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
     """Raise `NotExportable` for parameters, each with its value and what it would be, unless there are none."""
     if beyond:
@@ -158,54 +275,9 @@ def refuse_values(beyond: Mapping[str, tuple[float, str]], advice: str) -> None:
         raise NotExportable(f"{clauses}{advice}", beyond=wanted, wanted=wanted)
 
 
-def inverse(matrix: Floats, words: str) -> Floats:
-    """(3, 3) the inverse of a correction whose parameters are `words`; `ArrayError` where it flattens readings."""
-    try:
-        return floats(np.linalg.inv(matrix))
-    except np.linalg.LinAlgError:
-        raise ArrayError(
-            f"{words}: this flattens all readings into a plane, so that what the compass read is lost"
-        ) from None
-
-
 def listed(values: Iterable[float]) -> str:
     """Write numbers for a sentence, to six digits."""
     return ", ".join(f"{value + 0.0:.6g}" for value in values)
-
-
-# motors
-
-MOTORS: Final = {"current": 2, "throttle": 1}
-"""What both autopilots follow, the better witness first, and the number of their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
-
-
-def followed(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
-    """Split off the disturbance that an autopilot compensates from the calibration with motors at rest.
-
-    >>> from flinders.core.calibration import Calibration
-    >>> both = (Disturbance("current", [0.5, 0, 0], highest=20), Disturbance("throttle", [3, 0, 0], highest=1))
-    >>> plain, motor = followed(Calibration(np.eye(3), [10, 0, 0], 50.0, disturbances=both))
-    >>> plain.offset, motor.name
-    (array([10.,  0.,  0.]), 'current')
-    """
-    ours = {disturbance.name: disturbance for disturbance in calibration.disturbances}
-    motor = next((ours[name] for name in MOTORS if name in ours), None)
-    if motor is None:
-        return calibration.at(), None
-    return calibration.at(**{motor.name: 0.0}), motor
-
-
-def read_motor(name: str, per_unit: Floats) -> tuple[Disturbance, ...]:
-    """What an autopilot takes off for its motors, as a disturbance; none where it is nothing.
-
-    Parameters do not say at which currents they were found; a throttle goes from 0 to 1.
-
-    >>> print(*read_motor("current", np.array([0.5, 0.0, -0.3])))
-    current: 0.5, 0, -0.3 per A, from 0 A, range unknown
-    """
-    if not np.any(per_unit):
-        return ()
-    return (Disturbance(name, per_unit, highest=1.0 if name == "throttle" else 0.0),)
 
 
 # parameter files
@@ -214,31 +286,56 @@ NAME: Final = re.compile(r"[A-Z][A-Z0-9_]{0,15}")
 """A parameter has a name of up to 16 characters."""
 
 
+@dataclass(frozen=True, slots=True)
+class ParameterFile:
+    """Reads the parameters of one compass back: `read` and `which` are those of a `TargetReader`."""
+
+    kind: type[CompassParameters]
+    # ``offsets(values)`` tells of which compasses there are offsets
+    offsets: Callable[[Mapping[str, float]], Sequence[int]]
+    need: str  # names the parameters of one
+
+    def read(
+        self, content: bytes, source: str, *, strength: float | None = None, compass: int | None = None
+    ) -> Calibration:
+        """Read a calibration; `strength`, µT, is 50 unless given, and `compass` the only one where there is one."""
+        found = self.parameters(content, source, compass)
+        return found.to_calibration(strength or 50.0, known=strength is not None)
+
+    def which(self, content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
+        """Number, and device id where the file has it, of the compass that `read` takes."""
+        found = self.parameters(content, source, compass)
+        return found.compass, found.device_id % 2**32 if found.device_id else None
+
+    def parameters(self, content: bytes, source: str, compass: int | None) -> CompassParameters:
+        """Take the compass that is wanted, or the only one; `InputError` where it is not there, or not clear."""
+        values = parse(decoded(content, source), source)
+        there = self.offsets(values)
+        if not there:
+            raise DocumentError(f"{source}: holds no offsets of a compass: need {self.need} and so on")
+        numbers = " and ".join(map(str, there))
+        if compass is None and len(there) > 1:
+            raise DocumentError(f"{source}: holds compass {numbers}: say which one with --compass")
+        if compass is not None and compass not in there:
+            raise DocumentError(f"{source}: holds compass {numbers} and not {compass}: check --compass")
+        return self.kind.read(values, there[0] if compass is None else compass)
+
+
 def parse(text: str, source: str = "parameters") -> dict[str, float]:
-    r"""Read a parameter file, as Mission Planner, MAVProxy or QGroundControl write it.
+    r"""Read a parameter file, as Mission Planner, MAVProxy or QGroundControl write it; `source` names it in messages.
 
-    Parameters
-    ----------
-    text : str
-        ``NAME,value`` or ``NAME value`` a line, or the five columns of QGroundControl with the name in the third; what
-        follows # is a remark. Of a name that comes twice, the last counts.
-    source : str
-        For messages.
+    Lines are ``NAME,value``, ``NAME value``, ``param set NAME value`` or the five columns of QGroundControl with the
+    name in the third; what follows # is a remark. Of a name that comes twice, the last counts. Other lines raise
+    `InputError`, which names the first, and how many there are.
 
-    Raises
-    ------
-    InputError
-        For lines that are no parameters; names the first, and how many there are.
-
-    Examples
-    --------
     >>> parse("# my boat\nCOMPASS_OFS_X,-12.5\nCOMPASS_OFS_Y  40\n1\t1\tCOMPASS_OFS_Z\t-93.0\t9\n")
     {'COMPASS_OFS_X': -12.5, 'COMPASS_OFS_Y': 40.0, 'COMPASS_OFS_Z': -93.0}
     """
     values: dict[str, float] = {}
     bad: list[tuple[int, str]] = []
     for number, line in enumerate(text.lstrip("\ufeff").splitlines(), 1):
-        words = [word for word in re.split(r"[,=\s]+", line.split("#", 1)[0].strip()) if word]
+        bare = line.split("#", 1)[0].strip().removeprefix("param set ")
+        words = [word for word in re.split(r"[,=\s]+", bare) if word]
         if not words:
             continue
         name, value = (words[2:4] if len(words) == 5 else [*words, ""])[:2]
@@ -254,30 +351,6 @@ def parse(text: str, source: str = "parameters") -> dict[str, float]:
             "NAME,value a line, such as COMPASS_OFS_X,-12.5"
         )
     return values
-
-
-def chosen(there: Sequence[int], wanted: int | None, source: str, need: str) -> int:
-    """Which of several compasses: the one that is wanted, or the only one.
-
-    Raises
-    ------
-    DocumentError
-        Where it is not there, or there are several; `need` names the parameters of one.
-
-    Examples
-    --------
-    >>> chosen([1, 2], None, "vehicle.param", "COMPASS_OFS_X")
-    Traceback (most recent call last):
-    flinders.errors.DocumentError: vehicle.param: holds compass 1 and 2: say which one with --compass
-    """
-    if not there:
-        raise DocumentError(f"{source}: holds no offsets of a compass: need {need}")
-    numbers = " and ".join(map(str, there))
-    if wanted is None and len(there) > 1:
-        raise DocumentError(f"{source}: holds compass {numbers}: say which one with --compass")
-    if wanted is not None and wanted not in there:
-        raise DocumentError(f"{source}: holds compass {numbers} and not {wanted}: check --compass")
-    return there[0] if wanted is None else wanted
 
 
 def _number(text: str) -> float | None:

@@ -1,9 +1,8 @@
 """A target: how it uses a calibration, what it has room for, who writes its file and who reads it back.
 
 Each module here is a target or a family of them, with a row for each at its end. A row runs the target's own formula on
-what is written, and says what that costs.
+what is written, and says what that costs. Most write a matrix and an offset in their own unit and axes, `Affine`.
 
->>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
 >>> halves = Target(
 ...     name="halves", use="half of the offset", suffix=".txt", title="A toy", formula="c = m - b / 2", unit="uT",
@@ -16,27 +15,32 @@ what is written, and says what that costs.
 
 from __future__ import annotations
 
+import math
 import re
+import textwrap
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
 import numpy as np
 
-from flinders.core.units import label
-from flinders.errors import figures
-from flinders.targets._affine import OWN, RECORDED, VEHICLE, Acts, acting, in_recorded_axes, per_unit, refuse_mounted
-from flinders.targets._autopilot import followed
-from flinders.targets._export import DIP_DEG, NOTHING_MORE, Difference, Export, ExportOptions, Written
-from flinders.targets._text import HASH, Comment
+from flinders.arrays import Floats, floats, vectors
+from flinders.core.calibration import Calibration
+from flinders.core.units import COUNTS, PER_UNIT, Unit, label
+from flinders.errors import NotExportable, UnitError, figures
+from flinders.geometry.sphere import fibonacci
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from flinders.arrays import Floats
-    from flinders.core.calibration import Calibration
+    from numpy.typing import ArrayLike
+
+    from flinders.core.calibration_file import Rotation
     from flinders.core.disturbance import Disturbance
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
+Acts: TypeAlias = Literal["recorded", "mapped", "across"]
+"""In which axes a target works: those of the recording (mapped afterwards), those of the calibration (mapped before),
+or from the first to the second."""
 
 HOLDS: Final[Mapping[Keeps, str]] = {
     "all": "an offset and a whole matrix",
@@ -44,41 +48,144 @@ HOLDS: Final[Mapping[Keeps, str]] = {
     "diagonal": "an offset and a diagonal, no soft iron beside it",
     "offset": "an offset and no soft iron",
 }
-"""What of a calibration a target has room for."""
-
 WHERE: Final[Mapping[Acts, str]] = {
     "recorded": "the sensor's own, before its mounting",
     "mapped": "those of the vehicle or board, after the mounting",
     "across": "readings as recorded in, the calibration's axes out",
 }
-"""In which axes a target works."""
+VEHICLE: Final = "vehicle"
+"""The frame of a calibration of readings that were in the axes of the vehicle when they were recorded."""
+OWN, RECORDED = "own", "recorded"
+"""Units of a target that takes any: that of the calibration (µT or counts), and that of the recording."""
 
+DIRECTIONS: Final = 400
+"""Test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
+COARSEST_DEG: Final = 1.0
+"""Nothing is written unasked that costs such a heading error, or as much of the length."""
+DIP_DEG: Final = 60.0
+"""Inclination of the field that heading errors are told for."""
 NEXT_TO_NOTHING: Final = 0.0001
 EXACT: Final = 1e-9
 """A matrix is of a kind to within this share of its largest entry: products of matrices are rounded."""
+BEYOND_ALL: Final = 1e15
+"""Numbers that no target gets to see, nor what is next to nothing: products of two of them suit single precision."""
+MOTORS: Final = {"current": 2, "throttle": 1}
+"""What autopilots compensate, the better witness first, and the number of their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """What is asked of a target besides the calibration."""
+
+    compass: int | None = None  # which one, as the target counts; its first where it is not given
+    lossy: bool = False  # write also what costs more than a degree of heading
+    # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
+    name: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Written:
+    """A calibration in the numbers of a target."""
+
+    apply: Callable[[Floats], Floats]  # the target's formula with the numbers as it will hold them, in its units
+    body: Sequence[str]  # lines of the file
+    values: Mapping[str, Any]  # what is written, for programs
+    notes: Sequence[str] = ()  # what else to know
+    data: bytes | None = None  # content of the file, where it is no text
+    # ``compensated(readings, value)``: the formula at a value of the motors' current or throttle
+    compensated: Callable[[Floats, float], Floats] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A calibration as a target wants it."""
+
+    target: str  # name of the target
+    text: str  # content of the file; of one in bytes, what is in it, for people
+    fields: dict[str, Any]  # the same for programs, ready for JSON
+    checked: str  # how far it is off, in words
+    warnings: tuple[str, ...] = ()  # what to see to before it is used
+    data: bytes | None = None  # content of the file where it is no text
+    has_comments: bool = True  # the text says what is known of it in comments; otherwise that has to be said elsewhere
+
+    @property
+    def content(self) -> str | bytes:
+        """Content of the file."""
+        return self.text if self.data is None else self.data
+
+
+@dataclass(frozen=True, slots=True)
+class Comment:
+    """How a language marks comments: what their lines begin with, the lines around, and what must not stand in one.
+
+    What a recording or a person named goes into comments only, in ASCII and without what would end the comment.
+
+    >>> print(*BLOCK.lines(["from */ system(1); /* x.json", "2 µT"]), sep=chr(10))
+    /*
+     * from * / system(1); / * x.json
+     * 2 uT
+     */
+    """
+
+    each: str
+    opening: str = ""
+    closing: str = ""
+    ends: tuple[tuple[str, str], ...] = ()
+
+    def lines(self, remarks: Iterable[str]) -> list[str]:
+        """Break remarks into lines of comment."""
+        wrapped: list[str] = []
+        for remark in remarks:
+            wrapped += textwrap.wrap(
+                self._harmless(remark),
+                width=78,
+                initial_indent=self.each,
+                subsequent_indent=f"{self.each}  ",
+                break_on_hyphens=False,
+            )
+        return [*filter(None, [self.opening]), *wrapped, *filter(None, [self.closing])]
+
+    def _harmless(self, remark: str) -> str:
+        text = plain_ascii(remark)
+        for unsafe, written in self.ends:
+            while unsafe in text:
+                text = text.replace(unsafe, written)
+        return text
+
+
+HASH: Final = Comment("# ")
+PERCENT: Final = Comment("% ")
+BLOCK: Final = Comment(" * ", "/*", " */", (("*/", "* /"), ("/*", "/ *"), ("??", "? ?")))
+MARKUP: Final = Comment("  ", "<!--", "-->", (("--", "- -"),))
+ASCII: Final = str.maketrans({
+    "µ": "u", "°": " deg", "−": "-", "·": "*", "×": "x", "σ": "sigma", "±": "+/-", "…": "...", "–": "-", "’": "'",
+    "²": "^2", "ᵀ": "'", "½": "1/2", "∕": "/",
+})  # fmt: skip
+
+
+def plain_ascii(text: str) -> str:
+    r"""Write text in printable ASCII, other characters by their code.
+
+    >>> plain_ascii("48 µT, café\x07\u2028")
+    '48 uT, caf\\xe9\\x07\\u2028'
+    """
+    return "".join(
+        sign if sign.isascii() and sign.isprintable() else sign.encode("unicode_escape").decode()
+        for sign in text.translate(ASCII)
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class TargetReader:
-    """How a target's file is read back.
+    """How a target's file is read back."""
 
-    Attributes
-    ----------
-    mark : bytes
-        Regular expression that the first bytes of such a file match, and those of other targets do not.
-    read : callable
-        ``read(content, source, strength=…)`` gives the calibration: of the bytes of a file, with its name for messages
-        and the length of corrected readings, which goes before what the file says of it; in µT, in counts for files in
-        counts. It takes ``compass`` where there is `which`.
-    saved : str
-        What the tool itself saves that can be read, in words.
-    which : callable, optional
-        ``which(content, source, compass)`` gives number and device id of the compass that is read, of several.
-    """
-
-    mark: bytes
+    mark: bytes  #: regular expression that the first bytes of such a file match, and those of other targets do not
+    #: ``read(content, source, strength=…)`` gives the calibration: of the bytes of a file, with its name for messages
+    #: and the length of corrected readings, which goes before what the file says of it; in µT, in counts for files in
+    #: counts. It takes ``compass`` where there is `which`
     read: Callable[..., Calibration]
-    saved: str
+    saved: str  #: what the tool itself saves that can be read, in words
+    #: ``which(content, source, compass)`` gives number and device id of the compass that is read, of several
     which: Callable[[bytes, str, int | None], tuple[int, int | None]] | None = None
 
     def sniff(self, head: bytes) -> bool:
@@ -88,78 +195,34 @@ class TargetReader:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """One row of the table of targets.
+    """One row of the table of targets."""
 
-    Attributes
-    ----------
-    name : str
-        What `find` and ``--to`` look for.
-    use : str
-        What it writes, for people.
-    suffix : str
-        Ending of such a file.
-    title : str
-        Its name, for people.
-    formula : str
-        By which it uses the numbers.
-    unit : str
-        Of the readings that it corrects: a name of `units`, ``own`` or ``recorded``.
-    keeps : str
-        What it holds; a key of `HOLDS`.
-    storage : str
-        How numbers are kept, and their range.
-    source : str
-        Where that stands.
-    write : callable
-        ``write(calibration, asked)`` gives the calibration in the numbers of the target.
-    reader : TargetReader, optional
-        Where such a file can be read back.
-    acts : str
-        A key of `WHERE`.
-    fed : bool
-        The program around it chooses which readings it corrects: they may be those of the vehicle.
-    follows : str
-        What of that which drives an offset it has room for: nothing, one of current and throttle (``motors``), or all.
-    lengths : str
-        How long corrected readings are, where that is the target's own; empty where it is the calibration's.
-    gives : str
-        Unit of what comes out, where it is another.
-    errors_in : str
-        Unit in which its errors are told, where that of the calibration says little beside its steps.
-    unverified : tuple of str
-        What nobody could verify, a clause each.
-    comment : Comment, optional
-        None where the file has no room for comments.
-    docs : str
-        The page that tells about it.
-    compasses : range, optional
-        Numbers of the compasses that it keeps; with them it takes ``--compass``.
-    named : bool
-        Names in it stand in a program beside those of others, and it takes ``--name``.
-    """
-
-    name: str
-    use: str
-    suffix: str
-    title: str
-    formula: str
-    unit: str
-    keeps: Keeps
-    storage: str
-    source: str
+    name: str  #: what `find` and ``--to`` look for
+    use: str  #: what it writes, for people
+    suffix: str  #: ending of such a file
+    title: str  #: its name, for people
+    formula: str  #: by which it uses the numbers
+    unit: str  #: of the readings that it corrects: a name of `units`, ``own`` or ``recorded``
+    keeps: Keeps  #: what it holds; a key of `HOLDS`
+    storage: str  #: how numbers are kept, and their range
+    source: str  #: where that stands
+    #: ``write(calibration, asked)`` gives the calibration in the numbers of the target
     write: Callable[[Calibration, ExportOptions], Written]
-    reader: TargetReader | None = None
-    acts: Acts = "recorded"
-    fed: bool = False
+    reader: TargetReader | None = None  #: where such a file can be read back
+    acts: Acts = "recorded"  #: a key of `WHERE`
+    fed: bool = False  #: the program around it chooses which readings it corrects: they may be those of the vehicle
+    #: which disturbances it has room for: none, one of current and throttle (``motors``), or all
     follows: Literal["", "motors", "all"] = ""
+    #: how long corrected readings are, where that is the target's own; empty where it is the calibration's
     lengths: str = ""
-    gives: str = ""
+    gives: str = ""  #: unit of what comes out, where it is another
+    #: unit in which its errors are told, where that of the calibration says little beside its steps
     errors_in: str = ""
-    unverified: tuple[str, ...] = ()
-    comment: Comment | None = HASH
-    docs: str = "targets.md"
-    compasses: range | None = None
-    named: bool = False
+    unverified: tuple[str, ...] = ()  #: what nobody could verify, a clause each
+    comment: Comment | None = HASH  #: None where the file has no room for comments
+    docs: str = "targets.md"  #: the page that tells about it
+    compasses: range | None = None  #: numbers of the compasses that it keeps; with them it takes ``--compass``
+    named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
 
     @property
     def where(self) -> str:
@@ -198,7 +261,7 @@ class Target:
         }
 
     def render(
-        self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions = NOTHING_MORE
+        self, calibration: Calibration, *, about: Sequence[str] = (), asked: ExportOptions | None = None
     ) -> Export:
         """Write a calibration for the target, and try the target's own formula on what is written.
 
@@ -207,7 +270,7 @@ class Target:
         calibration : Calibration
         about : sequence of str
             Lines that tell where it comes from.
-        asked : ExportOptions
+        asked : ExportOptions, optional
             Which compass, and what else there is to choose.
 
         Raises
@@ -220,6 +283,7 @@ class Target:
         UsageError
             For a compass that there is not, or a name that cannot be written.
         """
+        asked = asked or ExportOptions()
         if self.refuses_mounted:
             refuse_mounted(calibration, who=self.title)
         written = self.write(calibration, asked)
@@ -264,27 +328,27 @@ class Target:
     def _tried(
         self, calibration: Calibration, apply: Callable[[Floats], Floats], *, lacks: str, lossy: bool
     ) -> Difference:
-        """Run the target's formula in its units."""
-        size = per_unit(calibration, self.unit, who=self.title)
-        gives = self._size_given(calibration)
-        return Difference.of(
+        """Run the target's formula in its units, and refuse what costs too much."""
+        size, given = per_unit(calibration, self.unit, who=self.title), self._size_given(calibration)
+        deviation = Difference.of(
             calibration,
-            lambda raw: gives * apply(raw / size),
+            lambda raw: given * apply(raw / size),
             acts=acting(self.acts, calibration),
             relative=bool(self.lengths),
-            lacks=lacks,
-            lossy=lossy,
         )
+        if lacks:
+            deviation.refuse_lost(lacks, lossy=lossy)
+        else:
+            deviation.refuse_coarse(calibration, lossy=lossy)
+        return deviation
 
     def _size_given(self, calibration: Calibration) -> float:
         """What one unit of a corrected reading is, in the unit of the calibration."""
         return per_unit(calibration, self.gives or self.unit, who=self.title)
 
     def _left_out(self, calibration: Calibration, motor: Disturbance | None) -> Iterable[str]:
-        """What a target costs that does not follow what the calibration follows."""
-        if self.follows == "all":
-            return
-        for disturbance in calibration.disturbances:
+        """What the disturbances cost that a target does not follow."""
+        for disturbance in calibration.disturbances if self.follows != "all" else ():
             if motor is None or disturbance.name != motor.name:
                 cost = min(calibration.disturbance_deg(disturbance, dip_deg=DIP_DEG), 180.0)
                 yield (
@@ -324,7 +388,7 @@ class Target:
         """How far the target is off, for programs."""
         size, unit = self._errors_in(calibration)
         return {
-            "vectors": deviation.vectors,
+            "vectors": DIRECTIONS,
             "unit": unit,
             "field": calibration.field_strength / size,
             "worst": deviation.worst / size,
@@ -337,7 +401,7 @@ class Target:
         size, name = self._errors_in(calibration)
         unit, scaled = label(name), ", scaled," if self.lengths else ""
         return (
-            f"checked: its own formula{scaled} on {deviation.vectors} fields of "
+            f"checked: its own formula{scaled} on {DIRECTIONS} fields of "
             f"{figures(calibration.field_strength / size, 4)} {unit}, "
             f"{_at_most(deviation.worst / size, deviation.worst_deg, unit)} off the calibration"
         )
@@ -380,3 +444,241 @@ def _at_most(worst: float, worst_deg: float, unit: str) -> str:
     if max(worst, worst_deg) < NEXT_TO_NOTHING:
         return f"less than {NEXT_TO_NOTHING} {unit} and {NEXT_TO_NOTHING}°"
     return f"at most {figures(max(worst, NEXT_TO_NOTHING))} {unit} and {figures(max(worst_deg, NEXT_TO_NOTHING))}°"
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How far a target's own formula, with the numbers that are written for it, is off the calibration."""
+
+    # largest length of the difference, in the calibration's unit; scaled before where the target's lengths are its own
+    worst: float
+    worst_deg: float  # degrees: largest angle between both
+
+    @classmethod
+    def of(
+        cls,
+        calibration: Calibration,
+        target: Callable[[Floats], Floats],
+        *,
+        acts: Acts = "recorded",
+        relative: bool = False,
+    ) -> Self:
+        """Run the target's formula on what the sensor reads in `DIRECTIONS` fields of the calibration's strength.
+
+        `target` takes (N, 3) readings to (N, 3) corrected ones, both in the calibration's unit, in the axes that `acts`
+        names. If `relative`, lengths are its own, and scaled to the calibration's field before they are compared.
+        """
+        back = _unmapped(calibration)
+        strength, expected = calibration.field_strength, fibonacci(DIRECTIONS)
+        with np.errstate(all="ignore"):
+            raw = calibration.unapply(strength * expected)
+            corrected = target(raw if acts == "mapped" else raw @ back.T) / strength
+            if acts == "recorded":
+                corrected = calibration.axes.apply(corrected)
+            if relative:
+                corrected = corrected * (np.sum(corrected * expected) / np.sum(corrected**2))
+            across = np.linalg.norm(np.cross(corrected, expected), axis=1)
+            angle = float(np.rad2deg(np.arctan2(across, np.sum(corrected * expected, axis=1))).max())
+            return cls(strength * float(np.linalg.norm(corrected - expected, axis=1).max()), angle)
+
+    def worse(self, other: Difference) -> Difference:
+        """The worse of two trials."""
+        return Difference(max(self.worst, other.worst), max(self.worst_deg, other.worst_deg))
+
+    @property
+    def heading_deg(self) -> float:
+        """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
+        if not self.worst_deg < 90:
+            return 180.0
+        return math.degrees(math.atan(math.tan(math.radians(self.worst_deg)) / math.cos(math.radians(DIP_DEG))))
+
+    def refuse_lost(self, lacks: str, *, lossy: bool) -> None:
+        """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted."""
+        if math.isfinite(self.worst) and (lossy or self.heading_deg <= COARSEST_DEG):
+            return
+        off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
+        raise NotExportable(
+            f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). Use a "
+            "target that holds the whole matrix (flinders targets), correct the readings in your own code, or write "
+            "it all the same with --lossy",
+            beyond=("matrix",),
+            heading_deg=self.heading_deg,
+        )
+
+    def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
+        """Raise `NotExportable` for rounding that costs a degree; if `lossy`, that is off by the whole length."""
+        strength = calibration.field_strength
+        share = self.worst / strength
+        if share <= math.sin(math.radians(COARSEST_DEG)) or (lossy and share < 1):
+            return
+        off = f"up to {share:.2g} times" if math.isfinite(share) else "more than"
+        raise NotExportable(
+            f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
+            f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Check the "
+            "unit of the recording, and --field-strength where it was given",
+            beyond=(),
+            error=self.worst,
+        )
+
+
+# a calibration in the unit and the axes of a target
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Affine:
+    """``corrected = matrix @ (raw - offset)``, with (3, 3) matrix, (3,) offset and the length of corrected readings.
+
+    >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+    >>> in_gauss = Affine.of(found, "G", who="this device")
+    >>> in_gauss.offset.round(6), in_gauss.apply([0.5, -0.2, 0.3]).round(6)
+    (array([ 0.1, -0.2,  0.3]), array([0.5, 0. , 0. ]))
+    >>> in_gauss.to_calibration("G").isclose(found)
+    True
+    """
+
+    matrix: Floats
+    offset: Floats
+    strength: float
+
+    @classmethod
+    def of(cls, calibration: Calibration, unit: str, *, who: str, acts: Acts = "recorded") -> Self:
+        """Express a calibration in a unit and in the axes in which a target works; raises as `per_unit`.
+
+        Numbers that no magnetometer has raise `NotExportable`.
+        """
+        size = per_unit(calibration, unit, who=who)
+        matrix, offset = calibration.matrix, calibration.offset
+        if acts == "recorded":
+            matrix, offset = in_recorded_axes(calibration)
+        elif acts == "across":
+            back = _unmapped(calibration)
+            matrix, offset = matrix @ back.T, back @ offset
+        strength = calibration.field_strength / size
+        with np.errstate(over="ignore"):
+            affine = cls(matrix, offset / size, strength)
+        largest = max(float(np.abs(affine.matrix).max()), float(np.abs(affine.offset).max()), strength, 1 / strength)
+        if not largest < BEYOND_ALL:
+            raise NotExportable(
+                f"numbers like {largest:.2g} are not those of a magnetometer: check the unit of the recording, and "
+                "--field-strength where it was given",
+                beyond=("matrix", "offset"),
+            )
+        return affine
+
+    @property
+    def single(self) -> Affine:
+        """The same in single precision."""
+        return Affine(single(self.matrix), single(self.offset), self.strength)
+
+    def decimals(self, places: int) -> Affine:
+        """The same with so many decimal places."""
+        return Affine(np.round(self.matrix, places), np.round(self.offset, places), self.strength)
+
+    def apply(self, field: ArrayLike) -> Floats:
+        """Correct readings: (..., 3) to (..., 3), in the target's unit."""
+        corrected: Floats = (vectors(field, finite=False) - self.offset) @ self.matrix.T
+        return corrected
+
+    def to_calibration(self, unit: str, *, known: bool = False, strength: float | None = None) -> Calibration:
+        """The calibration that the numbers stand for, in the axes of the target.
+
+        `unit` is that of the offset; `strength`, µT (or counts), is the field strength where the target does not hold
+        it, and `known` where it is no convention. Numbers that flatten all readings into a plane raise `ArrayError`, a
+        field strength that is not positive `UsageError`.
+        """
+        raw = Unit.of(unit)
+        length = self.strength * raw.scale if strength is None else strength
+        rotation: Rotation = "symmetric" if np.array_equal(self.matrix, self.matrix.T) else "composed"
+        return Calibration(
+            self.matrix, raw.scale * self.offset, length, known or strength is not None, rotation, raw=raw
+        )
+
+
+def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
+    """(3, 3) matrix and (3,) offset that correct readings before their axes are mapped.
+
+    With P the mapping, Pᵀ W P and Pᵀ b: mapped afterwards, the result is that of the calibration.
+
+    >>> from flinders.core.axes import Axes
+    >>> upside_down = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, axes=Axes.of("y,x,-z"))
+    >>> matrix, offset = in_recorded_axes(upside_down)
+    >>> np.diag(matrix), offset
+    (array([2. , 1. , 0.5]), array([ 20.,  10., -30.]))
+    """
+    back = _unmapped(calibration)
+    return back @ calibration.matrix @ back.T, back @ calibration.offset
+
+
+def shift_in_recorded_axes(calibration: Calibration, disturbance: Disturbance) -> Floats:
+    """(3,) offset per unit of a disturbance in the axes as recorded, in the calibration's unit."""
+    return floats(_unmapped(calibration) @ disturbance.per_unit)
+
+
+def _unmapped(calibration: Calibration) -> Floats:
+    """(3, 3) Pᵀ, from the axes of the calibration to those of the recording."""
+    return calibration.axes.apply(np.eye(3))
+
+
+def acting(acts: Acts, calibration: Calibration) -> Acts:
+    """In which axes a target works, in those of this recording: after the mounting is as recorded for a vehicle's."""
+    return "recorded" if acts == "mapped" and calibration.frame == VEHICLE else acts
+
+
+def refuse_mounted(calibration: Calibration, *, who: str) -> None:
+    """Raise `NotExportable` for readings in the axes of the vehicle, for what corrects them before the mounting."""
+    if calibration.frame == VEHICLE:
+        raise NotExportable(
+            f"the calibration is for readings in the axes of the vehicle, and {who} corrects them before the mounting, "
+            "in the sensor's own axes: the numbers would be wrong wherever the sensor is turned. Calibrate from "
+            "readings in the sensor's own axes, such as sensor_mag of a PX4 log, or write it for a target that acts "
+            "after the mounting (ardupilot) or on readings as recorded (c, json). Where the sensor sits exactly as the "
+            'vehicle does, set "frame" to "sensor" in the calibration file',
+            beyond=(),
+            frame=calibration.frame,
+        )
+
+
+def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
+    """What one of a target's units is, in the unit of the calibration.
+
+    Where one of them is in counts and the other in a unit of field, `UnitError` is raised.
+    """
+    if unit == OWN:
+        return 1.0
+    if unit == COUNTS != calibration.raw.name:
+        raise UnitError(
+            f"the recording was in {calibration.raw.name}, and {who} works in the raw counts of the sensor: record "
+            "these, and calibrate again with --unit counts"
+        )
+    if unit in (RECORDED, COUNTS):
+        return calibration.raw.scale
+    if calibration.unit == COUNTS:
+        raise UnitError(
+            f"the calibration is in counts, and {who} works in {unit}: calibrate again with --scale UT (microtesla in "
+            "one count, from the sensor's data sheet), or with --unit where the readings have one"
+        )
+    return PER_UNIT[unit]
+
+
+def followed(calibration: Calibration) -> tuple[Calibration, Disturbance | None]:
+    """Split off the disturbance that an autopilot compensates from the calibration with motors at rest.
+
+    >>> from flinders.core.disturbance import Disturbance
+    >>> both = (Disturbance("current", [0.5, 0, 0], highest=20), Disturbance("throttle", [3, 0, 0], highest=1))
+    >>> plain, motor = followed(Calibration(np.eye(3), [10, 0, 0], 50.0, disturbances=both))
+    >>> plain.offset, motor.name
+    (array([10.,  0.,  0.]), 'current')
+    """
+    ours = {disturbance.name: disturbance for disturbance in calibration.disturbances}
+    motor = next((ours[name] for name in MOTORS if name in ours), None)
+    return calibration.at(**({motor.name: 0.0} if motor else {})), motor
+
+
+def single(values: ArrayLike) -> Floats:
+    """Round to single precision.
+
+    >>> float(single(0.1)) - 0.1
+    1.49e-09
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        return np.asarray(values, np.float32).astype(np.float64)

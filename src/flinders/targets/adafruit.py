@@ -19,10 +19,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.targets._affine import Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import listed, loaded, numbers
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import listed, loaded, numbers
+from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -44,10 +42,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the file back; `strength`, in µT, goes before the one in it.
 
-    Raises
-    ------
-    DocumentError
-        For what is none, or lacks numbers.
+    Raises `DocumentError` for what is none, or lacks numbers.
     """
     fields = loaded(content, source)
     matrix = listed(fields, "mag_softiron", 9, source).reshape(3, 3)

@@ -38,9 +38,7 @@ from flinders.arrays import Floats, floats, vectors
 from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
-from flinders.targets._affine import in_recorded_axes
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
+from flinders.targets._target import ExportOptions, Target, Written, in_recorded_axes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -74,21 +72,12 @@ STEPS: Final = np.array([HARD_IRON_STEP_MG] * 3 + [SOFT_IRON_STEP] * 9)
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One register and what it holds.
+    """One register and what it holds."""
 
-    Attributes
-    ----------
-    name : str
-        As in the data sheet.
-    page, address : int
-    code : int
-        −32768 to 32767.
-    """
-
-    name: str
+    name: str  #: as in the data sheet
     page: int
     address: int
-    code: int
+    code: int  #: −32768 to 32767
 
     @property
     def word(self) -> int:
@@ -108,15 +97,9 @@ class Register:
 
 @dataclass(frozen=True, slots=True)
 class Registers:
-    """What the twelve registers hold.
+    """What the twelve registers hold."""
 
-    Attributes
-    ----------
-    codes : (12,) int
-        −32768 to 32767, in the order of `NAMES`.
-    """
-
-    codes: tuple[int, ...]
+    codes: tuple[int, ...]  #: (12,): −32768 to 32767, in the order of `NAMES`
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
@@ -124,10 +107,9 @@ class Registers:
 
         Raises
         ------
-        UnitError
-            For a calibration in counts.
-        NotExportable
-            Where a register cannot hold its value; says which, what is lost, and how far off it would be.
+        UnitError, NotExportable
+            For a calibration in counts; where a register cannot hold its value: which, what is lost, how far off it
+            would be.
         """
         if calibration.unit != MICROTESLA:
             raise UnitError(
@@ -145,13 +127,8 @@ class Registers:
     def from_words(cls, words: Iterable[int]) -> Self:
         """Take what was read from a device: twelve words, 0 to 65535, or signed, in the order of `NAMES`.
 
-        Raises
-        ------
-        UsageError
-            Unless there are twelve of them, of 16 bits each.
+        Unless there are twelve of them, of 16 bits each, `UsageError` is raised.
 
-        Examples
-        --------
         >>> Registers.from_words([2, 0xFFFF, 0x8000] + [0] * 9).hard_iron.round(1)
         array([ 2.000e-01, -1.000e-01, -3.2768e+03])
         """
@@ -189,18 +166,8 @@ class Registers:
     def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
         """The calibration that the codes stand for, in the axes of the device.
 
-        Parameters
-        ----------
-        field_strength : float, µT
-            Length of corrected readings, which the registers do not hold.
-        known : bool
-            It was given, and is no convention.
-        sensor : str, optional
-
-        Raises
-        ------
-        ArrayError
-            Where they flatten all readings into a plane.
+        They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given.
+        Codes that flatten all readings into a plane raise `ArrayError`.
         """
         matrix = np.eye(3) + self.soft_iron
         try:
@@ -221,18 +188,13 @@ def _wanted(calibration: Calibration) -> Floats:
 
 
 def _refused(calibration: Calibration, wanted: Floats, registers: Registers) -> NotExportable:
-    """Say which registers cannot hold their value, what is lost of each, and what that would do."""
+    """Say which registers cannot hold their value, and what is lost of each."""
     beyond = [index for index, code in enumerate(registers.codes) if np.rint(wanted[index]) != code]
-    worst = _largest_error(calibration, registers)
-    angle = np.rad2deg(np.arcsin(min(worst / calibration.field_strength, 1.0))) if np.isfinite(worst) else 90.0
-    off = f"by up to {figures(worst / MG, 3)} mG and {figures(float(angle))}°" if angle < 90 else "in any direction"
-    losses = "; ".join(_loss(index, float(wanted[index])) for index in beyond)
     return NotExportable(
-        f"{losses}. Cut to that, corrected readings would be off {off}. {_advice(calibration)}",
+        f"{'; '.join(_loss(index, float(wanted[index])) for index in beyond)}. {_advice(calibration)}",
         beyond=[NAMES[index] for index in beyond],
         wanted={NAMES[index]: float(wanted[index] * STEPS[index]) for index in beyond},
         lost={NAMES[index]: float((wanted[index] - registers.codes[index]) * STEPS[index]) for index in beyond},
-        error_mG=float(worst / MG),
     )
 
 
@@ -256,18 +218,6 @@ def _loss(index: int, wanted: float) -> str:
     )
 
 
-def _largest_error(calibration: Calibration, registers: Registers) -> float:
-    """µT: a bound of how far corrected readings would be off; with field F u, of |F (W' W⁻¹ − I) u + W' b + H|."""
-    matrix, offset = in_recorded_axes(calibration)
-    effective = np.eye(3) + registers.soft_iron
-    with np.errstate(all="ignore"):
-        stretch = calibration.field_strength * (effective @ np.linalg.inv(matrix) - np.eye(3))
-        shift = effective @ offset + MG * registers.hard_iron
-        if not (np.isfinite(stretch).all() and np.isfinite(shift).all()):
-            return float("inf")
-        return float(np.linalg.norm(stretch, 2) + np.linalg.norm(shift))
-
-
 def _advice(calibration: Calibration) -> str:
     """What to do: leave the scale open where that is all there is to it, else change what is magnetic."""
     scale = float(np.exp(np.linalg.slogdet(calibration.matrix)[1] / 3))
@@ -278,15 +228,7 @@ def _advice(calibration: Calibration) -> str:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the twelve registers.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    NotExportable
-        Where a register cannot hold its value, or its steps are too coarse for it.
-    """
+    """Write the twelve registers; raises as `Registers.of`, and for steps that are too coarse."""
     registers = Registers.of(calibration)
     decoded = _decoded(registers, calibration.field_strength)
     values: dict[str, Any] = {

@@ -6,6 +6,7 @@ it. Ours is corrected = A (raw − b), so
 
     SCALE = mean of the diagonal of A,   DIA, ODI = A / SCALE,   OFS = −b
 
+>>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("mG"))
 >>> for name, value in ArduPilotParameters.of(found, compass=2).rows()[:5]:
@@ -28,46 +29,49 @@ both agree where I is the identity or there is no motor term.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Literal, Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self
 
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
 from flinders.core.axes import Axes
-from flinders.core.calibration import Calibration
-from flinders.core.units import MICROTESLA, PER_UNIT, Unit
-from flinders.errors import NotExportable, UnitError, UsageError, figures
-from flinders.targets._affine import VEHICLE, Affine, driver_in_recorded_axes, in_recorded_axes, single
+from flinders.core.units import PER_UNIT
+from flinders.errors import NotExportable, figures
 from flinders.targets._autopilot import (
-    MOTORS,
     ROTATIONS,
-    chosen,
-    euler,
-    followed,
+    CompassParameters,
+    ParameterFile,
     in_six,
-    inverse,
+    in_words,
     listed,
+    motor_kind,
     of_six,
-    parse,
-    read_motor,
     refuse_values,
-    said,
-    symmetric,
     turn_of,
 )
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import decoded
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._target import (
+    MOTORS,
+    VEHICLE,
+    Affine,
+    ExportOptions,
+    Target,
+    TargetReader,
+    Written,
+    followed,
+    in_recorded_axes,
+    shift_in_recorded_axes,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from numpy.typing import ArrayLike
 
+    from flinders.core.calibration import Calibration
+
 MG: Final = PER_UNIT["mG"]
 """µT in one mG."""
-
 COMPASSES: Final = (1, 2, 3)
 MOST_OFFSET: Final = 1800.0
 """COMPASS_OFFS_MAX as it is delivered, in mG: a vehicle with longer offsets does not arm."""
@@ -78,8 +82,7 @@ MOST_SCALE: Final = 1.5
 """A COMPASS_SCALE beyond 1/1.5 to 1.5 counts as 1."""
 Scheme = Literal["COMPASS_OFS2_X", "COMPASS2_OFS_X"]
 """How the parameters of the second compass are named; the first one's are COMPASS_OFS_X or COMPASS1_OFS_X."""
-
-OFF, BY_THROTTLE, BY_CURRENT = 0, 1, 2
+OFF, BY_THROTTLE, BY_CURRENT = 0, MOTORS["throttle"], MOTORS["current"]
 """What COMPASS_MOTCT says that COMPASS_MOT is multiplied by."""
 
 NOT_WRITTEN: Final = (
@@ -87,7 +90,6 @@ NOT_WRITTEN: Final = (
     "where it is not 0 and those change, run CompassMot again"
 )
 """MOT x is added after I and SCALE: with others it would have to be I' SCALE' (I SCALE)⁻¹ MOT."""
-
 COMPENSATED: Final = (
     "COMPASS_MOT is in mG per A (COMPASS_MOTCT 2) or at full throttle (1), added after DIA, ODI and SCALE; "
     "COMPASS_MOTCT is one for all compasses: set COMPASS_MOT of the others, or leave them 0"
@@ -95,8 +97,8 @@ COMPENSATED: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArduPilotParameters:
-    """The parameters of one compass.
+class ArduPilotParameters(CompassParameters):
+    """The parameters of one compass, 1 to 3.
 
     Attributes
     ----------
@@ -106,44 +108,36 @@ class ArduPilotParameters:
         COMPASS_DIA; all zero counts as all one.
     off_diagonal : (3,) float
         COMPASS_ODI: entries xy, xz and yz.
-    scale : float
-        COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1.
     motor : (3,) float, mG/A or mG at full throttle
         COMPASS_MOT.
     motor_by : int
         COMPASS_MOTCT: 0 off, 1 throttle, 2 current.
+    compass : int
+    device_id : int, optional
+        COMPASS_DEV_ID.
+    scale : float
+        COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1.
     orientation : int
         COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only.
     external : bool
         COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board.
-    compass : int
-        1, 2 or 3.
     """
 
-    offset: Floats = field(default_factory=lambda: np.zeros(3))
-    diagonal: Floats = field(default_factory=lambda: np.ones(3))
-    off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
+    compass: int = 1
     scale: float = 0.0
-    motor: Floats = field(default_factory=lambda: np.zeros(3))
-    motor_by: int = OFF
     orientation: int = 0
     external: bool = False
-    compass: int = 1
+
+    who: ClassVar[str] = "ArduPilot"
+    unit: ClassVar[str] = "mG"
+    frame: ClassVar[str] = VEHICLE
+    compasses: ClassVar[tuple[int, ...]] = COMPASSES
 
     @classmethod
     def of(
-        cls,
-        calibration: Calibration,
-        *,
-        compass: int = 1,
-        mounting: ArrayLike | None = None,
-        motor: ArrayLike | None = None,
-        motor_by: int = OFF,
-        orientation: int = 0,
-        external: bool = False,
-        lossy: bool = False,
+        cls, calibration: Calibration, *, compass: int = 1, mounting: Floats | None = None, lossy: bool = False
     ) -> Self:
-        """Turn a calibration into parameters.
+        """Turn a calibration into parameters; where it follows a current or a throttle, COMPASS_MOT is −W P.
 
         Parameters
         ----------
@@ -151,16 +145,8 @@ class ArduPilotParameters:
             In the axes of the vehicle, as a log of ArduPilot is; or in those of the sensor, with its `mounting`.
         compass : int
             1, 2 or 3.
-        mounting : (3, 3) array-like, optional
-            Rotation R from the axes of the sensor to those of the vehicle, `rotation` of COMPASS_ORIENT: what is
-            written is R A Rᵀ and R b.
-        motor : (3,) array-like, optional
-            COMPASS_MOT: what is added to a corrected reading, in mG for each A, or at full throttle; by default that
-            of the calibration, where it follows a current or, failing that, a throttle: −W P.
-        motor_by : int
-            COMPASS_MOTCT: `BY_THROTTLE` or `BY_CURRENT`, where there is a `motor`.
-        orientation, external
-            As the attributes of the same name; kept, and not used.
+        mounting : (3, 3) float, optional
+            Rotation R from the axes of the sensor to those of the vehicle: what is written is R A Rᵀ and R b.
         lossy : bool
             Leave a rotation of the calibration out, which belongs into the mounting.
 
@@ -171,45 +157,33 @@ class ArduPilotParameters:
         NotExportable
             For values that ArduPilot does not take: `beyond` names them, ``evidence["wanted"]`` holds them.
         UsageError
-            For a compass that there is not, or a motor term without what it depends on.
+            For a compass that there is not.
         """
-        digit = _digit(_known(compass))
-        if calibration.unit != MICROTESLA:
-            raise UnitError(
-                "the calibration is in counts, and ArduPilot's parameters are in mG: calibrate again with --unit mG "
-                "(or G, uT …), or with --scale where the microtesla in one count are known"
-            )
-        plain, follows = followed(calibration)
-        matrix, centre = in_recorded_axes(plain)
-        turn = np.eye(3) if mounting is None else _rotation_matrix(mounting)
         by = "COMPASS_ORIENT or a custom rotation"
-        symmetrical = turn @ symmetric(matrix, "ArduPilot", "COMPASS_ODI", by=by, lossy=lossy) @ turn.T
-        if motor is None and follows is not None:
-            motor = -symmetrical @ turn @ driver_in_recorded_axes(calibration, follows) / MG
-            motor_by = MOTORS[follows.name]
-        motor = np.zeros(3) if motor is None else vectors(motor, "motor")
-        if motor.any() and motor_by not in MOTORS.values():
-            raise UsageError("a motor term needs what it depends on: motor_by=1 for throttle, 2 for current")
-        scale = float(np.trace(symmetrical) / 3)
+        root = cls.symmetric(calibration, compass, lossy=lossy, beyond="COMPASS_ODI", by=by)
+        plain, follows = followed(calibration)
+        turn = np.eye(3) if mounting is None else mounting
+        matrix = turn @ root @ turn.T
+        scale = float(np.trace(matrix) / 3)
         if not 0 < scale < np.inf:
+            name = f"COMPASS_SCALE{_digit(compass)}"
             raise NotExportable(
                 f"COMPASS_SCALE would be {figures(scale, 4)}, and needs to be positive: the calibration turns an axis "
                 "round; map the axes of the recording instead",
-                beyond=(f"COMPASS_SCALE{digit}",),
-                wanted={f"COMPASS_SCALE{digit}": scale},
+                beyond=(name,),
+                wanted={name: scale},
             )
-        diagonal, off_diagonal = in_six(symmetrical / scale)
+        diagonal, off_diagonal = in_six(matrix / scale)
         parameters = cls(
-            offset=-(turn @ centre) / MG,
+            offset=-(turn @ in_recorded_axes(plain)[1]) / MG,
             diagonal=diagonal,
             off_diagonal=off_diagonal,
             scale=scale,
-            motor=motor,
-            motor_by=motor_by,
-            orientation=orientation,
-            external=external,
             compass=compass,
         )
+        if follows is not None:
+            motor = -matrix @ turn @ shift_in_recorded_axes(calibration, follows) / MG
+            parameters = replace(parameters, motor=motor, motor_by=MOTORS[follows.name])
         parameters.refuse_beyond()
         return parameters
 
@@ -219,12 +193,9 @@ class ArduPilotParameters:
 
         What is not there, or not finite, is the default.
 
-        Examples
-        --------
         >>> ArduPilotParameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
         1.1
         """
-        _known(compass)
 
         def one(group: str, axis: str = "", default: float = 0.0) -> float:
             given = (float(values.get(name, np.nan)) for name in names(group, compass, axis))
@@ -233,17 +204,18 @@ class ArduPilotParameters:
         def three(group: str, default: float = 0.0) -> Floats:
             return np.array([one(group, axis, default) for axis in ("_X", "_Y", "_Z")])
 
-        kind = values.get("COMPASS_MOTCT", OFF)
+        device = int(one("DEV_ID"))
         return cls(
             offset=three("OFS"),
             diagonal=three("DIA", 1.0),
             off_diagonal=three("ODI"),
             scale=one("SCALE"),
             motor=three("MOT"),
-            motor_by=int(kind) if kind in MOTORS.values() else OFF,
+            motor_by=motor_kind(values, "COMPASS_MOTCT"),
             orientation=int(one("ORIENT")),
             external=one("EXTERNAL") > 0,
             compass=compass,
+            device_id=device if device > 0 else None,
         )
 
     @property
@@ -271,112 +243,54 @@ class ArduPilotParameters:
         """Nothing is corrected."""
         return not (self.offset.any() or self.has_disturbances) and np.array_equal(self.matrix, np.eye(3))
 
-    @property
-    def has_disturbances(self) -> bool:
-        """COMPASS_MOTCT and COMPASS_MOT compensate for motors."""
-        return self.motor_by in MOTORS.values() and bool(self.motor.any())
-
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
-        """Correct readings as ArduPilot does.
+        """Correct readings as ArduPilot does, (..., 3) to (..., 3) mG in the axes of the vehicle.
 
-        Parameters
-        ----------
-        raw : (..., 3) mG
-            Readings in the axes of the vehicle.
-        drive : (...) A or 0 to 1
-            Current or throttle, as `motor_by` says.
-
-        Returns
-        -------
-        (..., 3) mG
+        `drive`, (...), is the current in A or the throttle from 0 to 1, as `motor_by` says.
         """
         readings: Floats = (vectors(raw, "raw", finite=False) + self.offset) @ self.matrix.T + self._motor(drive)
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0, *, motor_offset: ArrayLike | None = None) -> Floats:
-        """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS.
+        """Tell what the compass read, r = I⁻¹ (m − MOT x) / SCALE − OFS: undoes `apply`.
 
-        Parameters
-        ----------
-        corrected : (..., 3) mG
-        drive : (...) A or 0 to 1
-            As for `apply`.
-        motor_offset : (..., 3) mG, optional
-            MOT x itself, where a log holds it.
+        `motor_offset`, (..., 3) mG, is MOT x itself, where a log holds it. Where I flattens readings, `ArrayError` is
+        raised.
 
-        Raises
-        ------
-        ArrayError
-            Where I flattens readings and cannot be undone.
-
-        Examples
-        --------
         >>> offset, off_diagonal = np.array([-100.0, 0, 50]), np.array([0.1, 0, 0])
         >>> set_up = ArduPilotParameters(offset=offset, off_diagonal=off_diagonal, scale=1.2)
         >>> set_up.unapply(set_up.apply([1.0, 2.0, 3.0])).round(9)
         array([1., 2., 3.])
         """
         added = self._motor(drive) if motor_offset is None else vectors(motor_offset, "motor_offset", finite=False)
-        back = inverse(self.matrix, self.words())
+        back = self.inverse()
         with np.errstate(invalid="ignore", over="ignore"):
             readings: Floats = (vectors(corrected, "corrected", finite=False) - added) @ back.T - self.offset
         return readings
 
-    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
-        """Make the calibration of the parameters, in the axes of the vehicle, with motors if `has_disturbances`.
-
-        MOT x is added to a corrected reading: what the motors make of a raw one is P = −A⁻¹ MOT.
-
-        Parameters
-        ----------
-        field_strength : float, µT
-            Length of corrected readings, which parameters do not hold.
-        known : bool
-            It was given, and is no convention.
-        sensor : str, optional
-
-        Raises
-        ------
-        ArrayError
-            Where I flattens readings.
-        """
-        plain = Calibration(
-            self.matrix, self.centre, field_strength, known, raw=Unit.of("mG"), sensor=sensor, frame=VEHICLE
-        )
-        if not self.has_disturbances:
-            return plain
-        name = next(name for name, number in MOTORS.items() if number == self.motor_by)
-        return replace(plain, disturbances=read_motor(name, -MG * np.linalg.solve(self.matrix, self.motor)))
+    def motor_shift(self, name: str) -> Floats:  # noqa: ARG002 - in mG for both
+        """(3,) µT, P = −A⁻¹ MOT: MOT x is added to a corrected reading."""
+        shift: Floats = -MG * np.linalg.solve(self.matrix, self.motor)
+        return shift
 
     def rows(self, scheme: Scheme = "COMPASS_OFS2_X") -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFS, DIA, ODI, SCALE, and MOT with COMPASS_MOTCT where there is a motor term.
 
         Values are rounded to the float32 that ArduPilot keeps.
         """
-        columns = {"OFS": self.offset, "DIA": self.diagonal, "ODI": self.off_diagonal}
-        named = [
-            (self._name(group, scheme, f"_{axis}"), value)
-            for group, values in columns.items()
-            for axis, value in zip("XYZ", values, strict=True)
-        ]
-        named.append((self._name("SCALE", scheme), self.scale))
+        groups = {"OFS": self.offset, "DIA": self.diagonal, "ODI": self.off_diagonal, "SCALE": np.array([self.scale])}
         if self.motor.any():
-            named += [
-                (self._name("MOT", scheme, f"_{axis}"), value) for axis, value in zip("XYZ", self.motor, strict=True)
-            ]
-            named.append(("COMPASS_MOTCT", self.motor_by))
-        return tuple((name, float(np.float32(value)) + 0.0) for name, value in named)
+            groups["MOT"] = self.motor
+        rows = [
+            (names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"], float(np.float32(value)) + 0.0)
+            for group, values in groups.items()
+            for axis, value in zip(("_X", "_Y", "_Z") if len(values) == 3 else ("",), values, strict=True)
+        ]
+        return (*rows, *([("COMPASS_MOTCT", float(self.motor_by))] if self.motor.any() else []))
 
     def as_held(self) -> Self:
         """The same after ArduPilot has kept each value as a float32."""
-        return replace(
-            self,
-            offset=single(self.offset),
-            diagonal=single(self.diagonal),
-            off_diagonal=single(self.off_diagonal),
-            scale=float(np.float32(self.scale)),
-            motor=single(self.motor),
-        )
+        return replace(super(ArduPilotParameters, self).as_held(), scale=float(np.float32(self.scale)))
 
     def words(self) -> str:
         """Write what is in force on one line, with its names.
@@ -402,10 +316,8 @@ class ArduPilotParameters:
         beyond: dict[str, tuple[float, str]] = {}
         length = float(np.linalg.norm(self.offset))
         if not length <= MOST_OFFSET:
-            beyond[f"COMPASS_OFS{digit}"] = (
-                length,
-                f"{figures(length, 4)} mG long, and a vehicle arms with at most {MOST_OFFSET:,.0f} (COMPASS_OFFS_MAX)",
-            )
+            words = f"{figures(length, 4)} mG long, and a vehicle arms with at most {MOST_OFFSET:,.0f}"
+            beyond[f"COMPASS_OFS{digit}"] = length, f"{words} (COMPASS_OFFS_MAX)"
         for name, values, low, high in (
             ("DIA", self.diagonal, LEAST_DIAGONAL, MOST_DIAGONAL),
             ("ODI", self.off_diagonal, -MOST_OFF_DIAGONAL, MOST_OFF_DIAGONAL),
@@ -421,23 +333,18 @@ class ArduPilotParameters:
                 "unit of the recording and --field-strength"
             )
             beyond[f"COMPASS_SCALE{digit}"] = self.scale, words
-        refuse_values(
-            beyond,
-            ". Take away or demagnetise what is near the compass, mount it elsewhere, or check the recording",
-        )
+        advice = ". Take away or demagnetise what is near the compass, mount it elsewhere, or check the recording"
+        refuse_values(beyond, advice)
 
     def _motor(self, drive: ArrayLike) -> Floats:
         """(..., 3) mG: MOT x, where COMPASS_MOTCT turns it on."""
         return floats(drive, "drive")[..., np.newaxis] * (self.motor if self.has_disturbances else np.zeros(3))
 
-    def _name(self, group: str, scheme: Scheme, axis: str = "") -> str:
-        return names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"]
-
 
 def in_vehicle_axes(calibration: Calibration) -> Calibration:
     """A calibration whose recorded axes are those of the vehicle: they were, or those it maps them to are.
 
-    >>> from flinders.core.axes import Axes
+    >>> from flinders.core.calibration import Calibration
     >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
     >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
     array([1., 2., 3.])
@@ -464,42 +371,6 @@ ORIENTATIONS: Final = (
 
 CUSTOM: Final = {101: "CUST_ROT1", 102: "CUST_ROT2"}
 """Numbers of mountings that are set by parameters: roll, pitch and yaw in degrees, with _ROLL, _PITCH and _YAW."""
-
-
-def rotation(orientation: int, values: Mapping[str, float] | None = None) -> Floats:
-    """(3, 3) R of a COMPASS_ORIENT or AHRS_ORIENTATION: vehicle = R sensor, with R = R_z(yaw) R_y(pitch) R_x(roll).
-
-    Parameters
-    ----------
-    orientation : int
-        A row of `ORIENTATIONS`, or 101 and 102 for a custom rotation.
-    values : mapping, optional
-        Parameters of the vehicle; those of a custom rotation are CUST_ROT1_ROLL, CUST_ROT1_PITCH and so on.
-
-    Raises
-    ------
-    UsageError
-        For a number that is not known, or a custom rotation whose angles are not among `values`.
-
-    Examples
-    --------
-    >>> rotation(2) @ [1, 0, 0]                                             # YAW_90: its x points to the right
-    array([0., 1., 0.])
-    """
-    if 0 <= orientation < len(ORIENTATIONS):
-        return euler(*ORIENTATIONS[orientation][1:])
-    if orientation not in CUSTOM:
-        raise UsageError(
-            f"orientation {orientation} is not known: it is 0 (NONE) to {len(ORIENTATIONS) - 1} "
-            f"({ORIENTATIONS[-1][0]}), or {', '.join(map(str, CUSTOM))} for one of your own"
-        )
-    names = [f"{CUSTOM[orientation]}_{angle}" for angle in ("ROLL", "PITCH", "YAW")]
-    if missing := [name for name in names if name not in (values or {})]:
-        raise UsageError(
-            f"orientation {orientation} is a rotation of its own, and {', '.join(missing)} are not among the "
-            "parameters: give those as well"
-        )
-    return euler(*(values[name] for name in names)) if values else np.eye(3)
 
 
 def orientation_name(orientation: int) -> str:
@@ -537,60 +408,25 @@ def names(group: str, compass: int, axis: str = "") -> tuple[str, str]:
     return f"{first}{axis}", f"COMPASS{compass}_{short}{axis}"
 
 
-def device_id(values: Mapping[str, float], number: int) -> int | None:
-    """The device id of a compass, where it is known.
-
-    >>> device_id({"COMPASS_DEV_ID2": 97539.0}, 2), device_id({"COMPASS_DEV_ID2": 0.0}, 2)
-    (97539, None)
-    """
-    return next((int(values[name]) for name in names("DEV_ID", number) if values.get(name, 0) > 0), None)
-
-
-def _known(compass: int) -> int:
-    """Let through a compass that there is."""
-    if compass not in COMPASSES:
-        raise UsageError(f"compass {compass}: ArduPilot keeps parameters of compass 1, 2 and 3")
-    return compass
-
-
 def _digit(compass: int) -> str:
     """What a compass's number looks like in COMPASS_OFS2_X; the first has none."""
     return "" if compass == 1 else str(compass)
-
-
-def _rotation_matrix(mounting: ArrayLike) -> Floats:
-    """Let through a rotation."""
-    turn = floats(mounting, "mounting")
-    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
-        raise UsageError("mounting is not a rotation: need a (3, 3) matrix R with R Rᵀ = 1 and determinant 1")
-    return turn
 
 
 # the file
 
 
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write the parameters of one compass, the first unless another is asked for.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    NotExportable
-        For values that ArduPilot does not take.
-    UsageError
-        For a compass that there is not.
-    """
+    """Write the parameters of one compass, by default the first; raises as `ArduPilotParameters.of`."""
     compass = 1 if asked.compass is None else asked.compass
     in_place = in_vehicle_axes(calibration)
     Affine.of(in_place, "mG", who="ArduPilot")  # refuses counts, and numbers beyond all bounds
     parameters = ArduPilotParameters.of(in_place, compass=compass, lossy=asked.lossy).as_held()
     values = dict(parameters.rows())
     body = [f"{name},{value:.9g}" for name, value in values.items()]
-    left_out = _left_out(in_place, compass)
-    if not parameters.has_disturbances:
-        return Written(parameters.apply, body, values, notes=(*left_out, NOT_WRITTEN))
-    return Written(parameters.apply, body, values, notes=(*left_out, COMPENSATED), compensated=parameters.apply)
+    has_motor = parameters.has_disturbances
+    notes = (*_left_out(in_place, compass), COMPENSATED if has_motor else NOT_WRITTEN)
+    return Written(parameters.apply, body, values, notes, compensated=parameters.apply if has_motor else None)
 
 
 def _left_out(calibration: Calibration, compass: int) -> tuple[str, ...]:
@@ -598,48 +434,20 @@ def _left_out(calibration: Calibration, compass: int) -> tuple[str, ...]:
 
     They act after the mounting: with W = Q P and Q in the mounting, readings are Q r, and Q P Qᵀ and Q b correct them.
     """
-    matrix, _ = in_recorded_axes(calibration)
-    turn = turn_of(matrix)
+    turn = turn_of(in_recorded_axes(calibration)[0])
     if turn is None:
         return ()
-    digit = _digit(compass)
     then = ArduPilotParameters.of(calibration, compass=compass, mounting=turn, lossy=True).as_held()
     rows = ", ".join(f"{name} {value:.6g}" for name, value in then.rows() if "MOT" not in name)
     note = (
-        f"left out: a rotation of {said(turn)}. It belongs into the mounting (COMPASS_ORIENT{digit} 101, "
+        f"left out: a rotation of {in_words(turn)}. It belongs into the mounting (COMPASS_ORIENT{_digit(compass)} 101, "
         "CUST_ROT1_ROLL, PITCH and YAW: after the rotation that is set now), and only once it is there the numbers "
         f"are, in place of those below: {rows}"
     )
     return (note,)
 
 
-def read(content: bytes, source: str, *, strength: float | None = None, compass: int | None = None) -> Calibration:
-    """Read the parameters of one compass back.
-
-    `strength`, µT: length of corrected readings, which they do not hold; 50 µT where it is not given. `compass`:
-    which one; the only one where there is one.
-
-    Raises
-    ------
-    InputError
-        For lines that are no parameters, or none of such a compass.
-    """
-    values, wanted = _chosen(content, source, compass)
-    return ArduPilotParameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
-
-
-def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
-    """Number, and device id where the file has it, of the compass that `read` takes; raises as `read`."""
-    values, wanted = _chosen(content, source, compass)
-    return wanted, device_id(values, wanted)
-
-
-def _chosen(content: bytes, source: str, compass: int | None) -> tuple[dict[str, float], int]:
-    """The parameters of a file, and the number of the compass that is meant."""
-    values = parse(decoded(content, source), source)
-    return values, chosen(compasses(values), compass, source, "COMPASS_OFS_X and so on")
-
-
+FILE: Final = ParameterFile(ArduPilotParameters, compasses, "COMPASS_OFS_X")
 TARGETS: Final = (
     Target(
         name="ardupilot",
@@ -656,6 +464,8 @@ TARGETS: Final = (
         compasses=range(1, 4),
         write=write,
         # pins that Betaflight calls so are none
-        reader=TargetReader(rb"(?s)\A(?!.*resource COMPASS_).*COMPASS1?_", read, "parameters of ArduPilot", which),
+        reader=TargetReader(
+            rb"(?s)\A(?!.*resource COMPASS_).*COMPASS1?_", FILE.read, "parameters of ArduPilot", FILE.which
+        ),
     ),
 )

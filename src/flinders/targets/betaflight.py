@@ -22,10 +22,8 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
-from flinders.targets._affine import VEHICLE, Affine, acting, in_16_bits
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import counts, in_16_bits, settings
+from flinders.targets._target import VEHICLE, Affine, ExportOptions, Target, TargetReader, Written, acting
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -37,10 +35,8 @@ NAMES: Final = tuple(f"{SETTING} {axis}" for axis in "xyz")
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the offset in the axes of the board; a recording that was not in raw counts raises `UnitError`.
 
-    Raises
-    ------
-    NotExportable
-        Where the soft iron left out costs more than a degree of heading, or int16 cannot hold the offset.
+    Raises `NotExportable` where the soft iron left out costs more than a degree of heading, or int16 cannot hold
+    the offset.
     """
     exact = Affine.of(calibration, COUNTS, who="Betaflight", acts=acting("mapped", calibration)).offset
     zero = in_16_bits(exact, NAMES)
@@ -56,10 +52,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
     `strength`, counts: length of a reading once the offset is taken off; it has to be given, since no other number
     tells it.
 
-    Raises
-    ------
-    DocumentError
-        Where it is missing, stands there with two values, or is not three whole numbers of 16 bits.
+    Raises `DocumentError` where it is missing, stands there with two values, or is not three whole numbers of 16
+    bits.
     """
     value = settings(content, source, [SETTING]).get(SETTING)
     words = [] if value is None else value.split(",")

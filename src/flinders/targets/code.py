@@ -21,20 +21,32 @@ array([400.,   0.,   0.])
 from __future__ import annotations
 
 import math
+import re
+import unicodedata
+import zlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.errors import NotExportable
-from flinders.targets._affine import OWN, RECORDED, Affine, driver_in_recorded_axes, single, whole
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
-from flinders.targets._text import BLOCK, HASH, begun, digits, float32s, guarded
+from flinders.errors import NotExportable, UsageError
+from flinders.targets._numbers import whole
+from flinders.targets._target import (
+    BLOCK,
+    HASH,
+    OWN,
+    RECORDED,
+    Affine,
+    ExportOptions,
+    Target,
+    Written,
+    shift_in_recorded_axes,
+    single,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -46,24 +58,12 @@ ADVICE: Final = "readings are too large for this format: use the one in single p
 
 @dataclass(frozen=True, slots=True)
 class FixedPointFormat:
-    """A format of fixed point.
+    """A format of fixed point."""
 
-    Attributes
-    ----------
-    name : str
-        ``Q15`` or ``Q31``.
-    bits : int
-        Of an entry of the matrix, with its sign.
-    fraction : int
-        Bits of the offset behind the point.
-    largest : int
-        Readings may be from minus this, less one, to this; beyond it they are held there.
-    """
-
-    name: str
-    bits: int
-    fraction: int
-    largest: int
+    name: str  #: ``Q15`` or ``Q31``
+    bits: int  #: of an entry of the matrix, with its sign
+    fraction: int  #: bits of the offset behind the point
+    largest: int  #: readings may be from minus this, less one, to this; beyond it they are held there
 
 
 Q15: Final = FixedPointFormat("Q15", 16, 8, 2**15 - 1)
@@ -175,33 +175,16 @@ static inline void {name}_correct(const {whole} raw[3], {whole} corrected[3])
 
 @dataclass(frozen=True, slots=True)
 class FixedPoint:
-    """A correction in whole numbers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``.
-
-    Attributes
-    ----------
-    format : FixedPointFormat
-    entries : (3, 3) int
-        Of the matrix, in units of 2^-shift.
-    offset : (3,) int
-        In units of 2^-f, f the `fraction` of the format.
-    shift : int
-        Bits of an entry behind the point: as many as the largest entry leaves.
-    """
+    """A correction in whole numbers: ``(Σ entries (raw 2^f − offset) + half) >> (shift + f)``."""
 
     format: FixedPointFormat
-    entries: tuple[tuple[int, int, int], ...]
-    offset: tuple[int, ...]
-    shift: int
+    entries: tuple[tuple[int, int, int], ...]  #: (3, 3): of the matrix, in units of 2^-shift
+    offset: tuple[int, ...]  #: (3,): in units of 2^-f, f the `fraction` of the format
+    shift: int  #: bits of an entry behind the point: as many as the largest entry leaves
 
     @classmethod
     def of(cls, calibration: Calibration, form: FixedPointFormat) -> Self:
-        """Round a calibration.
-
-        Raises
-        ------
-        NotExportable
-            For a matrix or an offset beyond the format.
-        """
+        """Round a calibration; a matrix or an offset beyond the format raises `NotExportable`."""
         affine = Affine.of(calibration, RECORDED, who=WHO, acts="across")
         largest = float(np.abs(affine.matrix).max())
         shift = form.bits - 1 - max(math.floor(math.log2(largest)) + 1, 0) if largest > 0 else form.bits - 1
@@ -237,26 +220,14 @@ def single_precision(calibration: Calibration) -> Affine:
 
 
 def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``.
-
-    Raises
-    ------
-    UsageError
-        For a name that cannot begin one in C.
-    """
+    """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``."""
     name = begun(USUAL, asked.name)
     code = _filled(FLOAT, calibration, name=name, constant=name.upper())
     return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
 
 
 def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place.
-
-    Raises
-    ------
-    UsageError
-        For a name that cannot begin one in C++.
-    """
+    """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
     name = begun("", asked.name)
     constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
     return _filled(SKETCH, calibration, constant=constant, function=function)
@@ -291,7 +262,7 @@ def _driven(calibration: Calibration, name: str) -> Iterator[str]:
         return
     disturbances = {disturbance.kind.key: disturbance for disturbance in calibration.disturbances}
     for key, disturbance in disturbances.items():
-        per_unit = single(driver_in_recorded_axes(calibration, disturbance) / calibration.raw.scale)
+        per_unit = single(shift_in_recorded_axes(calibration, disturbance) / calibration.raw.scale)
         yield ""
         yield f"/* {disturbance} */".replace("°", "deg ").replace("−", "-")
         declared = f"static const float {name}_{key.lower()}[3]"
@@ -308,15 +279,7 @@ def _driven(calibration: Calibration, name: str) -> Iterator[str]:
 
 
 def write_q15(calibration: Calibration, asked: ExportOptions) -> Written:
-    """Write a header for whole readings of 16 bits.
-
-    Raises
-    ------
-    NotExportable
-        Where 16 bits cannot hold the numbers.
-    UsageError
-        For a name that cannot begin one in C.
-    """
+    """Write a header for whole readings of 16 bits; numbers that they cannot hold raise `NotExportable`."""
     return _fixed(calibration, Q15, "int16_t", asked)
 
 
@@ -346,6 +309,81 @@ def _fixed(calibration: Calibration, form: FixedPointFormat, whole: str, asked: 
     values = {"entries": code.entries, "shift": code.shift, "offset": code.offset, "fraction": form.fraction}
     notes = [f"readings and results are whole numbers of {unit}"]
     return Written(code.apply, guarded(name, text.splitlines()), values, notes)
+
+
+# names and numbers in code
+
+LONGEST: Final = 31
+"""Letters of a name that all compilers tell apart."""
+
+
+def digits(value: float, suffix: str = "") -> str:
+    """Write a number of single precision so that it is read back the same, with a point.
+
+    >>> digits(0.1), digits(-3.0, "f"), digits(1e-12)
+    ('0.100000001', '-3.0f', '9.99999996e-13')
+    """
+    text = f"{np.float32(value) + np.float32(0):.9g}"
+    return f"{text if any(sign in text for sign in '.en') else f'{text}.0'}{suffix}"
+
+
+def float32s(values: Iterable[float], suffix: str = "") -> str:
+    """Write numbers of single precision, with commas between them.
+
+    >>> float32s([0.1, -3.0], "f")
+    '0.100000001f, -3.0f'
+    """
+    return ", ".join(digits(value, suffix) for value in values)
+
+
+def begun(usual: str, name: str | None) -> str:
+    """What names in generated code begin with: `usual`, or letters and digits of the `name` that was asked for.
+
+    What is between them becomes ``_``. A name of which nothing is left, or too much, raises `UsageError`.
+
+    >>> begun("flinders", None), begun("flinders", "Mast, top"), begun("flinders", "2nd compass")
+    ('flinders', 'Mast_top', 'mag_2nd_compass')
+    """
+    if name is None:
+        return usual
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    word = re.sub(r"[^0-9A-Za-z]+", "_", plain).strip("_")
+    word = f"mag_{word}" if word[:1].isdigit() else word
+    if not 0 < len(word) <= LONGEST:
+        raise UsageError(
+            f"--name {name[:LONGEST]!r} leaves {len(word)} letters and digits of ASCII to begin names in code with: "
+            f"need 1 to {LONGEST}, such as --name mast"
+        )
+    return word
+
+
+def guarded(word: str, body: Sequence[str]) -> list[str]:
+    """Put an include guard around a header.
+
+    The guard holds a checksum of the lines: the same header may be included again, and another one of the same names
+    is an error, where an empty guard would give the second sensor the numbers of the first without a word.
+
+    >>> print(*guarded("mast", ["int x;"]), sep=chr(10))
+    #ifndef MAST_CALIBRATION_H
+    #define MAST_CALIBRATION_H 0x32c65decu
+    <BLANKLINE>
+    int x;
+    <BLANKLINE>
+    #elif MAST_CALIBRATION_H != 0x32c65decu
+    #error "two calibrations have the names of mast: write one of them with flinders export --name"
+    #endif
+    """
+    guard, checksum = f"{word.upper()}_CALIBRATION_H", zlib.crc32("\n".join(body).encode())
+    return [
+        f"#ifndef {guard}",
+        f"#define {guard} 0x{checksum:08x}u",
+        "",
+        *body,
+        "",
+        f"#elif {guard} != 0x{checksum:08x}u",
+        f'#error "two calibrations have the names of {word}: write one of them with flinders export --name"',
+        "#endif",
+    ]
 
 
 HEADER: Final = Target(

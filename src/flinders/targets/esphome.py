@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.targets._affine import Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
-from flinders.targets._text import digits
+from flinders.targets._target import Affine, ExportOptions, Target, Written
+from flinders.targets.code import digits
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -23,10 +23,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.targets._affine import OWN, Affine, single
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
-from flinders.targets._text import BLOCK, HASH, float32s
+from flinders.targets._target import BLOCK, HASH, OWN, Affine, ExportOptions, Target, Written, single
+from flinders.targets.code import float32s
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

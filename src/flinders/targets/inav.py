@@ -30,10 +30,8 @@ import numpy as np
 from flinders.arrays import Floats, floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
-from flinders.targets._affine import in_16_bits, of_radii, offset_and_radii
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import counts, settings
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import INT16, counts, in_16_bits, of_radii, offset_and_radii, settings
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -47,10 +45,8 @@ GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the lines; a recording that was not in raw counts raises `UnitError`.
 
-    Raises
-    ------
-    NotExportable
-        Where what is left out costs more than a degree of heading, or int16 cannot hold the numbers.
+    Raises `NotExportable` where what is left out costs more than a degree of heading, or int16 cannot hold the
+    numbers.
     """
     offset, radii = offset_and_radii(calibration, who="INAV")
     zero, gain = in_16_bits(offset, ZEROS), in_16_bits(radii, GAINS, lowest=1)
@@ -70,10 +66,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, counts: length of corrected readings; without it the geometric mean of the gains.
 
-    Raises
-    ------
-    DocumentError
-        Where one is missing, stands there with two values, or is none that INAV holds.
+    Raises `DocumentError` where one is missing, stands there with two values, or is none that INAV holds.
     """
     pairs = settings(content, source, [*ZEROS, *GAINS])
     missing = [name for name in (*ZEROS, *GAINS) if name not in pairs]
@@ -82,7 +75,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
             f"{source}: no {', '.join(missing)}: need all six, magzero_x to maggain_z. INAV's diff leaves out what is "
             "at its default: save what dump prints"
         )
-    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, lowest=1)
+    zero, gain = counts(pairs, ZEROS, source), counts(pairs, GAINS, source, between=(1, INT16[1]))
     return of_radii(zero, floats(gain), strength)
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from flinders.targets._affine import RECORDED, Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
-from flinders.targets._text import PERCENT, begun
+from flinders.targets._target import PERCENT, RECORDED, Affine, ExportOptions, Target, Written
+from flinders.targets.code import begun
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

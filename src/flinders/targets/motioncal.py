@@ -9,7 +9,7 @@ endian, with zeros for accelerometer and gyroscope and a CRC at the end.
 >>> packet = MotionCalPacket.of(found).encode()
 >>> packet[:2].hex(), len(packet), crc16(packet)                   # over all of it the CRC is 0
 ('7554', 68, 0)
->>> MotionCalPacket.decode(packet).apply([10.0, -20.0, 80.0]).round(3)
+>>> MotionCalPacket.decode(packet).affine.apply([10.0, -20.0, 80.0]).round(3)
 array([ 0.,  0., 40.])
 
 Source: PaulStoffregen/MotionCal, ``rawdata.c`` (send_calibration) and ``visualize.c``; the sketches of NXPMotionSense
@@ -24,15 +24,11 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.arrays import Floats, vectors
+from flinders.arrays import Floats, floats
 from flinders.errors import DocumentError
-from flinders.targets._affine import Affine, single, symmetric_root
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written, single
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from flinders.core.calibration import Calibration
 
 SIGNATURE: Final = bytes((117, 84))
@@ -44,21 +40,11 @@ BEFORE_OFFSET: Final = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionCalPacket:
-    """What the packet says of the magnetometer.
+    """What the packet says of the magnetometer."""
 
-    Attributes
-    ----------
-    offset : (3,) float32, µT
-        V, subtracted.
-    strength : float32, µT
-        B, the length of corrected readings.
-    matrix : (3, 3) float32
-        W, symmetric.
-    """
-
-    offset: Floats
-    strength: float
-    matrix: Floats
+    offset: Floats  #: (3,), µT: V, subtracted
+    strength: float  #: µT: B, the length of corrected readings
+    matrix: Floats  #: (3, 3): W, symmetric
 
     @classmethod
     def of(cls, calibration: Calibration) -> Self:
@@ -102,12 +88,8 @@ class MotionCalPacket:
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: the packet as it is sent, and its values."""
-        return {
-            "packet": self.encode().hex(),
-            "offset_uT": self.offset,
-            "field_uT": self.strength,
-            "matrix": self.matrix,
-        }
+        sent = self.encode().hex()
+        return {"packet": sent, "offset_uT": self.offset, "field_uT": self.strength, "matrix": self.matrix}
 
     def encode(self) -> bytes:
         """The 68 bytes: signature, nine offsets, B, W₀₀ W₁₁ W₂₂ W₀₁ W₀₂ W₁₂, CRC."""
@@ -116,26 +98,27 @@ class MotionCalPacket:
         body = LAYOUT.pack(SIGNATURE, *values, 0)[:-2]
         return body + crc16(body).to_bytes(2, "little")
 
-    def apply(self, field: ArrayLike) -> Floats:
-        """Correct readings as the sketches do: (..., 3) in µT to (..., 3) in µT."""
-        corrected: Floats = (vectors(field, finite=False) - self.offset) @ self.matrix.T
-        return corrected
+    @property
+    def affine(self) -> Affine:
+        """``c = matrix (m − offset)``, in µT."""
+        return Affine(self.matrix, self.offset, self.strength)
 
-    def to_calibration(self, *, sensor: str | None = None, strength: float | None = None) -> Calibration:
-        """The calibration that the numbers stand for.
 
-        Parameters
-        ----------
-        sensor : str, optional
-        strength : float, optional, µT
-            Field strength at the site, in place of B.
+def symmetric_root(matrix: Floats) -> Floats:
+    """(3, 3) the symmetric S of W = R S with a rotation R, for targets that hold six numbers: S = (WᵀW)^½.
 
-        Raises
-        ------
-        ArrayError, UsageError
-            For numbers that are no calibration.
-        """
-        return Affine(self.matrix, self.offset, self.strength).to_calibration("uT", sensor=sensor, strength=strength)
+    >>> turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
+    >>> symmetric_root(turn @ np.diag([2.0, 1.0, 0.5])).round(9)
+    array([[2. , 0. , 0. ],
+           [0. , 1. , 0. ],
+           [0. , 0. , 0.5]])
+    """
+    if np.array_equal(matrix, matrix.T):
+        return matrix
+    with np.errstate(all="ignore"):
+        squares, axes = np.linalg.eigh(matrix.T @ matrix)
+        root = (axes * np.sqrt(np.maximum(squares, 0))) @ axes.T
+    return floats((root + root.T) / 2)
 
 
 def crc16(content: bytes) -> int:
@@ -153,30 +136,17 @@ def crc16(content: bytes) -> int:
 
 
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
-    """Write the bytes; the text shows them in hexadecimal.
-
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    NotExportable
-        Where a rotation in the matrix would be lost, of more than a degree of heading.
-    """
+    """Write the bytes; the text shows them in hexadecimal. A calibration in counts raises `UnitError`."""
     packet = MotionCalPacket.of(calibration)
     data = packet.encode()
     values = {"offset": packet.offset, "field": packet.strength, "matrix": packet.matrix, "hex": data.hex()}
     body = [data[start : start + 16].hex(" ") for start in range(0, len(data), 16)]
-    return Written(packet.apply, body, values, data=data)
+    return Written(packet.affine.apply, body, values, data=data)
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
-    """Read a packet back; `strength`, in µT, goes before the B in it.
-
-    Raises
-    ------
-    DocumentError, ArrayError, UsageError
-    """
-    return MotionCalPacket.decode(content, source).to_calibration(strength=strength)
+    """Read a packet back; `strength`, in µT, goes before the B in it. Raises as `MotionCalPacket.decode`."""
+    return MotionCalPacket.decode(content, source).affine.to_calibration("uT", strength=strength)
 
 
 MOTIONCAL: Final = Target(

@@ -26,11 +26,8 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError, NotExportable
-from flinders.targets._affine import of_radii, offset_and_radii, whole
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import counts, decoded, keyed, numbers
-from flinders.targets._target import Target, TargetReader
-from flinders.targets._text import MARKUP
+from flinders.targets._numbers import counts, decoded, keyed, numbers, of_radii, offset_and_radii, whole
+from flinders.targets._target import MARKUP, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -48,11 +45,8 @@ ATTRIBUTE: Final = re.compile(r"""\b(name|value)\s*=\s*("[^"]*"|'[^']*')""")
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
 
-    Raises
-    ------
-    NotExportable
-        Where what is left out costs more than a degree of heading, the offset is no number of 32 bits, or an axis
-        would change its sign.
+    Raises `NotExportable` where what is left out costs more than a degree of heading, the offset is no number of 32
+    bits, or an axis would change its sign.
     """
     offset, radii = offset_and_radii(calibration, who="Paparazzi")
     if not np.all(radii > 0):
@@ -77,10 +71,8 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, counts: length of corrected readings; without it the geometric mean of the radii, 2048 / sens.
 
-    Raises
-    ------
-    DocumentError
-        Where one is missing, stands there with two values or is no such number, and where an axis is turned over.
+    Raises `DocumentError` where one is missing, stands there with two values or is no such number, and where an
+    axis is turned over.
     """
     defines = _defines(decoded(content, source), source)
     turned = [name for name in SIGNS if defines.get(name, "1").strip() not in {"1", "+1"}]
@@ -89,7 +81,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
             f"{source}: {turned[0]} is {defines[turned[0]]}: whether the numbers stand before or after that change of "
             "sign is not known here; take the axes of IMU_MAG_RAW, and define no sign but 1"
         )
-    neutral = counts(defines, NEUTRALS, source, lowest=LOWEST, highest=HIGHEST)
+    neutral = counts(defines, NEUTRALS, source, between=(LOWEST, HIGHEST))
     sensitivity = numbers(defines, SENSITIVITIES, source)
     if not np.all(sensitivity > 0):
         raise DocumentError(f"{source}: {', '.join(SENSITIVITIES)} must be above 0: an axis is lost or turned over")

@@ -14,11 +14,17 @@ from typing import TYPE_CHECKING, Any, Final
 from flinders.core.disturbance import BY_KEY, Disturbance
 from flinders.core.units import COUNTS, MICROTESLA
 from flinders.errors import DocumentError
-from flinders.targets._affine import OWN, Affine, driver_in_recorded_axes
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import listed, loaded, numbers
-from flinders.targets._target import Target, TargetReader
-from flinders.targets._text import HASH
+from flinders.targets._numbers import listed, loaded, numbers
+from flinders.targets._target import (
+    HASH,
+    OWN,
+    Affine,
+    ExportOptions,
+    Target,
+    TargetReader,
+    Written,
+    shift_in_recorded_axes,
+)
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -57,7 +63,7 @@ def _drivers(calibration: Calibration) -> dict[str, Any]:
     """What the offset follows, in the axes as recorded: ``offset + offset_per_unit (value - reference)``."""
     return {
         key: {
-            "offset_per_unit": driver_in_recorded_axes(calibration, disturbance).tolist(),
+            "offset_per_unit": shift_in_recorded_axes(calibration, disturbance).tolist(),
             "reference": disturbance.reference,
             "recorded": [disturbance.lowest, disturbance.highest],
             "lag_s": disturbance.lag_s,
@@ -82,10 +88,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, in the unit of the file: goes before the field strength in it.
 
-    Raises
-    ------
-    DocumentError
-        For what is no such file, or lacks numbers.
+    Raises `DocumentError` for what is no such file, or lacks numbers.
     """
     fields = loaded(content, source)
     unit, rows = fields.get("unit"), fields.get("matrix")

@@ -7,6 +7,7 @@ CAL_MAG_COMP_TYP says. Ours is corrected = A (raw − b), so
 
     S = A,   OFF = b
 
+>>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
 >>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
 >>> for name, value in Px4Parameters.of(found, compass=1).rows()[:4]:
@@ -15,7 +16,7 @@ CAL_MAG1_XOFF 0.1
 CAL_MAG1_YOFF -0.2
 CAL_MAG1_ZOFF 0
 CAL_MAG1_XSCALE 1.1
->>> turned_over = Px4Parameters.of(found, rotation=8)                  # ROLL_180
+>>> turned_over = replace(Px4Parameters.of(found), rotation=8)                  # ROLL_180
 >>> turned_over.apply([[0.1, -0.2, 0.5]])                           # in gauss: 10, −20 and 50 µT
 array([[ 0.  ,  0.  , -0.45]])
 
@@ -32,47 +33,48 @@ SENS_BOARD_ROT, which a log of 2016 shows to the bit of its sensor; the newest v
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.core.calibration import Calibration
-from flinders.core.units import MICROTESLA, PER_UNIT, Unit
-from flinders.errors import UnitError, UsageError, figures
-from flinders.targets._affine import Affine, driver_in_recorded_axes, in_recorded_axes, single
+from flinders.core.units import PER_UNIT
+from flinders.errors import UsageError, figures
 from flinders.targets._autopilot import (
-    MOTORS,
     ROTATIONS,
-    chosen,
+    CompassParameters,
+    ParameterFile,
     euler,
-    followed,
     in_six,
-    inverse,
+    in_words,
     listed,
-    of_six,
-    parse,
-    read_motor,
+    motor_kind,
     refuse_values,
-    said,
-    symmetric,
     turn_of,
 )
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import decoded
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._target import (
+    MOTORS,
+    Affine,
+    ExportOptions,
+    Target,
+    TargetReader,
+    Written,
+    followed,
+    in_recorded_axes,
+    shift_in_recorded_axes,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
     from numpy.typing import ArrayLike
 
+    from flinders.core.calibration import Calibration
+
 GAUSS: Final = PER_UNIT["G"]
 """µT in one gauss."""
-
 DRIVE_UNITS: Final = {"throttle": 1.0, "current": 1000.0}
 """Throttle, and amperes in the kA in which PX4 has the current of the first battery."""
-
 COMPASSES: Final = (0, 1, 2, 3)
 LEAST_SCALE, MOST_SCALE = 0.1, 3.0
 """Range of CAL_MAGn_XSCALE."""
@@ -89,8 +91,8 @@ MOUNTINGS: Final = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Px4Parameters:
-    """The parameters of one compass.
+class Px4Parameters(CompassParameters):
+    """The parameters of one compass, 0 to 3.
 
     Attributes
     ----------
@@ -100,46 +102,30 @@ class Px4Parameters:
         CAL_MAGn_XSCALE to ZSCALE.
     off_diagonal : (3,) float
         CAL_MAGn_XODIAG, YODIAG and ZODIAG: entries xy, xz and yz.
-    compensation : (3,) float, G at full throttle or G/kA
+    motor : (3,) float, G at full throttle or G/kA
         CAL_MAGn_XCOMP to ZCOMP, added to a reading before the offset is taken off.
-    compensated_by : int
+    motor_by : int
         CAL_MAG_COMP_TYP, one for all compasses: 0 nothing, 1 throttle, 2 the current of the first battery.
+    compass : int
+        n.
+    device_id : int, optional
+        CAL_MAGn_ID: PX4 uses the parameters for the compass with this number, as ``sensor_mag`` has it.
     rotation : int
         CAL_MAGn_ROT, a row of `MOUNTINGS`, or `INTERNAL`.
     board : (3, 3) float
         How the board sits, for an internal compass.
-    device_id : int, optional
-        CAL_MAGn_ID: PX4 uses the parameters for the compass with this number, as ``sensor_mag`` has it.
-    priority : int, optional
-        CAL_MAGn_PRIO, 0 to 100; 0 turns the compass off.
-    compass : int
-        n, from 0 to 3.
     """
 
-    offset: Floats = field(default_factory=lambda: np.zeros(3))
-    diagonal: Floats = field(default_factory=lambda: np.ones(3))
-    off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
-    compensation: Floats = field(default_factory=lambda: np.zeros(3))
-    compensated_by: int = 0
     rotation: int = INTERNAL
     board: Floats = field(default_factory=lambda: np.eye(3))
-    device_id: int | None = None
-    priority: int | None = None
-    compass: int = 0
+
+    who: ClassVar[str] = "PX4"
+    unit: ClassVar[str] = "G"
+    compasses: ClassVar[tuple[int, ...]] = COMPASSES
 
     @classmethod
-    def of(
-        cls,
-        calibration: Calibration,
-        *,
-        compass: int = 0,
-        rotation: int = INTERNAL,
-        device_id: int | None = None,
-        priority: int | None = None,
-        compensation: ArrayLike | None = None,
-        lossy: bool = False,
-    ) -> Self:
-        """Turn a calibration into parameters; they act in the axes as recorded, which must be those of the sensor.
+    def of(cls, calibration: Calibration, *, compass: int = 0, lossy: bool = False) -> Self:
+        """Turn a calibration into parameters; where it follows a current or a throttle, COMP is −P.
 
         Parameters
         ----------
@@ -147,11 +133,6 @@ class Px4Parameters:
             Of readings in the axes of the sensor, as ``sensor_mag`` of a PX4 log has them.
         compass : int
             n, from 0 to 3.
-        rotation, device_id, priority : int, optional
-            As the attributes of the same name; kept, and not used.
-        compensation : (3,) array-like, optional
-            CAL_MAGn_COMP: what is added to a reading, in G for each kA or at full throttle; by default that of the
-            calibration, where it follows a current or, failing that, a throttle: −P.
         lossy : bool
             Leave a rotation of the calibration out, which belongs into the mounting.
 
@@ -162,32 +143,17 @@ class Px4Parameters:
         NotExportable
             For values that PX4 does not take: `beyond` names them, ``evidence["wanted"]`` holds them.
         UsageError
-            For a compass or a mounting that there is not.
+            For a compass that there is not.
         """
-        if calibration.unit != MICROTESLA:
-            raise UnitError(
-                "the calibration is in counts, and PX4's parameters are in gauss: calibrate again with --unit G "
-                "(or mG, uT …), or with --scale where the microtesla in one count are known"
-            )
+        by = "CAL_MAGn_ROLL, PITCH and YAW"
+        matrix = cls.symmetric(calibration, compass, lossy=lossy, beyond="CAL_MAG ODIAG", by=by)
         plain, follows = followed(calibration)
-        matrix, centre = in_recorded_axes(plain)
-        if compensation is None and follows is not None:
-            per_unit = DRIVE_UNITS[follows.name]
-            compensation = -driver_in_recorded_axes(calibration, follows) * per_unit / GAUSS
-        symmetrical = symmetric(matrix, "PX4", "CAL_MAG ODIAG", by="CAL_MAGn_ROLL, PITCH and YAW", lossy=lossy)
-        mounting(rotation)
-        diagonal, off_diagonal = in_six(symmetrical)
-        parameters = cls(
-            offset=centre / GAUSS,
-            diagonal=diagonal,
-            off_diagonal=off_diagonal,
-            compensation=np.zeros(3) if compensation is None else vectors(compensation, "compensation"),
-            compensated_by=0 if follows is None else MOTORS[follows.name],
-            rotation=rotation,
-            device_id=device_id,
-            priority=priority,
-            compass=_known(compass),
-        )
+        diagonal, off_diagonal = in_six(matrix)
+        offset = in_recorded_axes(plain)[1] / GAUSS
+        parameters = cls(offset=offset, diagonal=diagonal, off_diagonal=off_diagonal, compass=compass)
+        if follows is not None:
+            motor = -shift_in_recorded_axes(calibration, follows) * DRIVE_UNITS[follows.name] / GAUSS
+            parameters = replace(parameters, motor=motor, motor_by=MOTORS[follows.name])
         parameters.refuse_beyond()
         return parameters
 
@@ -195,12 +161,10 @@ class Px4Parameters:
     def read(cls, values: Mapping[str, float], compass: int = 0) -> Self:
         """Take one compass out of a vehicle's parameters; what is not there is the default.
 
-        Examples
-        --------
         >>> Px4Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
         array([ 0.  , -0.25,  0.  ])
         """
-        name = f"CAL_MAG{_known(compass)}_"
+        name = f"CAL_MAG{compass}_"
 
         def three(group: str, default: float = 0.0) -> Floats:
             return np.array([float(values.get(f"{name}{axis}{group}", default)) for axis in "XYZ"])
@@ -214,19 +178,13 @@ class Px4Parameters:
             offset=three("OFF"),
             diagonal=three("SCALE", 1.0),
             off_diagonal=three("ODIAG"),
-            compensation=three("COMP"),
-            compensated_by=_compensated_by(values),
+            motor=three("COMP"),
+            motor_by=motor_kind(values, "CAL_MAG_COMP_TYP"),  # of ESC currents a calibration has no column
             rotation=INTERNAL if rotation is None else rotation,
             board=board_mounting(values),
             device_id=whole("ID"),
-            priority=whole("PRIO"),
             compass=compass,
         )
-
-    @property
-    def matrix(self) -> Floats:
-        """(3, 3) S: the A of corrected = A (raw − b)."""
-        return of_six(self.diagonal, self.off_diagonal)
 
     @property
     def centre(self) -> Floats:
@@ -240,110 +198,41 @@ class Px4Parameters:
             return self.board
         return mounting(self.rotation) if 0 <= self.rotation < len(MOUNTINGS) else np.eye(3)
 
-    @property
-    def is_identity(self) -> bool:
-        """Nothing is corrected, whatever is turned."""
-        return not self.offset.any() and np.array_equal(self.matrix, np.eye(3))
-
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
-        """Correct readings as PX4 does.
+        """Correct readings as PX4 does: (..., 3) G in the axes of the sensor to (..., 3) G in those of the vehicle.
 
-        Parameters
-        ----------
-        raw : (..., 3) G
-            Readings in the axes of the sensor.
-        drive : (...) kA or 0 to 1
-            Current or throttle, as CAL_MAG_COMP_TYP says.
-
-        Returns
-        -------
-        (..., 3) G
-            In the axes of the vehicle.
+        `drive`, (...), is the current in kA or the throttle from 0 to 1, as CAL_MAG_COMP_TYP says.
         """
-        added: Floats = floats(drive, "drive")[..., np.newaxis] * self.compensation
+        added: Floats = floats(drive, "drive")[..., np.newaxis] * self.motor
         readings: Floats = (vectors(raw, "raw", finite=False) + added - self.offset) @ (self.mounting @ self.matrix).T
         return readings
 
     def unapply(self, corrected: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
-        """Tell what the compass read, r = S⁻¹ Rᵀ m + OFF − x COMP.
+        """Tell what the compass read, r = S⁻¹ Rᵀ m + OFF − x COMP: undoes `apply`; `ArrayError` where it cannot.
 
-        Parameters
-        ----------
-        corrected : (..., 3) G
-            In the axes of the vehicle.
-        drive : (...) kA or 0 to 1
-            As for `apply`.
-
-        Raises
-        ------
-        ArrayError
-            Where S flattens readings and cannot be undone.
-
-        Examples
-        --------
         >>> set_up = Px4Parameters(offset=np.array([0.1, 0, -0.2]), off_diagonal=np.array([0.1, 0, 0]), rotation=6)
         >>> set_up.unapply(set_up.apply([0.1, 0.2, 0.3])).round(9)
         array([0.1, 0.2, 0.3])
         """
-        added = floats(drive, "drive")[..., np.newaxis] * self.compensation
-        back = inverse(self.matrix, self.words())
+        added = floats(drive, "drive")[..., np.newaxis] * self.motor
         turned = vectors(corrected, "corrected", finite=False) @ self.mounting
-        readings: Floats = turned @ back.T + self.offset - added
+        readings: Floats = turned @ self.inverse().T + self.offset - added
         return readings
 
-    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
-        """The calibration that the parameters stand for, without the mounting, in the axes of the sensor.
-
-        COMP x is added to a reading: what the motors make of it is P = −COMP, for each A where x counts kA.
-
-        Parameters
-        ----------
-        field_strength : float, µT
-            Length of corrected readings, which parameters do not hold.
-        known : bool
-            It was given, and is no convention.
-        sensor : str, optional
-
-        Raises
-        ------
-        ArrayError
-            Where S flattens readings.
-        """
-        plain = Calibration(self.matrix, self.centre, field_strength, known, raw=Unit.of("G"), sensor=sensor)
-        name = next((name for name, number in MOTORS.items() if number == self.compensated_by), None)
-        if name is None:
-            return plain
-        return replace(plain, disturbances=read_motor(name, -GAUSS * self.compensation / DRIVE_UNITS[name]))
+    def motor_shift(self, name: str) -> Floats:
+        """(3,) µT, P = −COMP, for each A where x counts kA: COMP x is added to a reading."""
+        shift: Floats = -GAUSS * self.motor / DRIVE_UNITS[name]
+        return shift
 
     def rows(self) -> tuple[tuple[str, float], ...]:
-        """Names and values to write: OFF, SCALE, ODIAG, then COMP, ROT, ID and PRIO where there are any to set.
-
-        Real numbers are rounded to the float32 that PX4 keeps. CAL_MAGn_ROT is left out for an internal compass, as
-        PX4 sets it to −1 by itself.
-        """
-        columns = {"OFF": self.offset, "SCALE": self.diagonal, "ODIAG": self.off_diagonal}
-        if self.compensation.any():
-            columns["COMP"] = self.compensation
-        named = [
+        """Names and values to write: OFF, SCALE, ODIAG, then COMP where there is a motor term, in PX4's float32."""
+        groups = {"OFF": self.offset, "SCALE": self.diagonal, "ODIAG": self.off_diagonal}
+        if self.motor.any():
+            groups["COMP"] = self.motor
+        return tuple(
             (f"CAL_MAG{self.compass}_{axis}{group}", float(np.float32(value)) + 0.0)
-            for group, values in columns.items()
+            for group, values in groups.items()
             for axis, value in zip("XYZ", values, strict=True)
-        ]
-        whole = {
-            "ROT": None if self.rotation == INTERNAL else self.rotation,
-            "ID": self.device_id,
-            "PRIO": self.priority,
-        }
-        return (*named, *((f"CAL_MAG{self.compass}_{key}", value) for key, value in whole.items() if value is not None))
-
-    def as_held(self) -> Self:
-        """The same after PX4 has kept each value as a float32."""
-        return replace(
-            self,
-            offset=single(self.offset),
-            diagonal=single(self.diagonal),
-            off_diagonal=single(self.off_diagonal),
-            compensation=single(self.compensation),
         )
 
     def words(self) -> str:
@@ -357,8 +246,8 @@ class Px4Parameters:
             parts.append(f"SCALE {listed(self.diagonal)}")
         if self.off_diagonal.any():
             parts.append(f"ODIAG {listed(self.off_diagonal)}")
-        if self.compensation.any():
-            parts.append(f"COMP {listed(self.compensation)}")
+        if self.motor.any():
+            parts.append(f"COMP {listed(self.motor)}")
         return ", ".join(parts)
 
     def refuse_beyond(self) -> None:
@@ -382,15 +271,8 @@ class Px4Parameters:
 
 
 def mounting(rotation: int) -> Floats:
-    """(3, 3) R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; −1 turns nothing.
+    """(3, 3) R of a CAL_MAGn_ROT or SENS_BOARD_ROT, vehicle = R sensor; −1 turns nothing, others raise `UsageError`.
 
-    Raises
-    ------
-    UsageError
-        For a number that is not known.
-
-    Examples
-    --------
     >>> mounting(6) @ [1, 0, 0]                                             # YAW_270: its x points to the left
     array([ 0., -1.,  0.])
     """
@@ -438,50 +320,26 @@ def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | No
     return next((one for one in known if one.device_id is not None and one.device_id % 2**32 == device_id), None)
 
 
-def _compensated_by(values: Mapping[str, float]) -> int:
-    """CAL_MAG_COMP_TYP; 0 for what PX4 does not know, or for ESC currents, of which a calibration has no column."""
-    kind = float(values.get("CAL_MAG_COMP_TYP", 0.0))
-    return int(kind) if kind in MOTORS.values() else 0
-
-
-def _known(compass: int) -> int:
-    """Let through a compass that there is."""
-    if compass not in COMPASSES:
-        raise UsageError(f"compass {compass}: PX4 keeps parameters of compass 0, 1, 2 and 3")
-    return compass
-
-
 # the file
 
-FLOAT: Final = 9
-"""MAV_PARAM_TYPE_REAL32, the last column of QGroundControl's file."""
-WHOLE: Final = 6
-"""MAV_PARAM_TYPE_INT32."""
+FLOAT, WHOLE = 9, 6
+"""MAV_PARAM_TYPE_REAL32 and INT32, the last column of QGroundControl's file."""
 COMPENSATED: Final = (
     "COMP is in G per kA (CAL_MAG_COMP_TYP 2, current of the first battery) or at full throttle (1), added to a "
     "reading before OFF is taken off; CAL_MAG_COMP_TYP is one for all compasses"
-)
-
-LEFT_OUT: Final = (
-    "left out: a rotation of {turn}. It belongs into the mounting, before the rotation that is set now: put the "
-    "product of both into CAL_MAG{compass}_ROLL, PITCH and YAW, which recent versions of PX4 have; the numbers stay as "
-    "they are"
 )
 
 
 def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the five columns that QGroundControl loads: vehicle, component, name, value, type.
 
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    NotExportable
-        For values that PX4 does not take.
-    UsageError
-        For a compass that there is not.
+    Raises as `Px4Parameters.of`.
     """
-    return _written(calibration, lambda name, value: f"1\t1\t{name}\t{value}\t{_type(name)}", asked)
+
+    def line(name: str, value: str) -> str:
+        return f"1\t1\t{name}\t{value}\t{WHOLE if name == 'CAL_MAG_COMP_TYP' else FLOAT}"
+
+    return _written(calibration, line, asked)
 
 
 def write_shell(calibration: Calibration, asked: ExportOptions) -> Written:
@@ -493,7 +351,7 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
     """The parameters of one compass, the first unless another is asked for, each as a line."""
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
-    parameters = Px4Parameters.of(calibration, compass=compass, rotation=INTERNAL, lossy=asked.lossy).as_held()
+    parameters = Px4Parameters.of(calibration, compass=compass, lossy=asked.lossy).as_held()
     values: dict[str, float] = dict(parameters.rows())
     compensated: Callable[[Floats, float], Floats] | None = None
     if (motor := followed(calibration)[1]) is not None:
@@ -501,52 +359,27 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
         size = DRIVE_UNITS[motor.name]
         compensated = lambda raw, value: parameters.apply(raw, value / size)  # noqa: E731 - in the unit of COMP_TYP
 
-    body = [line(name, f"{value:.9g}") for name, value in values.items()]
     ready = (
         f"CAL_MAG{compass}_ID must already be the device_id of this sensor, and CAL_MAG{compass}_ROT its mounting; "
         "restart the vehicle afterwards"
     )
-    turn = turn_of(in_recorded_axes(calibration)[0])
-    notes = [] if turn is None else [LEFT_OUT.format(turn=said(turn), compass=compass)]
-    notes += [ready] if compensated is None else [ready, COMPENSATED]
+    notes = [ready] if compensated is None else [ready, COMPENSATED]
+    if (turn := turn_of(in_recorded_axes(calibration)[0])) is not None:
+        left_out = (
+            f"left out: a rotation of {in_words(turn)}. It belongs into the mounting, before the rotation that is set "
+            f"now: put the product of both into CAL_MAG{compass}_ROLL, PITCH and YAW, which recent versions of PX4 "
+            "have; the numbers stay as they are"
+        )
+        notes.insert(0, left_out)
+    body = [line(name, f"{value:.9g}") for name, value in values.items()]
     return Written(parameters.apply, body, values, notes, compensated=compensated)
 
 
-def _type(name: str) -> int:
-    """MAV_PARAM_TYPE of a parameter."""
-    return WHOLE if name == "CAL_MAG_COMP_TYP" else FLOAT
+def _with_offsets(values: Mapping[str, float]) -> list[int]:
+    return [number for number in COMPASSES if f"CAL_MAG{number}_XOFF" in values]
 
 
-def read(content: bytes, source: str, *, strength: float | None = None, compass: int | None = None) -> Calibration:
-    """Read the parameters of one compass back, from either kind of file.
-
-    `strength`, µT: length of corrected readings, which they do not hold; 50 µT where it is not given. `compass`:
-    which one; the only one where there is one.
-
-    Raises
-    ------
-    InputError
-        For lines that are no parameters, or none of such a compass.
-    """
-    values, wanted = _chosen(content, source, compass)
-    return Px4Parameters.read(values, wanted).to_calibration(strength or 50.0, known=strength is not None)
-
-
-def which(content: bytes, source: str, compass: int | None = None) -> tuple[int, int | None]:
-    """Number, and device id where the file has it, of the compass that `read` takes; raises as `read`."""
-    values, wanted = _chosen(content, source, compass)
-    device = Px4Parameters.read(values, wanted).device_id
-    return wanted, device % 2**32 if device else None
-
-
-def _chosen(content: bytes, source: str, compass: int | None) -> tuple[dict[str, float], int]:
-    """The parameters of a file, and the number of the compass that is meant."""
-    lines = (line.strip().removeprefix("param set ") for line in decoded(content, source).splitlines())
-    values = parse("\n".join(lines), source)
-    there = [number for number in COMPASSES if f"CAL_MAG{number}_XOFF" in values]
-    return values, chosen(there, compass, source, "CAL_MAG0_XOFF and so on")
-
-
+FILE: Final = ParameterFile(Px4Parameters, _with_offsets, "CAL_MAG0_XOFF")
 PX4: Final = Target(
     name="px4",
     use="PX4, file of QGroundControl",
@@ -560,7 +393,7 @@ PX4: Final = Target(
     follows="motors",
     compasses=range(4),
     write=write,
-    reader=TargetReader(rb"CAL_MAG", read, "parameters of PX4", which),
+    reader=TargetReader(rb"CAL_MAG", FILE.read, "parameters of PX4", FILE.which),
 )
 TARGETS: Final = (
     PX4,

@@ -27,10 +27,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError, NotExportable
-from flinders.targets._affine import Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import decoded, keyed, numbers
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import decoded, keyed, numbers
+from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -45,12 +43,8 @@ INITIAL_MATRIX: Final = "initial_mag_scaling_matrix"
 def write_madgwick(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write a file of parameters for ROS 2, for a node of any name: it subtracts a bias, and knows no soft iron.
 
-    Raises
-    ------
-    UnitError
-        For a calibration in counts.
-    NotExportable
-        For more than 10 T, and where the soft iron left out costs more than a degree of heading.
+    Raises `UnitError` for a calibration in counts; `NotExportable` for more than 10 T, and where the soft iron left
+    out costs more than a degree of heading.
     """
     bias = _ten_digits(Affine.of(calibration, "T", who="imu_filter_madgwick").offset)
     if not np.all(np.abs(bias) <= LARGEST_T):
@@ -76,10 +70,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, µT: length of corrected readings, which they do not hold; 50 µT where it is not given.
 
-    Raises
-    ------
-    DocumentError
-        Where numbers are missing.
+    Raises `DocumentError` where numbers are missing.
     """
     text = decoded(content, source)
     offset = numbers(keyed(text, source, ":"), INITIAL_BIAS, source)

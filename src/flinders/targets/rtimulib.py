@@ -26,10 +26,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.targets._affine import Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import decoded, keyed, numbers
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import decoded, keyed, numbers
+from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -62,10 +60,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, µT: length of corrected readings; half of the largest range where it is not given.
 
-    Raises
-    ------
-    DocumentError
-        Where the extremes are not valid, or numbers are missing.
+    Raises `DocumentError` where the extremes are not valid, or numbers are missing.
     """
     pairs = keyed(decoded(content, source), source)
     if pairs.get(VALID) != "true":

@@ -22,10 +22,8 @@ from operator import xor
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError
-from flinders.targets._affine import Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._parsing import decoded, numbers
-from flinders.targets._target import Target, TargetReader
+from flinders.targets._numbers import decoded, numbers
+from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
@@ -60,10 +58,7 @@ def read(content: bytes, source: str, *, strength: float | None = None) -> Calib
 
     `strength`, µT: length of corrected readings, which the register does not hold; 50 µT where it is not given.
 
-    Raises
-    ------
-    DocumentError
-        For another sentence, and one whose checksum is wrong or missing.
+    Raises `DocumentError` for another sentence, and one whose checksum is wrong or missing.
     """
     line = decoded(content, source).strip()
     head = next((head for head in HEADS if line.startswith(head)), None)

@@ -13,10 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.targets._affine import OWN, Affine
-from flinders.targets._export import ExportOptions, Written
-from flinders.targets._target import Target
-from flinders.targets._text import BLOCK, float32s
+from flinders.targets._target import BLOCK, OWN, Affine, ExportOptions, Target, Written
+from flinders.targets.code import float32s
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -240,6 +240,6 @@ function nearestTurn(angle, other) {
 }
 
 /** @param {number} value @param {number} low @param {number} high */
-function clamp(value, low, high) {
+export function clamp(value, low, high) {
     return Math.min(Math.max(value, low), high);
 }

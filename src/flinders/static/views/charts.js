@@ -9,80 +9,8 @@
 
 import { Density, Panel } from "./plot.js";
 
-/**
- * Readings, as the page keeps them. The arrays may be longer than `count`.
- * @typedef {object} Points
- * @property {number} count
- * @property {Float32Array} time Seconds since the session began.
- * @property {Float32Array} field Three numbers a reading, raw.
- * @property {Float32Array | null} acceleration
- * @property {number} stride Point j is reading number j · stride.
- */
-
-/**
- * A calibration to draw readings under: matrix · (raw − offset), whose length is `strength`.
- * @typedef {object} Shown
- * @property {readonly number[]} offset
- * @property {readonly (readonly number[])[]} matrix
- * @property {number} strength
- */
-
-/**
- * What the charts need of a view (see messages.d.ts).
- * @typedef {object} ChartView
- * @property {string} unit
- * @property {number | null} noise
- * @property {Shown | null} [shown]
- * @property {readonly (readonly [number, number])[]} rejected
- * @property {{edges: readonly number[], counts: readonly number[]} | null} residuals
- * @property {Turn | null} turn
- * @property {{target_deg: number | null} | null} [heading_error_deg]
- */
-
-/**
- * A level turn.
- * @typedef {object} Turn
- * @property {readonly number[]} heading_deg
- * @property {readonly number[]} before_deg
- * @property {readonly (number | null)[] | null} sigma_deg
- */
-
-/**
- * What the charts need of the state (see messages.d.ts).
- * @typedef {object} ChartState
- * @property {string} unit
- * @property {number} target_deg
- * @property {readonly (readonly [number, number])[]} excluded
- */
-
 /** Crosses in one chart at most: more would be a smear. */
 const MOST_CROSSES = 400;
-
-/** What a reading is to the fit. */
-export const USED = 0;
-export const REJECTED = 1;
-export const EXCLUDED = 2;
-
-/**
- * What each shown reading is to the fit: USED, REJECTED or EXCLUDED.
- * @param {Points} points
- * @param {readonly (readonly [number, number])[]} rejected Runs of reading numbers, inclusive.
- * @param {readonly (readonly [number, number])[]} excluded Spans of time, s.
- * @returns {Uint8Array}
- */
-export function marks(points, rejected, excluded) {
-    const kinds = new Uint8Array(points.count);
-    for (const [first, last] of rejected) {
-        const end = Math.min(Math.floor(last / points.stride), points.count - 1);
-        for (let j = Math.ceil(first / points.stride); j <= end; j++) kinds[j] = REJECTED;
-    }
-    for (const [start, end] of excluded) {
-        for (let j = 0; j < points.count; j++) {
-            if (points.time[j] >= start && points.time[j] <= end) kinds[j] = EXCLUDED;
-        }
-    }
-    return kinds;
-}
 
 /** A chart in its host: keeps its panel, and draws again when the size changes. */
 export class Chart {

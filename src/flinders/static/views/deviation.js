@@ -4,14 +4,14 @@ import { drawChart, nothing, tick } from "./charts.js";
 import { freest, path, roundUp } from "./plot.js";
 import { degrees } from "./words.js";
 
-/** @typedef {import("./charts.js").ChartView} ChartView */
+/** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./plot.js").Panel} Panel */
 
 /**
  * A level turn: by how much the raw compass is off at each heading, and what is left open after correction (1 σ), each
  * on a scale of its own, with the target.
  * @param {Panel} panel
- * @param {ChartView | null} view
+ * @param {View | null} view
  * @param {number | null} target
  */
 function drawDeviation(panel, view, target) {

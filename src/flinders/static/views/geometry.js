@@ -19,6 +19,8 @@
  * @property {number} count  pieces that are in use
  */
 
+import { cross, dot, minus } from "./vectors.js";
+
 /**
  * @param {Tiles} tiles
  * @returns {TileMesh}
@@ -286,33 +288,6 @@ export function nowhere() {
     return { low: [Infinity, Infinity, Infinity], high: [-Infinity, -Infinity, -Infinity] };
 }
 
-/** How a reading is drawn. */
-export const MARK = /** @type {const} */ ({ used: 0, rejected: 1, excluded: 2 });
-
-/**
- * Which of the shown points the fit left out, and which the user did.
- *
- * @param {Uint8Array} marks  written: one of `MARK` for each point
- * @param {{count: number, time: Float32Array}} points
- * @param {number} first  the first point to mark
- * @param {[number, number][]} excluded  spans of time, seconds
- * @param {[number, number][]} rejected  runs of reading numbers in order, both ends included
- * @param {number} stride  point j is reading j · stride
- */
-export function mark(marks, points, first, excluded, rejected, stride) {
-    let run = 0;
-    for (let j = first; j < points.count; j += 1) {
-        const reading = j * stride;
-        while (run < rejected.length && rejected[run][1] < reading) run += 1;
-        marks[j] = run < rejected.length && rejected[run][0] <= reading ? MARK.rejected : MARK.used;
-    }
-    for (const [start, end] of excluded) {
-        for (let j = first; j < points.count; j += 1) {
-            if (points.time[j] >= start && points.time[j] <= end) marks[j] = MARK.excluded;
-        }
-    }
-}
-
 /**
  * What turns raw readings into points of the unit sphere, W (x − b) / F, as the 16 numbers of a matrix by columns.
  *
@@ -334,21 +309,6 @@ export function drawMatrix({ matrix, offset, strength }, out = new Array(16)) {
 function tangents(centre) {
     const across = unit(cross(Math.abs(centre[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0], centre));
     return [across, cross(centre, across)];
-}
-
-/** @param {number[]} a @param {number[]} b @returns {number[]} */
-function minus(a, b) {
-    return [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-}
-
-/** @param {number[]} a @param {number[]} b @returns {number} */
-function dot(a, b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-/** @param {number[]} a @param {number[]} b @returns {number[]} */
-function cross(a, b) {
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 }
 
 /** @param {number[]} a @returns {number[]} */

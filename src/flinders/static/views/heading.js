@@ -5,10 +5,12 @@
  * acceleration (specific force, at rest −g on z), level is found from it, and otherwise the sensor is taken as level.
  */
 
+import { element, setText } from "../dom.js";
 import { svg } from "./plot.js";
+import { corrected, cross } from "./vectors.js";
 import { compass } from "./words.js";
 
-/** @typedef {readonly [number, number, number]} Vector */
+/** @typedef {import("./vectors.js").Vector} Vector */
 
 /**
  * A heading, and how far the sensor is tilted.
@@ -41,18 +43,6 @@ function headingOf(field, acceleration) {
 }
 
 /**
- * A reading under a calibration.
- * @param {Vector} raw
- * @param {{offset: readonly number[], matrix: readonly (readonly number[])[]}} calibration
- * @returns {Vector}
- */
-function corrected(raw, { offset, matrix }) {
-    const [x, y, z] = [raw[0] - offset[0], raw[1] - offset[1], raw[2] - offset[2]];
-    const row = (/** @type {readonly number[]} */ r) => r[0] * x + r[1] * y + r[2] * z;
-    return [row(matrix[0]), row(matrix[1]), row(matrix[2])];
-}
-
-/**
  * The smaller way from one heading to another, −180 to 180 degrees.
  * @param {number} from
  * @param {number} to
@@ -60,15 +50,6 @@ function corrected(raw, { offset, matrix }) {
  */
 function difference(from, to) {
     return ((to - from + 540) % 360) - 180;
-}
-
-/**
- * @param {Vector} a
- * @param {Vector} b
- * @returns {[number, number, number]}
- */
-function cross(a, b) {
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 }
 
 /**
@@ -85,7 +66,7 @@ function turned(angle) {
  * @param {{raw_deg: number | null, corrected_deg: number | null, tilt: number | null}} headings
  */
 function dial(host, { raw_deg, corrected_deg, tilt }) {
-    if (!host.querySelector(".rose")) host.replaceChildren(rose("raw", "Raw"), rose("corrected", "Corrected"), note());
+    if (!host.querySelector(".rose")) host.replaceChildren(rose("raw", "Raw"), rose("corrected", "Corrected"), element("p", "", "tilt"));
     point(host, "raw", raw_deg);
     point(host, "corrected", corrected_deg);
     const words = host.querySelector(".tilt");
@@ -95,7 +76,7 @@ function dial(host, { raw_deg, corrected_deg, tilt }) {
             ? ""
             : `raw is ${Math.abs(Math.round(difference(corrected_deg, raw_deg)))}° off`;
     const said = raw_deg === null ? "" : [off, level].filter(Boolean).join(" · ");
-    if (words && words.textContent !== said) words.textContent = said;
+    if (words) setText(words, said);
 }
 
 /**
@@ -104,12 +85,8 @@ function dial(host, { raw_deg, corrected_deg, tilt }) {
  * @returns {HTMLElement}
  */
 function rose(kind, title) {
-    const figure = document.createElement("figure");
-    figure.className = `rose ${kind}`;
-    const caption = document.createElement("figcaption");
-    caption.textContent = title;
-    const number = document.createElement("output");
-    number.className = "number";
+    const figure = element("figure", "", `rose ${kind}`);
+    const number = element("output", "", "number");
     number.setAttribute("aria-live", "off");
     const drawing = svg("svg", { viewBox: "-100 -100 200 200", "aria-hidden": "true" });
     drawing.append(svg("circle", { class: "edge", r: 92 }));
@@ -126,15 +103,8 @@ function rose(kind, title) {
     const needle = svg("g", { class: "needle" });
     needle.append(svg("path", { class: "ahead", d: "M0 -84L9 0H-9Z" }), svg("path", { class: "behind", d: "M0 56L7 0H-7Z" }), svg("circle", { class: "hub", r: 6 }));
     drawing.append(needle);
-    figure.append(drawing, number, caption);
+    figure.append(drawing, number, element("figcaption", title));
     return figure;
-}
-
-/** @returns {HTMLElement} */
-function note() {
-    const words = document.createElement("p");
-    words.className = "tilt";
-    return words;
 }
 
 /**
@@ -149,7 +119,7 @@ function point(host, kind, deg) {
     figure?.classList.toggle("unknown", deg === null);
     needle?.setAttribute("transform", `rotate(${(deg ?? 0).toFixed(1)})`);
     const said = compass(deg);
-    if (number && number.textContent !== said) number.textContent = said;
+    if (number) setText(number, said);
 }
 
 /** @type {import("../widgets.js").Widget} */

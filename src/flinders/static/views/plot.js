@@ -3,6 +3,8 @@
  * and a raster that shows how dense points lie, whatever their number.
  */
 
+import { rgbOf } from "./colours.js";
+
 const SVG = "http://www.w3.org/2000/svg";
 
 /** @typedef {readonly [number, number, number]} Rgb Red, green and blue, 0 to 255. */
@@ -136,9 +138,8 @@ export function freest(places, line) {
  * @returns {Rgb}
  */
 export function themeColour(element, name) {
-    const hex = getComputedStyle(element).getPropertyValue(name).trim().replace("#", "");
-    const number = Number.parseInt(hex.length === 6 ? hex : "808080", 16);
-    return [(number >> 16) & 255, (number >> 8) & 255, number & 255];
+    const [red, green, blue] = rgbOf(getComputedStyle(element).getPropertyValue(name).trim() || "#808080");
+    return [255 * red, 255 * green, 255 * blue];
 }
 
 /** A canvas with an SVG over it that fills its host, and tells when the host changes its size. */

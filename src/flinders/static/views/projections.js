@@ -1,14 +1,16 @@
 /** Readings seen along each axis, before and after correction: XY, XZ and YZ. */
 
-import { crosses, drawChart, EXCLUDED, marks, REJECTED, tick, USED } from "./charts.js";
+import { crosses, drawChart, tick } from "./charts.js";
+import { EXCLUDED, mark, REJECTED, USED } from "./marks.js";
 import { path, quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
+import { dot } from "./vectors.js";
 import { fixed } from "./words.js";
 
 /** @typedef {import("./charts.js").Chart} Chart */
-/** @typedef {import("./charts.js").ChartState} ChartState */
-/** @typedef {import("./charts.js").ChartView} ChartView */
-/** @typedef {import("./charts.js").Points} Points */
-/** @typedef {import("./charts.js").Shown} Shown */
+/** @typedef {import("../messages.d.ts").SessionState} State */
+/** @typedef {import("../messages.d.ts").View} View */
+/** @typedef {import("../store.js").Points} Points */
+/** @typedef {import("../messages.d.ts").Shown} Shown */
 /** @typedef {import("./plot.js").Panel} Panel */
 
 const PAIRS = /** @type {const} */ ([
@@ -25,15 +27,16 @@ const LOOKED_AT = 1500;
  * in. A host that is tall enough gets a row before and a row after; a flat one gets both in each square.
  * @param {Chart} chart
  * @param {Points} points
- * @param {ChartView | null} view
- * @param {ChartState | null} state
+ * @param {View | null} view
+ * @param {State | null} state
  */
 function drawProjections(chart, points, view, state) {
     const { panel } = chart;
     const shown = view?.shown ?? null;
     const after = shown ? "and corrected, with the circle they should lie in" : "with no correction yet";
     if (!panel.begin(`Readings seen along each axis, raw ${after}`)) return;
-    const kinds = marks(points, view?.rejected ?? [], state?.excluded ?? []);
+    const kinds = new Uint8Array(points.count);
+    mark(kinds, points, view?.rejected ?? [], state?.excluded ?? []);
     const image = panel.pixels();
     const unit = view?.unit ?? state?.unit ?? "";
     const isWide = panel.width >= 32 * panel.em;
@@ -221,20 +224,11 @@ function outlines(panel, inside, across, up, { toX, toY }, { shown, row }) {
 }
 
 /**
- * @param {readonly number[]} a
- * @param {readonly number[]} b
- * @returns {number}
- */
-function dot(a, b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-/**
  * The inverse of a 3×3 matrix, by cofactors; null of a singular one.
  * @param {readonly (readonly number[])[]} m
  * @returns {number[][] | null}
  */
-export function inverse(m) {
+function inverse(m) {
     const minor = (/** @type {number} */ i, /** @type {number} */ j) => {
         const [a, b, c, d] = [(i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3];
         return m[a][c] * m[b][d] - m[a][d] * m[b][c];

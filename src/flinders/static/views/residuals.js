@@ -5,13 +5,13 @@ import { drawChart, nothing, tick } from "./charts.js";
 import { path, tickDecimals, ticks } from "./plot.js";
 import { fixed, significant } from "./words.js";
 
-/** @typedef {import("./charts.js").ChartView} ChartView */
+/** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./plot.js").Panel} Panel */
 
 /**
  * Distances of the readings from the sphere, with the bell curve that independent noise would give.
  * @param {Panel} panel
- * @param {ChartView | null} view
+ * @param {View | null} view
  */
 function drawHistogram(panel, view) {
     const residuals = view?.residuals ?? null;
@@ -54,9 +54,8 @@ export const residuals = {
     on: ["view"],
     enlarges: "the residuals",
     begin({ title }) {
-        const noise = element("span");
+        const noise = element("span", "", "faint");
         noise.id = "residuals-noise";
-        noise.className = "faint";
         title.append(noise);
     },
     draw({ title, host }, { view }) {

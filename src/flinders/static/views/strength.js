@@ -1,17 +1,18 @@
 /** The length of each reading over time: flat after a good correction. Spans of time can be marked in it. */
 
 import { Brush, xOf } from "./brush.js";
-import { chartOf, crosses, drawChart, EXCLUDED, marks, nothing, REJECTED, tick, USED } from "./charts.js";
+import { chartOf, crosses, drawChart, nothing, tick } from "./charts.js";
 import { Exclusion } from "./exclusion.js";
+import { EXCLUDED, mark, REJECTED, USED } from "./marks.js";
 import { quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
-import { fixed } from "./words.js";
+import { clock, fixed } from "./words.js";
 
 /** @typedef {import("./brush.js").Place} Place */
 /** @typedef {import("./charts.js").Chart} Chart */
-/** @typedef {import("./charts.js").ChartState} ChartState */
-/** @typedef {import("./charts.js").ChartView} ChartView */
-/** @typedef {import("./charts.js").Points} Points */
-/** @typedef {import("./charts.js").Shown} Shown */
+/** @typedef {import("../messages.d.ts").SessionState} State */
+/** @typedef {import("../messages.d.ts").View} View */
+/** @typedef {import("../store.js").Points} Points */
+/** @typedef {import("../messages.d.ts").Shown} Shown */
 /** @typedef {import("./plot.js").Panel} Panel */
 /** @typedef {import("./plot.js").Span} Span */
 
@@ -19,15 +20,16 @@ import { fixed } from "./words.js";
  * The length of each reading over time, raw and corrected; rejected ones are crossed, excluded spans are hatched.
  * @param {Chart} chart
  * @param {Points} points
- * @param {ChartView | null} view
- * @param {ChartState | null} state
+ * @param {View | null} view
+ * @param {State | null} state
  * @returns {Place | null}
  */
 function drawStrength(chart, points, view, state) {
     const { panel } = chart;
     const shown = view?.shown ?? null;
     const unit = view?.unit ?? state?.unit ?? "";
-    const kinds = marks(points, view?.rejected ?? [], state?.excluded ?? []);
+    const kinds = new Uint8Array(points.count);
+    mark(kinds, points, view?.rejected ?? [], state?.excluded ?? []);
     const raw = lengths(points, null);
     const corrected = shown ? lengths(points, shown) : null;
     const span = strengthSpan(raw, kinds, shown);
@@ -189,17 +191,6 @@ function minuteTicks({ low, high }, most) {
     const times = [];
     for (let t = Math.ceil(low / step) * step; t <= high; t += step) times.push(t);
     return times;
-}
-
-/**
- * @param {number} seconds
- * @returns {string} 2:30, or 1:02:30.
- */
-function clock(seconds) {
-    const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
-    const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
-    if (minutes < 60) return `${minutes}:${two(rest)}`;
-    return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(rest)}`;
 }
 
 /** @type {WeakMap<HTMLElement, Brush>} */

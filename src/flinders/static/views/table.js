@@ -1,31 +1,24 @@
 /** Offset and matrix of a calibration as a table, each number to the digits that its uncertainty leaves. */
 
+import { element } from "../dom.js";
 import { measured } from "./words.js";
+
+/** @typedef {import("../messages.d.ts").View} View */
 
 const AXES = ["x", "y", "z"];
 
 /**
- * What the table needs of a view (see messages.d.ts). Null where a refused fit gives no numbers.
- * @typedef {object} Parameters
- * @property {string} unit
- * @property {readonly number[] | null} offset
- * @property {readonly number[] | null} offset_sigma
- * @property {readonly (readonly number[])[] | null} matrix
- * @property {readonly (readonly number[])[] | null} matrix_sigma
- */
-
-/**
  * Put the table into a host; nothing where there are no numbers.
  * @param {HTMLElement} host
- * @param {Parameters} parameters
+ * @param {View} view
  */
 export function table(host, { unit, offset, offset_sigma, matrix, matrix_sigma }) {
     if (!offset || !matrix) {
         host.replaceChildren();
         return;
     }
-    const root = element("table", "parameters");
-    const caption = element("caption", "", "corrected = matrix · (raw − offset), ± 1 σ");
+    const root = element("table", "", "parameters");
+    const caption = element("caption", "corrected = matrix · (raw − offset), ± 1 σ");
     const head = element("tr");
     head.append(header("", "col"), header(`offset, ${unit}`, "col"), header("matrix", "colgroup", 3));
     const top = element("thead");
@@ -42,29 +35,15 @@ export function table(host, { unit, offset, offset_sigma, matrix, matrix_sigma }
 }
 
 /**
- * @param {string} name
- * @param {string} [kind]
- * @param {string} [text]
- * @returns {HTMLElement}
- */
-function element(name, kind = "", text) {
-    const made = document.createElement(name);
-    if (kind) made.className = kind;
-    if (text !== undefined) made.textContent = text;
-    return made;
-}
-
-/**
  * @param {string} text
  * @param {string} scope
  * @param {number} [span]
  * @returns {HTMLElement}
  */
 function header(text, scope, span = 1) {
-    const made = document.createElement(text === "" ? "td" : "th");
-    made.textContent = text;
+    const made = element(text === "" ? "td" : "th", text);
     if (text !== "") made.setAttribute("scope", scope);
-    if (span > 1) made.colSpan = span;
+    if (span > 1) made.setAttribute("colspan", String(span));
     return made;
 }
 
@@ -75,8 +54,8 @@ function header(text, scope, span = 1) {
  */
 function cell(value, sigma) {
     const shown = measured(value, sigma);
-    const made = element("td", "number");
-    made.append(element("span", "value", shown.value));
-    if (shown.sigma) made.append(element("span", "sigma", ` ± ${shown.sigma}`));
+    const made = element("td", "", "number");
+    made.append(element("span", shown.value, "value"));
+    if (shown.sigma) made.append(element("span", ` ± ${shown.sigma}`, "sigma"));
     return made;
 }

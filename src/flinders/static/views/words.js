@@ -134,12 +134,19 @@ export function brief(words) {
  */
 export function duration(seconds) {
     if (!Number.isFinite(seconds) || seconds < 0) return NONE;
-    const whole = Math.floor(seconds);
-    if (whole < 60) return `${whole} s`;
+    if (seconds < 60) return `${Math.floor(seconds)} s`;
+    return `${clock(seconds)} ${seconds < 3600 ? "min" : "h"}`;
+}
+
+/**
+ * @param {number} seconds
+ * @returns {string} 2:30, or 1:02:30.
+ */
+export function clock(seconds) {
     const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
-    const minutes = Math.floor(whole / 60);
-    if (minutes < 60) return `${minutes}:${two(whole % 60)} min`;
-    return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)} h`;
+    const [minutes, rest] = [Math.floor(seconds / 60), Math.floor(seconds % 60)];
+    if (minutes < 60) return `${minutes}:${two(rest)}`;
+    return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(rest)}`;
 }
 
 /**

@@ -1,0 +1,417 @@
+"""Drawings that are files of their own (SVG, light or dark as the screen is): swing, turn in one plane, convergence.
+
+A **swing** is a curve of deviation over the compass heading with its band of 1 σ, what was observed, and how far off it
+is.
+
+>>> from flinders.heading.deviation import fit
+>>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
+>>> swing_drawing(swing).startswith("<svg"), swing_drawing(swing).count("<circle")
+(True, 8)
+
+A **turn** is shown in polar coordinates, before and after: the first axis of its plane points up and the second one to
+the right, as on a compass card with x ahead and y to the right. Rings are lengths of the field.
+
+>>> ring_step(38.0), ring_step(0.7), ring_step(4100.0)
+(10.0, 0.2, 1000.0)
+
+A **convergence** is how an estimate settles while readings come in, also as a table (CSV).
+
+>>> from flinders.estimators import Readings
+>>> from flinders.estimators.reference.sequential import Sequential
+>>> from flinders.simulate import tumble
+>>> steps = Sequential().converge(Readings.of(tumble(seed=1, n=400).samples), steps=8)
+>>> trace = Trace(steps, "sequential", unit="uT")
+>>> convergence_drawing(trace).startswith("<svg"), len(convergence_table(trace).splitlines())
+(True, 9)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.arrays import runs
+from flinders.core.units import label
+from flinders.errors import counted, figures
+from flinders.heading.deviation import NAMES
+from flinders.heading.error_propagation import level_gradients
+from flinders.report.charts import (
+    Axis,
+    Panel,
+    Plot,
+    circle,
+    clipped,
+    compass_ticks,
+    drawing,
+    key,
+    nearest_round,
+    rectangle,
+    round_up,
+    segment,
+    text,
+    thinned,
+)
+from flinders.report.fit_pages import evenness, is_mean
+from flinders.report.formatting import degrees, minus, with_uncertainty
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.estimators import Convergence
+    from flinders.fitting.result import Fit
+    from flinders.geometry.plane import PlaneEllipse, Turn
+    from flinders.heading.deviation import Deviation
+    from flinders.report.charts import Canvas
+
+# ------------------------------------------------------------------------------------------------------------- a swing
+
+GRID: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0)
+"""Degrees between the lines of the drawing."""
+LINES: Final = 4
+"""Lines above zero, at most, and as many below."""
+
+NARROW: Final = """\
+.figure .curve { stroke-width: 2.5 }
+@media (max-width: 520px) { .figure text, .figure .title { font-size: 21px } .figure .between { display: none } }
+"""
+"""On a narrow screen letters are larger and every second number is left out."""
+
+
+def swing_drawing(deviation: Deviation) -> str:
+    """Draw a curve of deviation and what it was fitted to."""
+    around = np.arange(0.0, 361.0, 2.0)
+    curve, sigma = deviation.at(around), deviation.sigma_at(around)
+    spread = 0.0 if sigma is None else float(sigma.max())
+    largest = min(1.04 * (float(np.abs([*curve, *deviation.observed_deg]).max()) + spread), 180.0)
+    step = next((step for step in GRID if LINES * step >= largest), GRID[-1])
+    count = max(math.ceil(largest / step), 1)
+
+    def draw(canvas: Canvas) -> list[str]:
+        band = "" if sigma is None else canvas.area("band", around, curve - sigma, curve + sigma)
+        return [band, canvas.line("curve corrected", around, curve)]
+
+    numbers = [(line * step, _sided(line * step)) for line in range(-count, count + 1)]
+    panel = Panel(Axis(0.0, 360.0), Axis(-step * count, step * count), draw, x_ticks=compass_ticks(), y_ticks=numbers)
+    plot = panel.at(92, 84, 576, 300)
+    edge = rectangle("", plot.left - 8, plot.top, plot.width + 16, plot.height)
+    pairs = zip(NAMES, deviation.coefficients_deg, strict=True)
+    return drawing(
+        720,
+        452,
+        "Deviation over compass heading",
+        text(24, 30, "Deviation, magnetic less compass", "start", "title"),
+        text(24, 58, "\N{EM SPACE}".join(minus(f"{name} {value + 0.0:+.2f}°") for name, value in pairs), "start"),
+        key(696, 30, ("raw", "seen"), ("corrected", "curve" if sigma is None else "curve ± 1 σ")),
+        panel.grid(plot, gap=24),
+        clipped("inside", edge, *panel.draw(plot), _observed(deviation, plot)),
+        text(plot.middle, 436, "heading by compass"),
+        style=NARROW,
+    )
+
+
+def _sided(deviation_deg: float) -> str:
+    """Degrees, east or west."""
+    side = " E" if deviation_deg > 0.0 else " W" if deviation_deg < 0.0 else ""
+    return f"{abs(deviation_deg):.4g}°{side}"
+
+
+def _observed(deviation: Deviation, plot: Plot) -> str:
+    """What was observed, each joined to the curve."""
+    rows = zip(deviation.compass_deg, deviation.observed_deg, deviation.residual_deg, strict=True)
+    return "".join(
+        segment("residual", plot.x(heading), plot.y(observed - residual), plot.x(heading), plot.y(observed))
+        + circle("observed", plot.x(heading), plot.y(observed), 5)
+        for heading, observed, residual in rows
+    )
+
+
+# ------------------------------------------------------------------------------------------------- a turn in one plane
+
+RADIUS, LEFT, RIGHT, MIDDLE = 152, 206.0, 594.0, 288.0
+"""Of the two charts: their radius, where their centres lie across, and how far down."""
+
+SHOWN: Final = 720
+"""Points that are drawn; more would be a smear."""
+
+AROUND: Final = np.linspace(0.0, 2.0 * np.pi, 120, endpoint=False)
+CIRCLE: Final = np.stack([np.cos(AROUND), np.sin(AROUND)], axis=1)
+
+
+def turn_drawing(turn: Turn, fit: Fit) -> str:
+    """Draw a turn before and after the correction of a fit; of a refused one it says so, and gives no number of it."""
+    loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
+    title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
+    subtitle = f"method {fit.method}; {evenness(turn, fit.target_deg, is_mean=is_mean(fit))}"
+    return drawing(
+        800,
+        524,
+        f"{title}, before and after correction",
+        text(24, 34, title, "start", "title"),
+        text(24, 56, subtitle, "start"),
+        text(776, 34, "REFUSED: not fit for use" if fit.verdict == "refused" else "", "end", "title refused"),
+        _before(turn, loaded, unit),
+        _captions(LEFT, "before", _words_before(loaded, fit, unit)),
+        _after(turn, loaded, unit),
+        _captions(RIGHT, "after", _words_after(loaded, fit, unit)),
+    )
+
+
+def ring_step(largest: float) -> float:
+    """Length from ring to ring: 1, 2 or 5 times a power of ten, so that three to seven of them hold a length."""
+    power = 10.0 ** math.floor(math.log10(largest / 2.0))
+    return next((step * power for step in (0.5, 1.0, 2.0, 5.0) if largest / (step * power) <= 5.0), 5.0 * power)
+
+
+def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
+    """Axes around a place of the drawing whose rings hold (n, 2) points; rings with their lengths, spokes and names."""
+    largest = float(np.linalg.norm(points, axis=1).max())
+    step = ring_step(largest)
+    rings = math.ceil(largest / step)
+    end = Axis(-step * rings, step * rings)
+    parts = []
+    for ring in range(1, rings + 1):
+        is_edge, radius = ring == rings, RADIUS * ring / rings
+        out = 4.0 + radius * math.sqrt(0.5)
+        parts.append(circle("edge" if is_edge else "ring", x, MIDDLE, round(radius, 1)))
+        parts.append(text(x + out, MIDDLE + out + 8, f"{ring * step:g}{f' {unit}' * is_edge}", "start"))
+    spokes = np.radians(range(0, 360, 30)).tolist()
+    parts += [
+        *(segment("grid", x, MIDDLE, x + RADIUS * math.sin(one), MIDDLE - RADIUS * math.cos(one)) for one in spokes),
+        text(x, MIDDLE - RADIUS - 8, f"+{plane[0]}", kind="name"),
+        text(x, MIDDLE + RADIUS + 18, f"−{plane[0]}", kind="name"),
+        text(x + RADIUS + 8, MIDDLE + 5, f"+{plane[1]}", "start", "name"),
+        text(x - RADIUS - 8, MIDDLE + 5, f"−{plane[1]}", "end", "name"),
+    ]
+    return Plot(x - RADIUS, MIDDLE - RADIUS, 2.0 * RADIUS, 2.0 * RADIUS, end, end), "".join(parts)
+
+
+def _before(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
+    """Points as recorded, the ellipse and its long axis, and the offset."""
+    points, outline = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
+    plot, grid = _polar(LEFT, np.concatenate([points, outline]), turn.plane, unit)
+    angle = math.radians(loaded.direction_deg)
+    along = loaded.semi_axes[0] * np.array([math.cos(angle), math.sin(angle)])
+    ends = np.array([loaded.centre - along, loaded.centre + along])
+    return (
+        grid
+        + plot.line("outline before", *outline.T[::-1], is_closed=True)
+        + plot.line("aim", *ends.T[::-1])
+        + _points("before", plot, points)
+        + plot.arm(*loaded.centre[::-1].tolist())
+    )
+
+
+def _after(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
+    """Points as corrected, and the circle that they should lie on."""
+    points, outline = loaded.correct(thinned(turn.points, SHOWN)), loaded.radius * CIRCLE
+    plot, grid = _polar(RIGHT, np.concatenate([points, outline]), turn.plane, unit)
+    return grid + plot.line("outline after", *outline.T[::-1], is_closed=True) + _points("after", plot, points)
+
+
+def _points(kind: str, plot: Plot, points: Floats) -> str:
+    size = 4.0 if len(points) <= 72 else 2.5
+    return "".join(circle(f"point {kind}", x, y, size) for x, y in plot.places(*points.T[::-1]).tolist())
+
+
+def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
+    if fit.verdict == "refused":
+        return "the ellipse that this method makes of the points", "nothing of it is to be used"
+    offset = ", ".join(minus(figures(value, 3)) for value in loaded.centre.tolist())
+    return (
+        f"offset {offset} {unit}; axis ratio {loaded.ratio:.3f}",
+        f"heading off by up to {degrees(fit.uncorrected_heading_error_deg.worst)}",
+    )
+
+
+def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
+    worst = degrees(fit.heading_error_deg.worst)
+    if fit.verdict == "refused":
+        return f"heading off by up to {worst} (1 σ, worst)", "not to be used"
+    return (
+        f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.noise)} {unit} off (1 σ)",
+        f"heading good to {worst} (1 σ, worst)",
+    )
+
+
+def _captions(x: float, title: str, lines: tuple[str, str]) -> str:
+    """A title above a chart and two lines below it."""
+    below = "".join(text(x, 484 + 20 * place, line) for place, line in enumerate(lines))
+    return text(x, 98, title, kind="title") + below
+
+
+# ------------------------------------------------------------------------------------------------------- a convergence
+
+PARAMETERS: Final = (
+    "offset_x", "offset_y", "offset_z",
+    "shape_xx", "shape_yy", "shape_zz", "shape_xy", "shape_xz", "shape_yz",
+)  # fmt: skip
+"""What each parameter is called, in their order."""
+
+BEGINNING: Final = 2
+"""The scale of a plot is that of all but one step in so many, the first ones: they are far off, and run out of it."""
+
+NEAR_END: Final = 0.75
+"""Share of all readings from which on a number would run into the last one."""
+
+LEAST_DEG, MOST_DEG = 0.01, 100.0
+"""Ends of the axis of headings, in degrees; a decade is left out where nothing is in it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A convergence with what is needed to show it.
+
+    The last value is that of the last step with an ellipsoid: a method that loses its way has none at the end.
+    """
+
+    steps: Convergence  # with an ellipsoid at one step at the least
+    method: str
+    unit: str  # "uT" or "counts"
+    dip_deg: float = 60.0
+    target_deg: float = 1.0
+
+    @cached_property
+    def off(self) -> Floats:
+        """(K, 9) how far each parameter is off its last value."""
+        off: Floats = self.steps.parameters - self.steps.parameters[self.last]
+        return off
+
+    @cached_property
+    def last(self) -> int:
+        """The last step that has an ellipsoid; of none, the last of all."""
+        return len(self.steps) - 1 if self.steps.last is None else self.steps.last
+
+    @cached_property
+    def heading_off_deg(self) -> Floats:
+        """(K,) how far the worst level heading is off the last one, to first order; at most 180."""
+        known = self.steps.is_known
+        gradients = level_gradients(self.steps.ellipsoid(self.last), dip_deg=self.dip_deg)
+        errors: Floats = np.full(len(self.steps), np.nan)
+        errors[known] = np.minimum(np.rad2deg(np.abs(self.off[known] @ gradients.T).max(axis=1, initial=0.0)), 180.0)
+        return errors
+
+
+def convergence_table(trace: Trace) -> str:
+    """A line for each step: readings seen, how far the heading is off the last, parameters and their 1 σ.
+
+    What is not known yet is left empty.
+    """
+    steps = trace.steps
+    columns = [f"{name}_{trace.unit}" for name in PARAMETERS]
+    header = ["readings", "heading_off_deg", *columns, *(f"sigma_{name}" for name in columns)]
+    numbers = np.concatenate([trace.heading_off_deg[:, np.newaxis], steps.parameters, steps.sigmas], axis=1)
+    lines = [
+        ",".join([str(count), *("" if math.isnan(number) else f"{number:.9g}" for number in row)])
+        for count, row in zip(steps.counts.tolist(), numbers.tolist(), strict=True)
+    ]
+    return "\n".join([",".join(header), *lines]) + "\n"
+
+
+def convergence_drawing(trace: Trace) -> str:
+    """Draw offset, shape and heading over the readings seen, below each other."""
+    panels = [_parameters(trace, "offset", range(3)), _parameters(trace, "shape", range(3, 9)), _headings(trace)]
+    legends = [_legend(trace, range(3)), _legend(trace, range(3, 9)), []]
+    parts, top = [text(58, 20, _title(trace), "start", "title")], 58.0
+    for place, (panel, legend) in enumerate(zip(panels, legends, strict=True)):
+        plot = panel.at(58, top + 18 * (len(legend) // 3), 478, 128)
+        is_last = place == len(panels) - 1
+        parts += [
+            panel.grid(plot, is_last=is_last, gap=18.0),
+            text(58, top - 5, panel.title, "start", "name"),
+            *(_entry(top, *entry) for entry in enumerate(legend)),
+            plot.clipped(f"plot{place}", *panel.draw(plot)),
+        ]
+        top = plot.bottom + 38
+    if plot.up.low < trace.target_deg < plot.up.high:
+        y = plot.y(trace.target_deg) - 5
+        parts.append(text(plot.right - 4, y, f"target {trace.target_deg:g}°", "end", "halo"))
+    parts.append(text(plot.middle, plot.bottom + 38, "readings seen (square-root scale)"))
+    return drawing(560, plot.bottom + 46, "How the estimate settles", *parts)
+
+
+def _title(trace: Trace) -> str:
+    counts = trace.steps.counts.tolist()
+    title = f"How {trace.method} settles over {counted(counts[-1], 'reading')}"
+    last = counts[trace.last]
+    return title if last == counts[-1] else f"{title}: lost after {last:,}"
+
+
+def _over_readings(trace: Trace) -> tuple[Axis, list[tuple[float, str]]]:
+    """An axis over the root of the readings seen, since most happens at the beginning, and its numbers."""
+    whole = int(trace.steps.counts[-1])
+    return Axis(0.0, float(whole), np.sqrt), [(count, f"{count:,}") for count in (0, *root_ticks(whole), whole)]
+
+
+def _parameters(trace: Trace, name: str, which: range) -> Panel:
+    """Some parameters off their last values: bands of 1 σ first, then the lines, so that none is hidden."""
+    counts, sizes = trace.steps.counts, (np.abs(trace.off[:, which]) + trace.steps.sigmas[:, which])[: trace.last + 1]
+    later = sizes[len(sizes) // BEGINNING :]
+    largest = float(later[np.isfinite(later)].max(initial=0.0))
+    end = round_up(largest, (1.0, 2.0, 4.0, 10.0)) if largest > 0.0 else 1.0
+
+    def draw(canvas: Canvas) -> list[str]:
+        bands, lines = [], []
+        for place, parameter in enumerate(which):
+            for run in runs(trace.steps.is_known):
+                value, sigma = trace.off[run, parameter], trace.steps.sigmas[run, parameter]
+                low, high, shown = (edge.clip(-2.0 * end, 2.0 * end) for edge in (value - sigma, value + sigma, value))
+                bands.append(canvas.area(f"band c{place}", counts[run], low, high))
+                lines.append(canvas.line(_kind(place), counts[run], shown))
+        return bands + lines
+
+    rows = [(value, minus(f"{value:+g}") if value else "0") for value in np.linspace(-end, end, 5).tolist()]
+    across, numbers = _over_readings(trace)
+    title = f"{name}, {label(trace.unit)}: off its last value, ± 1 σ"
+    return Panel(across, Axis(-end, end), draw, title=title, x_ticks=numbers, y_ticks=rows)
+
+
+def _kind(place: int) -> str:
+    """Class of the line of one of six parameters: the first three are whole, the others dashed."""
+    return f"line c{place}{' dashed' * (place > 2)}"
+
+
+def _legend(trace: Trace, which: range) -> list[str]:
+    """Name, last value and uncertainty of each line."""
+    last, sigma = trace.steps.parameters[trace.last], trace.steps.sigmas[trace.last]
+    return [
+        minus(f"{PARAMETERS[one].partition('_')[2]} {with_uncertainty(float(last[one]), float(sigma[one]))}")
+        for one in which
+    ]
+
+
+def _entry(top: float, place: int, words: str) -> str:
+    """One line of a legend, three of them beside each other."""
+    x, y = 58 + 478 / 3 * (place % 3), top + 13 + 18 * (place // 3)
+    return segment(_kind(place), x, y - 4, x + 18, y - 4) + text(x + 24, y, words, "start", "small")
+
+
+def _headings(trace: Trace) -> Panel:
+    """How far the worst level heading is off the last, by decades, with the target."""
+    known = trace.heading_off_deg[trace.heading_off_deg > 0.0]
+    least, most = (float(known.min()), float(known.max())) if len(known) else (0.1, 1.0)
+    low = 10.0 ** math.floor(math.log10(min(max(least, LEAST_DEG), MOST_DEG / 10.0)))
+    high = min(max(10.0 ** math.ceil(math.log10(most)), 10.0 * low), MOST_DEG)
+    off = trace.heading_off_deg.clip(low / 10.0, 10.0 * high)
+
+    def draw(canvas: Canvas) -> list[str]:
+        aim = [canvas.level(trace.target_deg, "aim")] if low < trace.target_deg < high else []
+        return aim + [canvas.line("line", trace.steps.counts[run], off[run]) for run in runs(trace.steps.is_known)]
+
+    decades = [low * 10.0**decade for decade in range(round(math.log10(high / low)) + 1)]
+    across, numbers = _over_readings(trace)
+    title = "worst level heading: off that of the last"
+    rows = [(number, f"{number:g}°") for number in decades]
+    return Panel(across, Axis(low, high, np.log10), draw, title=title, x_ticks=numbers, y_ticks=rows)
+
+
+def root_ticks(whole: int) -> list[int]:
+    """Round numbers about a quarter, half and three quarters along an axis of roots from 0 to `whole`.
+
+    >>> root_ticks(1000), root_ticks(2400), root_ticks(5)
+    ([50, 200, 500], [200, 500, 1000], [1, 2])
+    """
+    counts = (nearest_round(whole * (place / 4) ** 2) for place in (1, 2, 3))
+    return [int(count) for count in counts if 1.0 <= count <= NEAR_END * whole]

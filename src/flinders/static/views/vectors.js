@@ -1,0 +1,30 @@
+/** Vectors of three numbers, and a reading under a calibration. */
+
+/** @typedef {readonly number[]} Vector */
+
+/** @param {Vector} a @param {Vector} b @returns {number} */
+export function dot(a, b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/** @param {Vector} a @param {Vector} b @returns {[number, number, number]} */
+export function minus(a, b) {
+    return [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+}
+
+/** @param {Vector} a @param {Vector} b @returns {[number, number, number]} */
+export function cross(a, b) {
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+
+/**
+ * matrix · (raw − offset)
+ *
+ * @param {Vector} raw
+ * @param {{offset: Vector, matrix: readonly Vector[]}} calibration
+ * @returns {[number, number, number]}
+ */
+export function corrected(raw, { offset, matrix }) {
+    const shifted = minus(raw, offset);
+    return [dot(matrix[0], shifted), dot(matrix[1], shifted), dot(matrix[2], shifted)];
+}
