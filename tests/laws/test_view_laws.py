@@ -28,12 +28,13 @@ DEUTERANOPIA = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.0
 
 @pytest.fixture(scope="module")
 def node(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the modules that import nothing."""
+    """A folder with the modules that draw nothing."""
     if shutil.which("node") is None:
         pytest.skip("there is no Node.js here")
     folder = tmp_path_factory.mktemp("views")
-    for name in ("colours", "geometry"):
-        shutil.copyfile(VIEWS / f"{name}.js", folder / f"{name}.mjs")
+    (folder / "package.json").write_text('{"type": "module"}', encoding="utf-8")
+    for name in ("colours", "geometry", "marks", "vectors"):
+        shutil.copyfile(VIEWS / f"{name}.js", folder / f"{name}.js")
     return folder
 
 
@@ -41,8 +42,9 @@ def run(folder: Path, script: str, **given: object) -> Any:  # noqa: ANN401
     """What the script prints as JSON; `given` are its constants."""
     lines = [f"const {name} = {json.dumps(value)};" for name, value in given.items()]
     source = [
-        'import * as colours from "./colours.mjs";',
-        'import * as geometry from "./geometry.mjs";',
+        'import * as colours from "./colours.js";',
+        'import * as geometry from "./geometry.js";',
+        'import * as marking from "./marks.js";',
         *lines,
         f"console.log(JSON.stringify({script}));",
     ]
@@ -166,8 +168,8 @@ def test_marks_are_those_of_each_reading(node: Path, stride: int) -> None:
     runs = [[int(a), int(min(a + 4, b - 1))] for a, b in zip(firsts, [*firsts[1:], 10**6], strict=True)]
     spans = [[5.0, 9.0], [40.0, 41.5]]
     script = """((marks) => {
-        geometry.mark(marks, {count: 200, time}, 0, spans, runs, stride);
-        geometry.mark(marks, {count: 300, time}, 200, spans, runs, stride);
+        marking.mark(marks, {count: 200, time, stride}, runs, spans);
+        marking.mark(marks, {count: 300, time, stride}, runs, spans, 200);
         return [...marks];
     })(new Uint8Array(300))"""
     drawn = run(node, script, time=time.tolist(), runs=runs, spans=spans, stride=stride)

@@ -165,6 +165,14 @@ def test_fewer_than_five_different_headings_are_refused(headings: list[float]) -
         fit(headings, np.zeros(len(headings)))
 
 
+def test_headings_within_less_than_half_a_circle_are_refused() -> None:
+    """Seven headings within 60° made a curve of up to 580°."""
+    headings = np.arange(0.0, 61.0, 10.0)
+    with pytest.raises(FitError, match="all headings lie within 60°, five coefficients need headings all round"):
+        fit(headings, np.sin(headings))
+    assert fit(np.arange(0.0, 181.0, 30.0), np.zeros(7)).widest_gap_deg == pytest.approx(180.0)
+
+
 def test_what_is_no_swing_is_refused() -> None:
     with pytest.raises(ArrayError, match=r"deviation_deg has shape \(7,\)"):
         fit(POINTS, np.zeros(7))

@@ -70,12 +70,6 @@ def test_batches_are_shown_where_the_table_has_them(tmp_path: Path) -> None:
     assert "By hardware batch" not in without
 
 
-def test_sums_alone_say_what_they_cost(tmp_path: Path) -> None:
-    text = told(tmp_path, [good("A", method="consistent"), good("B")])
-    assert "1 recording fitted from sums alone: outliers, drift" in text
-    assert "fitted from sums alone" not in told(tmp_path, [good("B")])
-
-
 def test_every_event_of_the_log_is_in_the_docs() -> None:
     told = set(re.findall(r'event\(\s*"([a-z-]+)"', inspect.getsource(progress)))
     text = (DOCS / "fleet.md").read_text()

@@ -102,6 +102,16 @@ def test_columns_and_unit_that_the_lines_do_not_tell_are_those_asked_for() -> No
     assert readings.unit.inside == "uT"
 
 
+def test_lines_whose_magnetometer_is_not_clear_are_recorded_and_said_to_be_unclear() -> None:
+    source = Scripted([b"x\n" + b"1,2,3,217,4,-586\n" * 30])
+    with ToFile("out.csv") as sink:
+        readings, events = fed(Recorder(source, sink), source)
+    assert [event.kind for event in events] == ["connected", "settled", "unclear"]
+    assert "three of t_s,c1,c2,c3,c4,c5,c6" in events[-1].words
+    assert len(readings) == 0
+    assert Path("out.csv").read_text(encoding="utf-8").count("217,4,-586") == 30
+
+
 def test_a_loss_and_a_return_are_events_between_the_readings() -> None:
     source = Scripted([raw(FIELD[:20]), Gone(), raw(FIELD[20:])])
     order: list[str] = []

@@ -40,6 +40,8 @@ LARGE_DEG: Final = 15.0
 """Deviation beyond which the small-angle formula leaves more out than it is good for."""
 WIDEST_GAP_DEG: Final = 120.0
 """Between headings that follow each other: a wider gap leaves the curve inside it open."""
+HALF_DEG: Final = 180.0
+"""A wider gap leaves less than half a circle: five coefficients of it are no more than a guess."""
 APART_DEG: Final = 1.0
 """Headings closer than this are one."""
 PLACED_DEG: Final = 1.0
@@ -129,8 +131,7 @@ class Deviation:
     @property
     def widest_gap_deg(self) -> float:
         """Largest angle between neighbouring headings of the swing."""
-        around = np.sort(self.compass_deg)
-        return float(np.diff(np.append(around, around[0] + 360.0)).max())
+        return _widest_gap_deg(self.compass_deg)
 
     @property
     def eight(self) -> Floats | None:
@@ -256,7 +257,7 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
     Raises
     ------
     FitError
-        For fewer than five different headings.
+        For fewer than five different headings, or headings within less than half a circle.
     ArrayError
         For arrays of the wrong shape, with gaps, or a σ that is not positive.
 
@@ -267,6 +268,7 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
     headings = wrapped(_listed(compass_deg, "compass_deg"))
     deviations = folded(column(_listed(deviation_deg, "deviation_deg"), len(headings), "deviation_deg"))
     _refuse_few(headings)
+    _refuse_an_arc(headings)
     sigma = _sigmas(1.0 if sigma_deg is None else sigma_deg, len(headings))
     rows = design(headings)
     left, values, right = np.linalg.svd(rows / sigma[:, np.newaxis], full_matrices=False)
@@ -351,3 +353,21 @@ def _refuse_few(headings: Floats) -> None:
             found=len(different),
             needed=LEAST,
         )
+
+
+def _refuse_an_arc(headings: Floats) -> None:
+    """Refuse a swing over less than half a circle."""
+    gap = _widest_gap_deg(headings)
+    if gap > HALF_DEG:
+        raise FitError(
+            f"all headings lie within {360.0 - gap:.0f}°, five coefficients need headings all round: "
+            f"steady the vehicle on {ADVISED} headings, each 45° from the last",
+            found=360.0 - gap,
+            needed=HALF_DEG,
+        )
+
+
+def _widest_gap_deg(headings: Floats) -> float:
+    """Largest angle between neighbouring headings (N,) of a circle, degrees."""
+    around = np.sort(headings)
+    return float(np.diff(np.append(around, around[0] + 360.0)).max())

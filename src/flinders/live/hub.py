@@ -1,6 +1,6 @@
 """The hub of the live page: the session, what goes into it, and the pages that look at it.
 
-A thread asks the sensor (`feed_thread`), and some twenty times a second the hub takes what came into the session
+A thread asks the sensor (`FeedThread`), and some twenty times a second the hub takes what came into the session
 (`session.step`). Fits run in another thread. Pages are woken when there is something new; each takes the newest state
 when its connection is free, so that a slow page gets fewer and larger frames, and delays nobody.
 

@@ -191,38 +191,29 @@ class _EchoListener:
     def complaint(self, expected: dict[str, tuple[float, ...]]) -> str:
         """Say what came in place of the echo, and what to do."""
         for name, echo in self.known.items():
-            place = echo.differs(expected[name])
-            if place is None:
-                continue
-            number, wanted = echo.values[place], expected[name][place]
-            wrong = f"{number:g} in place of {wanted:.6g} (number {place + 1} of its {name} line)"
-            if name in self.echoes:
-                return self._now(name, wrong)
-            return (
-                f"the board said {wrong} before, and nothing of it since: {EITHER}; see what it prints with flinders "
-                "record, and send again"
-            )
+            if (place := echo.differs(expected[name])) is not None:
+                number = f"{echo.values[place]:g} in place of {expected[name][place]:.6g}"
+                return self._of_values(name, f"{number} (number {place + 1} of its {name} line)")
+        unknown = "whether the board has taken the packet is not known"
         if self.garbled:
-            return (
-                f"its echo cannot be read ({self.garbled[:60]!r}): check --baud and the cable; whether the board has "
-                "taken the packet is not known"
-            )
+            return f"its echo cannot be read ({self.garbled[:60]!r}): check --baud and the cable; {unknown}"
         if not self.received:
-            return (
-                f"nothing came from {self.source.name}: check the port, --baud and that the sketch runs; whether the "
-                "board has taken the packet is not known"
-            )
+            return f"nothing came from {self.source.name}: check the port, --baud and that the sketch runs; {unknown}"
         missing = " and ".join(f"{name}:" for name in expected if name not in self.known)
         if not missing:
             return "the board printed both lines with the new values, but never one soon after the other: send again"
         return (
-            f"the board prints no {missing} line, by which sketches tell what they hold: whether it has taken the "
-            "packet is not known; see what it prints with flinders record, and that the sketch reads what MotionCal "
-            "sends"
+            f"the board prints no {missing} line, by which sketches tell what they hold: {unknown}; see what it prints "
+            "with flinders record, and that the sketch reads what MotionCal sends"
         )
 
-    def _now(self, name: str, wrong: str) -> str:
+    def _of_values(self, name: str, wrong: str) -> str:
         """Say what an echo of other values means, and what to do: one from before tells old values from new ones."""
+        if name not in self.echoes:
+            return (
+                f"the board said {wrong} before, and nothing of it since: {EITHER}; see what it prints with flinders "
+                "record, and send again"
+            )
         if name in self.before and self.before[name].values == self.known[name].values:
             return (
                 f"the board still says {wrong}, as before it was sent anything: it has not taken the packet, or did so "

@@ -424,8 +424,9 @@ class ToFile:
                 os.fsync(self._file)
         finally:
             self._syncing.shutdown()
+            is_empty = self._is_new and not os.fstat(self._file).st_size
             os.close(self._file)
-            if self._is_new and not self._bytes:
+            if is_empty:
                 Path(self.name).unlink(missing_ok=True)
 
     def _lock(self) -> None:

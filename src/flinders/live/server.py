@@ -1,4 +1,4 @@
-"""HTTP and WebSocket around a hub: who is let through, the routes, and what each page is sent."""
+"""HTTP and WebSocket around a hub: the routes, and what each page is sent."""
 
 from __future__ import annotations
 

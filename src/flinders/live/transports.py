@@ -200,9 +200,7 @@ class Udp:
             if (timeout > 0 or not AT_ONCE) and not select.select([self._socket], [], [], timeout)[0]:
                 return b""
             content, peer = self._received()
-        except BlockingIOError:
-            return b""
-        except ConnectionError:  # what was sent reached nobody: a vehicle that is not there yet
+        except (BlockingIOError, ConnectionError):  # nothing is there, or what was sent reached nobody, not yet
             return b""
         except (OSError, ValueError):
             raise LinkError(f"{self.name} is gone: check the network") from None
@@ -222,14 +220,13 @@ class Udp:
 
     def _make_room(self) -> None:
         """Have the system keep more of what arrives than it usually does, and count what it cannot keep."""
-        with contextlib.suppress(OSError):
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, WAITING_BYTES)
         self._is_counting = sys.platform == "linux"
+        wishes = {socket.SO_RCVBUF: WAITING_BYTES}
         if self._is_counting:
+            wishes |= {SO_RXQ_OVFL: 1, SO_RCVBUFFORCE: WAITING_BYTES}
+        for option, value in wishes.items():
             with contextlib.suppress(OSError):
-                self._socket.setsockopt(socket.SOL_SOCKET, SO_RXQ_OVFL, 1)
-            with contextlib.suppress(OSError):
-                self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, WAITING_BYTES)
+                self._socket.setsockopt(socket.SOL_SOCKET, option, value)
 
     def _received(self) -> tuple[bytes, tuple[str, int]]:
         """Take one datagram that is there, and what is counted with it."""

@@ -30,13 +30,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 import numpy as np
 
 from flinders.arrays import runs
 from flinders.core.units import label
-from flinders.errors import counted, figures
+from flinders.errors import FitError, counted, figures
+from flinders.estimators import Readings, within_range
+from flinders.fitting.calibrate import estimator_of
 from flinders.heading.deviation import NAMES
 from flinders.heading.error_propagation import level_gradients
 from flinders.report.charts import (
@@ -60,7 +62,9 @@ from flinders.report.formatting import degrees, minus, with_uncertainty
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.core.samples import Recording
     from flinders.estimators import Convergence
+    from flinders.estimators.reference.trace import Watched
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import PlaneEllipse, Turn
     from flinders.heading.deviation import Deviation
@@ -145,6 +149,7 @@ def turn_drawing(turn: Turn, fit: Fit) -> str:
     loaded, unit = turn.recipe if is_mean(fit) else turn.ellipse, label(fit.calibration.unit)
     title = f"Turn in the plane {turn.plane}: {turn.spacing.points:,} points"
     subtitle = f"method {fit.method}; {evenness(turn, fit.target_deg, is_mean=is_mean(fit))}"
+    points, ellipse = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
     return drawing(
         800,
         524,
@@ -152,10 +157,10 @@ def turn_drawing(turn: Turn, fit: Fit) -> str:
         text(24, 34, title, "start", "title"),
         text(24, 56, subtitle, "start"),
         text(776, 34, "REFUSED: not fit for use" if fit.verdict == "refused" else "", "end", "title refused"),
-        _before(turn, loaded, unit),
-        _captions(LEFT, "before", _words_before(loaded, fit, unit)),
-        _after(turn, loaded, unit),
-        _captions(RIGHT, "after", _words_after(loaded, fit, unit)),
+        _side(LEFT, "before", turn.plane, unit, points, ellipse, loaded),
+        _words(LEFT, "before", *_words_before(loaded, fit, unit)),
+        _side(RIGHT, "after", turn.plane, unit, loaded.correct(points), loaded.radius * CIRCLE),
+        _words(RIGHT, "after", *_words_after(loaded, fit, unit)),
     )
 
 
@@ -188,32 +193,21 @@ def _polar(x: float, points: Floats, plane: str, unit: str) -> tuple[Plot, str]:
     return Plot(x - RADIUS, MIDDLE - RADIUS, 2.0 * RADIUS, 2.0 * RADIUS, end, end), "".join(parts)
 
 
-def _before(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
-    """Points as recorded, the ellipse and its long axis, and the offset."""
-    points, outline = thinned(turn.points, SHOWN), loaded.centre + CIRCLE @ loaded.shape
-    plot, grid = _polar(LEFT, np.concatenate([points, outline]), turn.plane, unit)
+def _side(
+    x: float, kind: str, plane: str, unit: str, points: Floats, outline: Floats, loaded: PlaneEllipse | None = None
+) -> str:
+    """Points, and the ellipse or circle that they lie on; of what is loaded, the long axis and the offset."""
+    plot, grid = _polar(x, np.concatenate([points, outline]), plane, unit)
+    size = 4.0 if len(points) <= 72 else 2.5
+    places = plot.places(*points.T[::-1]).tolist()
+    marks = "".join(circle(f"point {kind}", right, down, size) for right, down in places)
+    edge = plot.line(f"outline {kind}", *outline.T[::-1], is_closed=True)
+    if loaded is None:
+        return grid + edge + marks
     angle = math.radians(loaded.direction_deg)
     along = loaded.semi_axes[0] * np.array([math.cos(angle), math.sin(angle)])
     ends = np.array([loaded.centre - along, loaded.centre + along])
-    return (
-        grid
-        + plot.line("outline before", *outline.T[::-1], is_closed=True)
-        + plot.line("aim", *ends.T[::-1])
-        + _points("before", plot, points)
-        + plot.arm(*loaded.centre[::-1].tolist())
-    )
-
-
-def _after(turn: Turn, loaded: PlaneEllipse, unit: str) -> str:
-    """Points as corrected, and the circle that they should lie on."""
-    points, outline = loaded.correct(thinned(turn.points, SHOWN)), loaded.radius * CIRCLE
-    plot, grid = _polar(RIGHT, np.concatenate([points, outline]), turn.plane, unit)
-    return grid + plot.line("outline after", *outline.T[::-1], is_closed=True) + _points("after", plot, points)
-
-
-def _points(kind: str, plot: Plot, points: Floats) -> str:
-    size = 4.0 if len(points) <= 72 else 2.5
-    return "".join(circle(f"point {kind}", x, y, size) for x, y in plot.places(*points.T[::-1]).tolist())
+    return grid + edge + plot.line("aim", *ends.T[::-1]) + marks + plot.arm(*loaded.centre[::-1].tolist())
 
 
 def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
@@ -236,10 +230,9 @@ def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
     )
 
 
-def _captions(x: float, title: str, lines: tuple[str, str]) -> str:
+def _words(x: float, title: str, first: str, second: str) -> str:
     """A title above a chart and two lines below it."""
-    below = "".join(text(x, 484 + 20 * place, line) for place, line in enumerate(lines))
-    return text(x, 98, title, kind="title") + below
+    return text(x, 98, title, kind="title") + text(x, 484, first) + text(x, 504, second)
 
 
 # ------------------------------------------------------------------------------------------------------- a convergence
@@ -272,6 +265,20 @@ class Trace:
     unit: str  # "uT" or "counts"
     dip_deg: float = 60.0
     target_deg: float = 1.0
+
+    @classmethod
+    def of(
+        cls, recording: Recording, method: str, options: dict[str, Any], site: dict[str, Any], target_deg: float
+    ) -> Self | None:
+        """Watch a method on a recording, with its own options and those of the site; None where it gives nothing."""
+        estimator = estimator_of(method, options, site)
+        try:
+            steps = cast("Watched", estimator).converge(within_range(Readings.of(recording)))
+        except FitError:
+            return None
+        if steps.last is None:
+            return None
+        return cls(steps, method, unit=recording.unit.inside, dip_deg=site["dip_deg"], target_deg=target_deg)
 
     @cached_property
     def off(self) -> Floats:

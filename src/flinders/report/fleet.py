@@ -54,12 +54,6 @@ STATES: Final = {
     "none": "has no calibration",
 }
 """What each state of a unit means, in the order of urgency."""
-SUMS_ALONE: Final = (
-    "outliers, drift and correlated residuals went unnoticed: headings are as good where there are none, but 3 "
-    "times further off than claimed where residuals are correlated, and 10 times with 1 % of outliers"
-)
-"""What fits from sums alone, which tables of earlier releases may hold, have cost."""
-
 PRINTED: Final = {"session": "claims_too_small", "walk_deg": "walk_deg_per_root_year"}
 """Names in JSON, where they are not those of the attributes."""
 STEPS: Final = {
@@ -292,13 +286,12 @@ FAIR: Final = 0.02
 """Share of recordings without a calibration up to which a fleet is called good."""
 
 
-def page(overview: Overview, drift: FleetDrift | None = None, *, notes: Sequence[str] = ()) -> str:
-    """Write a fleet as one HTML file, with how its units changed where that is known, and notes, a sentence each."""
-    about = [] if drift is None else [as_sentence(words) for words in about_order(drift)]
+def page(overview: Overview, drift: FleetDrift | None = None) -> str:
+    """Write a fleet as one HTML file, with how its units changed where that is known."""
     given = {
         "overview": overview,
         "drift": drift,
-        "notes": [*notes, *_notes(overview), *about],
+        "notes": [] if drift is None else [as_sentence(words) for words in about_order(drift)],
         "fair": FAIR,
         "units": None if drift is None else _orders(drift),
         "states": STATES,
@@ -333,12 +326,6 @@ def chance(p_value: float) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------------- words
-
-
-def _notes(overview: Overview) -> list[str]:
-    """What lies over the whole fleet."""
-    summed = overview.methods.get("consistent", 0)
-    return [f"{counted(summed, 'recording')} fitted from sums alone: {SUMS_ALONE}."] if summed else []
 
 
 def about_order(drift: FleetDrift) -> list[str]:

@@ -354,19 +354,19 @@ function drawScene(view, state) {
     }
 }
 
-/** @returns {"sphere" | "clouds" | "raw" | "corrected"} */
+/** The switch of what is drawn, and what each choice is called among the shortcuts. */
+const modes = /** @type {NodeListOf<HTMLInputElement>} */ (document.querySelectorAll('input[name="mode"]'));
+const MODE_WORDS = ["sphere", "both clouds", "raw readings", "corrected readings"];
+
+/** @returns {import("./views/scene.js").Mode} */
 function mode() {
-    const chosen = document.querySelector('input[name="mode"]:checked');
-    const value = chosen instanceof HTMLInputElement ? chosen.value : "sphere";
-    return value === "clouds" || value === "raw" || value === "corrected" ? value : "sphere";
+    const chosen = [...modes].find(({ checked }) => checked);
+    return /** @type {import("./views/scene.js").Mode} */ (chosen?.value ?? "sphere");
 }
 
 /** @param {number} which */
 function chooseMode(which) {
-    const choices = document.querySelectorAll('input[name="mode"]');
-    const choice = choices[which];
-    if (!(choice instanceof HTMLInputElement)) return;
-    choice.checked = true;
+    modes[which].checked = true;
     modeChosen();
 }
 
@@ -476,7 +476,7 @@ byId("goal", HTMLSelectElement).addEventListener("change", () => {
     const goal = byId("goal", HTMLSelectElement).value === "attitude" ? "attitude" : "heading";
     send({ type: "goal", goal });
 });
-for (const choice of document.querySelectorAll('input[name="mode"]')) choice.addEventListener("change", modeChosen);
+for (const choice of modes) choice.addEventListener("change", modeChosen);
 
 const togglePause = () => {
     if (store.state && store.state.opened === null) send({ type: "pause", paused: !store.state.paused });
@@ -630,10 +630,7 @@ const shortcuts = [
     { keys: ["n"], words: "start again", act: onPage(confirmClear) },
     { keys: ["t"], words: "type a target", act: onPage(() => byId("target", HTMLInputElement).select()) },
     ...panels.flatMap(({ controls }) => controls?.shortcuts ?? []).map(({ act, ...key }) => ({ ...key, act: onPage(act) })),
-    { keys: ["1"], words: "sphere", act: onPage(() => chooseMode(0)) },
-    { keys: ["2"], words: "both clouds", act: onPage(() => chooseMode(1)) },
-    { keys: ["3"], words: "raw readings", act: onPage(() => chooseMode(2)) },
-    { keys: ["4"], words: "corrected readings", act: onPage(() => chooseMode(3)) },
+    ...MODE_WORDS.map((words, i) => ({ keys: [String(i + 1)], words, act: onPage(() => chooseMode(i)) })),
     { keys: ["r"], words: "reset the view", act: onPage(() => scene?.resetCamera()) },
     { keys: ["l"], words: "light or dark", act: onPage(toggleTheme) },
     { keys: ["c"], words: "copy the export, where the finish panel is open", act: () => finish.isOpen && byId("copy", HTMLButtonElement).click() },

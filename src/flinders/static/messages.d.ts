@@ -92,7 +92,7 @@ export interface FindingView {
   advice: string;
 }
 
-/** Distances of the readings used from the surface, counted. */
+/** Distances of the readings used from the surface, counted; what lies beyond the ends is in the outermost bins. */
 export interface ResidualHistogram {
   edges: Array<number>;
   counts: Array<number>;
