@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from base64 import b64decode
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -318,7 +319,8 @@ LAID = """async ([counts, view]) => {
     copy.drawImage(canvas, 0, 0, 300, 200);
     scene.dispose();
     host.remove();
-    return [...copy.getImageData(0, 0, 300, 200).data];
+    const pixels = Array.from(copy.getImageData(0, 0, 300, 200).data, byte => String.fromCharCode(byte));
+    return btoa(pixels.join(""));
 }"""
 """Draws the readings in so many steps, and returns the pixels."""
 
@@ -327,7 +329,7 @@ def test_readings_drawn_onto_a_picture_that_was_kept_look_as_when_all_are_drawn(
     page = done(visitor.page(reduced_motion="reduce"))
     view = page.evaluate("flinders.store.view")
     kept, whole, fewer = (
-        np.array(page.evaluate(LAID, [counts, view])).reshape(200, 300, 4).astype(int)
+        np.frombuffer(b64decode(page.evaluate(LAID, [counts, view])), np.uint8).reshape(200, 300, 4).astype(int)
         for counts in ([2000, 2400, 2700, 3000], [3000], [2000])
     )
     assert np.ptp(whole[..., 3]) == 255, "something is drawn"

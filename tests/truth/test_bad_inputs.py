@@ -19,6 +19,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.trials import nightly
 
 from flinders import simulate
 from flinders.cli import main
@@ -217,8 +218,8 @@ ODD: dict[str, Odd] = {
 }  # fmt: skip
 
 REAL = (
-    "nothing", "nothing through a pipe", "a folder", "random bytes", "gzip through a pipe", "two axes constant",
-    "a negative scale", "no such folder", "over the raw recording", "another alphabet in the name",
+    "nothing through a pipe", "a folder", "gzip through a pipe", "no such folder", "another alphabet in the name",
+    *map(nightly, ("nothing", "random bytes", "two axes constant", "a negative scale", "over the raw recording")),
 )  # fmt: skip
 """Those that are also run as a program of their own."""
 

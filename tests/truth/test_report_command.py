@@ -186,9 +186,7 @@ def test_a_browser_that_fails_is_one_line(script: str, monkeypatch: pytest.Monke
     assert not Path("r.pdf").exists()
 
 
-@pytest.mark.parametrize(
-    ("name", "begins"), [("a.svg", b"<?xml"), ("a.png", b"\x89PNG"), ("a.pdf", b"%PDF"), ("A.SVG", b"<?xml")]
-)
+@pytest.mark.parametrize(("name", "begins"), [("a.png", b"\x89PNG"), ("a.pdf", b"%PDF"), ("A.SVG", b"<?xml")])
 def test_plot_writes_what_the_name_says(name: str, begins: bytes) -> None:
     pytest.importorskip("matplotlib")
     done = run("plot", "calibration.json", "tumble.csv", "-o", name, "--what", "residuals")
