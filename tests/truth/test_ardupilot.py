@@ -197,6 +197,8 @@ def test_counts_and_compasses_that_there_are_not() -> None:
         Parameters.of(Calibration(np.eye(3), np.zeros(3), 500.0))
     with pytest.raises(UsageError, match="compass 4"):
         Parameters.of(calibration(np.eye(3)), compass=4)
+    with pytest.raises(UsageError, match="compass 4"):
+        Parameters.read({}, 4)
 
 
 def test_what_flattens_cannot_be_undone() -> None:

@@ -160,6 +160,8 @@ def test_what_px4_cannot_hold_is_refused_with_names_and_numbers() -> None:
         mounting(48)
     with pytest.raises(UsageError, match="compass 4"):
         Parameters.of(calibration(np.eye(3)), compass=4)
+    with pytest.raises(UsageError, match="compass 4"):
+        Parameters.read({}, 4)
     with pytest.raises(NotExportable, match="CAL_MAG0_XOFF"):
         Parameters.of(calibration(np.eye(3), [1e300, 0, 0]))
     with pytest.raises(ArrayError, match="plane"):

@@ -163,7 +163,7 @@ class CompassParameters:
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int) -> Self:
-        """Take one compass out of a vehicle's parameters."""
+        """Take one compass out of a vehicle's parameters; `UsageError` for one that there is not."""
         raise NotImplementedError
 
     @property
@@ -220,6 +220,13 @@ class CompassParameters:
         return replace(plain, disturbances=(motor,))
 
     @classmethod
+    def refuse_unknown(cls, compass: int) -> None:
+        """Refuse a compass that there is not."""
+        if compass not in cls.compasses:
+            numbers = f"{', '.join(map(str, cls.compasses[:-1]))} and {cls.compasses[-1]}"
+            raise UsageError(f"compass {compass}: {cls.who} keeps parameters of compass {numbers}")
+
+    @classmethod
     def symmetric(cls, calibration: Calibration, compass: int, *, lossy: bool, beyond: str, by: str) -> Floats:
         """(3, 3) the symmetric matrix of a calibration without motors, in the axes as recorded.
 
@@ -231,9 +238,7 @@ class CompassParameters:
             For a matrix that turns readings by more than `MOST_TURN_DEG`, unless `lossy`; `by` is what sets the
             mounting instead.
         """
-        if compass not in cls.compasses:
-            numbers = f"{', '.join(map(str, cls.compasses[:-1]))} and {cls.compasses[-1]}"
-            raise UsageError(f"compass {compass}: {cls.who} keeps parameters of compass {numbers}")
+        cls.refuse_unknown(compass)
         if calibration.unit != MICROTESLA:
             others = "mG, uT" if cls.unit == "G" else "G, uT"
             raise UnitError(

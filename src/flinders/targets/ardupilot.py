@@ -192,11 +192,12 @@ class ArduPilotParameters(CompassParameters):
     def read(cls, values: Mapping[str, float], compass: int = 1) -> Self:
         """Take one compass out of a vehicle's parameters, in either scheme of names.
 
-        What is not there, or not finite, is the default.
+        What is not there, or not finite, is the default; a compass that there is not is refused.
 
         >>> ArduPilotParameters.read({"COMPASS_OFS3_X": -12.0, "COMPASS3_SCALE": 1.1}, 3).scale
         1.1
         """
+        cls.refuse_unknown(compass)
 
         def one(group: str, axis: str = "", default: float = 0.0) -> float:
             given = (float(values.get(name, np.nan)) for name in names(group, compass, axis))

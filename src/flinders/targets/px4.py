@@ -158,11 +158,12 @@ class Px4Parameters(CompassParameters):
 
     @classmethod
     def read(cls, values: Mapping[str, float], compass: int = 0) -> Self:
-        """Take one compass out of a vehicle's parameters; what is not there is the default.
+        """Take one compass out of a vehicle's parameters; what is not there is the default, another compass is refused.
 
         >>> Px4Parameters.read({"CAL_MAG1_YOFF": -0.25, "CAL_MAG1_ROT": 6, "CAL_MAG1_ID": 592905}, 1).offset
         array([ 0.  , -0.25,  0.  ])
         """
+        cls.refuse_unknown(compass)
         name = f"CAL_MAG{compass}_"
 
         def three(group: str, default: float = 0.0) -> Floats:
