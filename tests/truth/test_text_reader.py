@@ -519,6 +519,14 @@ def test_units_below_the_header_count_where_it_has_none(written: Callable[..., P
     assert len(read(recording.file.path).skipped) == 0  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("form", ["{},{},{},,", "{};{};{};;;", "{},,{},,{}", "{} - {} - {}", "{},{},{} ;;"])
+def test_three_numbers_and_cells_without_any_are_readings(written: Callable[..., Path], form: str) -> None:
+    """As spreadsheets save a table that was wider once."""
+    rows = [(130 + 7 * row % 90, -20 - row % 40, 300 + row % 50) for row in range(60)]
+    text = "".join(f"{form.format(*row)}\n" for row in rows)
+    npt.assert_array_equal(read(written(text, "saved.csv")).field, rows)
+
+
 def test_units_below_the_header_hold_for_what_stands_beside(written: Callable[..., Path]) -> None:
     """Time in ms, rate in degrees."""
     samples = read(written("t,mx,my,mz,gx,gy,gz\nms,uT,uT,uT,deg/s,deg/s,deg/s\n0,1,2,3,180,0,0\n7,1,2,3,90,0,0\n"))

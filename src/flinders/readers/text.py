@@ -26,7 +26,7 @@ from flinders.core.samples import BLOCK
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration
-from flinders.readers._layout import COMMENTS, TextLayout, is_plain, sniff
+from flinders.readers._layout import COMMENTS, TextLayout, sniff
 from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._reader import Reader, foreign_kind
 from flinders.readers._rewrite import Rewriter
@@ -299,10 +299,7 @@ def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pat
     if pattern is None and may_be_glued and (apart := split_records(file, encoding, beginning)):
         file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
-    if pattern is None and is_plain(opening):
-        dialect, layout = None, lay_out(opening)
-    else:
-        dialect, layout = recognise_layout(file.name, opening, lay_out, pattern)
+    dialect, layout = recognise_layout(file.name, opening, lay_out, pattern)
     if dialect is not None:
         transcription = Transcription(file, dialect, encoding)
         return _LaidOut(transcription.table, layout, is_all, transcription)

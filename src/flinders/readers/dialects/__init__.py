@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.samples import Skipped
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._layout import TRIED
+from flinders.readers._layout import TRIED, is_plain
 from flinders.readers._source import derived
 from flinders.readers._tokenizer import ENDS_EARLY, shown
 from flinders.readers.dialects import json_records, labelled, marked, wrapped
@@ -81,6 +81,8 @@ def split_records(source: Source, encoding: str, beginning: str) -> Source | Non
 
 def recognise(lines: list[str]) -> Dialect | None:
     """Find the dialect whose signs the lines bear; None for a table."""
+    if is_plain(lines):
+        return None
     for sign, recogniser, most in DIALECTS:
         some = lines[:most]
         if any(map(sign.search, some)) and (dialect := recogniser(some)):
