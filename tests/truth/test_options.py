@@ -32,6 +32,18 @@ def typed(command: str) -> str:
     return next(path for path, _ in leaves(main) if path.split()[-1] == command)
 
 
+def test_every_option_that_was_spelled_otherwise_in_the_last_release_is_in_the_table() -> None:
+    assert RENAMED == {
+        "apply": {"--hold": "--fix"},
+        "calibrate": {"--together": "--joint"},
+        "check": {"--hold": "--fix"},
+        "drift": {"--most": "--limit"},
+        "heading": {"--hold": "--fix"},
+        "swing": {"--rest": "--stationary"},
+        "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
+    }
+
+
 @pytest.mark.parametrize(("command", "old"), EARLIER)
 def test_an_earlier_spelling_stands_for_an_option_that_there_is(command: str, old: str) -> None:
     spelled = [word for param in dict(leaves(main))[typed(command)].params for word in param.opts]
