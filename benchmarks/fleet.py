@@ -30,9 +30,8 @@ import numpy as np
 import flinders
 from flinders.errors import FlindersError
 from flinders.estimators import METHODS, Readings
-from flinders.fleet.checkpoint import Checkpoint
 from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
+from flinders.fleet.job import Checkpoint, run
 from flinders.fleet.results import UnitResults
 from flinders.fleet.scheduler import cores
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric

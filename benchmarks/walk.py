@@ -115,8 +115,9 @@ def a_line(_: Path) -> None:
             session = step(session, Arrived(0.1 * number, rows_of(taken.readings), Unit.of("uT")))[0]
     session = begin_fit(session)
     session, messages = step(session, FitDone(60.0, Evaluated(key=session.shown.key), 0.01))
-    for message in (*messages, session_state(session)):
+    for message in messages:
         encode(message)
+    encode(session_state(session))
 
 
 def a_live_fit(_: Path) -> None:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.truth.test_report import fitted, flat
 
-from flinders.cli.report import BROWSERS, printed
 from flinders.report.formatting import degrees
 from flinders.report.html import page as report
+from flinders.report.pdf import BROWSERS, printed
 
 if TYPE_CHECKING:
     from pathlib import Path

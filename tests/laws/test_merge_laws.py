@@ -14,8 +14,7 @@ from tests.trials import examples
 from flinders.errors import OutputError
 from flinders.fleet import UnitResult, UnitResults
 from flinders.fleet import results as merging
-from flinders.fleet.progress import table_counts
-from flinders.fleet.results import merge, named_rows
+from flinders.fleet.results import merge, named_rows, table_counts
 
 pytest.importorskip("pyarrow")
 

@@ -120,11 +120,11 @@ def test_what_the_device_puts_out_is_the_calibration_to_the_quantisation_limit(s
 
 
 def test_codes_read_from_a_device_come_back_as_the_calibration_they_stand_for() -> None:
-    given = calibration([[1.1, 0.05, 0], [0.05, 0.9, 0], [0, 0, 1.02]], [12, -30, 7], sensor="SN 7")
+    given = calibration([[1.1, 0.05, 0], [0.05, 0.9, 0], [0, 0, 1.02]], [12, -30, 7])
     decoded = Registers.from_words(register.word for register in Registers.of(given).rows).to_calibration(
-        50.0, known=True, sensor="SN 7"
+        50.0, known=True
     )
-    assert (decoded.rotation, decoded.sensor, decoded.field_strength_known) == ("symmetric", "SN 7", True)
+    assert (decoded.rotation, decoded.field_strength_known) == ("symmetric", True)
     npt.assert_allclose(decoded.matrix, given.matrix, atol=SOFT_IRON_STEP / 2)
     npt.assert_allclose(decoded.offset, given.offset, atol=0.01)
 

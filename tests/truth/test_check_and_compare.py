@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from msgspec import structs
 from rich.console import Console
+from tests.program import flinders_
 
 import flinders
 from flinders import simulate
@@ -33,24 +34,6 @@ KEYS = [
     "direction_difference_deg", "offset_difference", "offset_sigma", "offset_share", "unit", "scale_difference",
     "scale_known",
 ]  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How the program ended, and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:  # noqa: ANN401 - whatever was printed
-        return json.loads(self.out)
-
-
-def flinders_(*words: str, stdin: bytes = b"") -> Ended:
-    result = CliRunner().invoke(main, list(words), input=stdin)
-    return Ended(result.exit_code, result.stdout, result.stderr)
 
 
 def record(

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +20,7 @@ import numpy.testing as npt
 import pytest
 from benchmarks.emulations import EMULATIONS
 from click.testing import CliRunner
+from tests.program import flinders_
 
 import flinders
 from flinders import simulate
@@ -46,25 +46,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a test run in the ba
 main(prog_name="flinders")
 """
 PROGRAM = [sys.executable, "-c", "from flinders.cli import main; main(prog_name='flinders')"]
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How the program ended, and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:  # noqa: ANN401 - whatever was printed
-        return json.loads(self.out)
-
-
-def flinders_(*words: str, stdin: str | bytes = b"") -> Ended:
-    """Run a command line within this process."""
-    result = CliRunner().invoke(main, list(words), input=stdin)
-    return Ended(result.exit_code, result.stdout, result.stderr)
 
 
 def text(field: Floats, *, header: str = "", digits: int = 4, between: str = ",") -> str:

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 import flinders
 from flinders import simulate
 from flinders.cli import main
-from flinders.cli._filters import filtered_finding
 from flinders.core.samples import Samples
+from flinders.fitting.filtering import filtered_finding
 from flinders.heading.error_propagation import level_turn
 from flinders.heading.smoothing import NAMES, PATIENCE, Filter, Name, filtered
 

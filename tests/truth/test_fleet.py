@@ -22,12 +22,10 @@ import flinders
 from flinders import simulate
 from flinders.cli import main
 from flinders.errors import DocumentError, FlindersError, LinkError, OutputError, UsageError
-from flinders.fleet import UnitResults, progress, scheduler, worker
-from flinders.fleet.checkpoint import Checkpoint
+from flinders.fleet import UnitResults, job, scheduler, worker
 from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
+from flinders.fleet.job import Checkpoint, log_to, run
 from flinders.fleet.plan import plan_of
-from flinders.fleet.progress import log_to
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -247,7 +245,7 @@ def events(path: Path) -> list[dict[str, Any]]:
 def test_the_log_says_which_files_were_done_and_which_could_not_be_read(
     logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(progress, "UNREAD", 1)
+    monkeypatch.setattr(job, "UNREAD", 1)
     for unit in ("U7", "U8", "U9"):
         (logs / f"{unit}.csv").write_bytes(b"")
     with log_to(tmp_path / "log.jsonl"):

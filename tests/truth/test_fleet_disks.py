@@ -16,8 +16,7 @@ from flinders import simulate
 from flinders.errors import OutputError
 from flinders.fleet import UnitResults, storage
 from flinders.fleet.dataset import Options
-from flinders.fleet.job import run
-from flinders.fleet.progress import LOGGER, Progress, log_event, log_to
+from flinders.fleet.job import LOGGER, Progress, log_event, log_to, run
 from flinders.fleet.scheduler import map_units
 
 if TYPE_CHECKING:

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import subprocess
 import sys
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
 import pytest
-from click.testing import CliRunner
+from tests.program import Ended, flinders_
 
 from flinders import simulate
-from flinders.cli import main
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Fitted, beside_record
 from flinders.core.samples import Samples
@@ -40,34 +35,6 @@ MATRIX = np.array([[1.04, 0.02, -0.01], [0.02, 0.95, 0.03], [-0.01, 0.03, 1.01]]
 OFFSET = np.array([20.0, -15.0, 8.0])
 ZURICH = ("--at", "47.37,8.54,400", "--date", "2026-06-01")
 HEADER = "t_s,mx_uT,my_uT,mz_uT,ax,ay,az"
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How the program ended, and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:  # noqa: ANN401 - whatever was printed
-        return json.loads(self.out)
-
-    @property
-    def said(self) -> str:
-        """What was said, on one line."""
-        return " ".join(self.err.split())
-
-    @property
-    def columns(self) -> dict[str, Floats]:
-        rows = list(csv.reader(io.StringIO(self.out)))
-        return dict(zip(rows[0], np.array(rows[1:], float).T, strict=True))
-
-
-def flinders_(*words: str, stdin: str = "") -> Ended:
-    result = CliRunner().invoke(main, list(words), input=stdin)
-    return Ended(result.exit_code, result.stdout, result.stderr)
 
 
 def turned(heading: Floats, roll: Floats | float = 0.0, pitch: Floats | float = 0.0) -> Floats:

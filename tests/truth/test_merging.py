@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
-from click.testing import CliRunner
+from tests.program import Ended, flinders_
 
 import flinders
 from flinders import simulate
-from flinders.cli import main
 from flinders.comparison.merging import NotMerged, merge
 from flinders.core import calibration_file
 from flinders.core.axes import Axes
@@ -323,18 +322,8 @@ HEADER = "mx_uT,my_uT,mz_uT"
 RECORDINGS = (("monday", 3, 0.0), ("tuesday", 4, 0.0), ("friday", 5, 0.0), ("moved", 6, 3.0))
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How the program ended, and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-
 def run(words: str) -> Ended:
-    ended = CliRunner().invoke(main, words.split())
-    return Ended(ended.exit_code, ended.stdout, ended.stderr)
+    return flinders_(*words.split())
 
 
 @pytest.fixture(scope="module")

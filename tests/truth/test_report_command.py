@@ -17,7 +17,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from flinders import simulate
-from flinders.cli import main, report
+from flinders.cli import main
+from flinders.cli._output import plot_fit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -257,7 +258,7 @@ def drawn_lines(monkeypatch: pytest.MonkeyPatch, encoding: str) -> list[str]:
     stream.encoding = encoding
     monkeypatch.setattr(sys, "stdout", stream)
     monkeypatch.setattr(click, "echo", lambda text="", err=False: shown.write(f"{text}\n" if not err else ""))
-    report.plot(flinders.fit(samples), samples)
+    plot_fit(flinders.fit(samples), samples)
     return shown.getvalue().splitlines()
 
 

@@ -6,38 +6,17 @@ import json
 import re
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.testing as npt
 import pytest
-from click.testing import CliRunner
+from tests.program import flinders_
 
 import flinders
-from flinders.cli import main
 from flinders.cli.simulate import MOTIONS
 from flinders.simulate import MOTIONS as KNOWN
 from flinders.simulate import truth, tumble
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How the program ended, and what it printed."""
-
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:  # noqa: ANN401 - whatever was printed
-        return json.loads(self.out)
-
-
-def flinders_(*words: str, stdin: str = "") -> Ended:
-    result = CliRunner().invoke(main, list(words), input=stdin)
-    return Ended(result.exit_code, result.stdout, result.stderr)
 
 
 def names() -> list[str]:

@@ -14,7 +14,7 @@ from benchmarks.wrong_use import CASES, codes_of
 
 import flinders
 from flinders import simulate
-from flinders.cli._fit_options import recorded
+from flinders.cli.calibrate import recorded
 from flinders.core.axes import TURNS
 from flinders.diagnostics.instruments import circular, of_instruments, one_axis, wrong_dip
 from flinders.errors import UsageError

@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli._output import refuse_twice, say
-from flinders.errors import (
-    DocumentError,
-    FlindersError,
-    TooFewSamples,
-    UnitError,
-    UsageError,
-    counted,
-)
+from flinders.errors import DocumentError, FlindersError, TooFewSamples, UnitError, UsageError, counted, figures
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Provenance, SourceFile
+    from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Joined, Recording, Samples, Skipped
     from flinders.fitting.result import Fit
-    from flinders.readers import Choice
+    from flinders.heading.smoothing import Filter
     from flinders.readers._source import File
 
 
 def sha256(recording: Recording) -> str:
     """Hash a file as it lies on the disk; what was spooled, for standard input."""
+    import hashlib
+
     digest = hashlib.sha256()
     with file_of(recording).opened() as (raw, _):
         while chunk := raw.read(1 << 20):
@@ -46,13 +43,7 @@ def file_of(recording: Recording) -> File:
 
 @contextlib.contextmanager
 def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
-    """Where readings are too few, say what was left out of these recordings: it may be the reason.
-
-    Raises
-    ------
-    TooFewSamples
-        Again, with that.
-    """
+    """Where readings are too few, say what was left out of these recordings: it may be the reason."""
     try:
         yield
     except TooFewSamples as error:
@@ -63,15 +54,7 @@ def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
 
 
 class Counted:
-    """A recording that knows how many rows its last pass gave, and says once what was read.
-
-    Attributes
-    ----------
-    recording : Recording
-    file : File
-        That it was read from.
-    rows : int
-    """
+    """A recording that knows how many rows its last pass gave, and says once what was read."""
 
     def __init__(self, recording: Recording) -> None:
         from flinders.core.samples import frame_of
@@ -160,93 +143,123 @@ def joined(parts: Sequence[Recording]) -> Recording:
     return Joined(tuple(parts)) if len(parts) > 1 else parts[0]
 
 
-def opened(recordings: Sequence[str], options: dict[str, Any], **reading: Any) -> Recording:
-    """Open recordings of one sensor: of several the one that ``--sensor`` says, whose name goes with the calibration.
+def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
+    """Fit recordings together, filtered where that was asked for."""
+    if by is not None:
+        from flinders.fitting.filtering import fit_filtered
 
-    Raises
-    ------
-    UsageError
-        For a magnetometer that there is not, and for columns that are one in one file and another in the next.
-    """
+        return fit_filtered(parts, by, notice=say, **options)
+    from flinders.fitting.calibrate import fit
+
+    return fit(joined(parts), **options)
+
+
+def opened(recordings: Sequence[str], sensor: str | None, **reading: Any) -> tuple[Recording, str | None]:
+    """Open recordings of one sensor, of several the one that ``--sensor`` says; and what it is called."""
     from flinders.core.samples import singles
     from flinders.readers import Choice, open_recording
 
-    recording = open_recording(recordings, sensor=Choice(options["sensor"], is_name=True), **reading)
+    recording = open_recording(recordings, sensor=Choice(sensor, is_name=True), **reading)
     parts = list(singles(recording))
     names = [getattr(part, "name", "") for part in parts]
     columns = reading.get("columns")
     if columns is not None and len(set(filter(None, names))) > 1:
         which = ", ".join(f"{name or 'the only one'} in {part.source}" for name, part in zip(names, parts, strict=True))
         raise UsageError(f"--columns {columns} is not one magnetometer: {which}; calibrate them one by one")
-    if options["sensor"] is not None and columns is None and any(names) and not all(names):
-        alone = next(part.source for part, name in zip(parts, names, strict=True) if not name)
+    if sensor is not None and columns is None and any(names) and not all(names):
+        alone = parts[names.index("")].source
         raise UsageError(
             f"--sensor chooses one of several magnetometers, and {alone} has just one: calibrate them one by one"
         )
-    options["sensor"] = next(filter(None, names), options["sensor"])
-    return recording
+    return recording, next(filter(None, names), sensor)
 
 
-def opened_with(
-    path: str, calibration: Calibration, recordings: tuple[str, ...], *, sensor: str | None, **options: Any
-) -> Joined:
-    """Open recordings in the unit and axes of a calibration.
+def in_use(command: str, path: str, recordings: Sequence[str], fixed: Iterable[str] = ()) -> tuple[Fit, Compensator]:
+    """Load the calibration that recordings are read with: of compensated readings, and what compensates them.
 
-    Raises
-    ------
-    UsageError
-        For a recording that is given twice, or is a calibration.
-    UnitError
-        For one that states another kind of unit.
+    Where ``--fix`` gives values, they are taken for those of the recording, and what that costs is said.
     """
+    from flinders.core.compensation import Compensator
+
+    fit = load(command, path, recordings)
+    compensator = Compensator(_at_fixed(fit.calibration, fixed_values(fixed)))
+    return replace(fit, calibration=compensator.calibration.at()), compensator
+
+
+def _at_fixed(calibration: Calibration, values: dict[str, float]) -> Calibration:
+    """The calibration at the values that ``--fix`` gives, and what that costs at the far end of each range."""
+    for disturbance in calibration.disturbances:
+        if disturbance.name in values:
+            value = values[disturbance.name]
+            away = disturbance.reference + disturbance.farthest - value
+            cost = figures(min(calibration.disturbance_deg(disturbance, away), 180.0))
+            say(
+                f"taken at {disturbance.amount(value)} of {disturbance.name}: at "
+                f"{disturbance.amount(disturbance.farthest)}, which it was made for too, "
+                f"headings are off by up to {cost}° (dip 60°)"
+            )
+    return calibration.holding(**values)
+
+
+def fixed_values(fixed: Iterable[str]) -> dict[str, float]:
+    """Read ``--fix``.
+
+    >>> fixed_values(["current=12.5", "throttle1=0"])
+    {'current': 12.5, 'throttle1': 0.0}
+    """
+    from flinders.core.disturbance import BY_KEY, KINDS
+
+    values: dict[str, float] = {}
+    for text in fixed:
+        name, separator, number = (part.strip() for part in text.partition("="))
+        if name not in BY_KEY.values() or not separator:
+            raise UsageError(f"--fix {text!r}: need {', '.join(KINDS)} with a value, such as current=0")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise UsageError(f"--fix {text!r}: {number!r} is no number") from None
+    return values
+
+
+def open_with(calibration: Calibration, recording: str, *, sensor: str | None = None, **reading: Any) -> Recording:
+    """Open a recording in the unit and axes of a calibration: of several magnetometers the one that it is for."""
+    from flinders.readers import Choice, open_recording
+
+    choice = Choice(sensor, calibration.sensor)
+    opened = open_recording(recording, axes=str(calibration.axes), sensor=choice, **reading)
+    agree(calibration, opened)
+    return opened
+
+
+def open_all_with(
+    path: str, calibration: Calibration, recordings: Sequence[str], *, sensor: str | None, **reading: Any
+) -> Joined:
+    """Open recordings as `open_with`, as one; says which magnetometer was taken."""
     from flinders.core.samples import Joined
-    from flinders.readers import open_recording
 
     refuse_twice(recordings)
-    for each in recordings:
-        if is_calibration(each):
-            raise UsageError(f"{each} is a calibration too: flinders compare compares two of them")
-    wanted = choice(calibration, sensor)
-    parts = tuple(open_recording(each, axes=str(calibration.axes), sensor=wanted, **options) for each in recordings)
+    refuse_calibrations(recordings)
+    parts = [open_with(calibration, each, sensor=sensor, **reading) for each in recordings]
     for part in parts:
-        agree(calibration, part)
         say_sensor(path, calibration, part, sensor)
     return Joined(tuple(map(Counted, parts)))
 
 
-def load(command: str, calibration: str, recordings: Sequence[str] = ()) -> Fit:
-    """Load the calibration, and see whether the files were given the other way round.
-
-    Raises
-    ------
-    UsageError
-        Where a recording is the calibration file, or the calibration would come from standard input.
-    DocumentError
-        For what is no calibration file.
-    """
+def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
+    """Load a calibration, and see whether the files were given the other way round."""
     from flinders.fitting.result import Fit
 
-    if calibration == "-":
+    if path == "-":
         raise UsageError(f"the calibration must be a file: flinders {command} calibration.json -")
-    try:
-        return Fit.load(calibration)
-    except DocumentError:
-        for path in recordings:
-            if is_calibration(path):
-                raise UsageError(
-                    f"{path} is the calibration, it comes first: flinders {command} {path} {calibration}"
-                ) from None
-        raise
-
-
-def calibration_or_hint(path: str) -> Fit:
-    """Load a calibration, or say what to type for a recording in its place."""
-    from flinders.fitting.result import Fit
-
     try:
         return Fit.load(path)
     except DocumentError:
-        if is_recording(path):
+        for other in recordings:
+            if is_calibration(other):
+                raise UsageError(
+                    f"{other} is the calibration, it comes first: flinders {command} {other} {path}"
+                ) from None
+        if not recordings and is_recording(path):
             raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
         raise
 
@@ -259,30 +272,20 @@ def say_exact(*fits: Fit) -> None:
 
 
 def for_use(command: str, path: str) -> Fit:
-    """Load a calibration that is about to be used.
-
-    Raises
-    ------
-    UsageError
-        For a recording, or standard input.
-    DocumentError
-        For what is no calibration file.
-    NotExportable
-        For one that was refused.
-    """
+    """Load a calibration that is about to be used."""
     from flinders.fitting.export import refuse_unfit
 
-    fit = load(command, path) if path == "-" else calibration_or_hint(path)
+    fit = load(command, path)
     refuse_unfit(fit)
     return fit
 
 
 def is_calibration(path: str) -> bool:
-    """Whether a path leads to a calibration file; standard input is left unread."""
+    """Whether a path leads to a calibration file; standard input and pipes are left unread."""
     from flinders.core.calibration_file import read
 
     with contextlib.suppress(DocumentError):
-        return path != "-" and bool(read(path))
+        return path != "-" and Path(path).is_file() and bool(read(path))
     return False
 
 
@@ -296,26 +299,14 @@ def is_recording(path: str) -> bool:
         return False
 
 
-def choice(calibration: Calibration, sensor: str | None) -> Choice:
-    """Which of several magnetometers is read: the one that is asked for, else the one that the calibration is for."""
-    from flinders.readers import Choice
-
-    return Choice(sensor, calibration.sensor)
+def refuse_calibrations(paths: Iterable[str]) -> None:
+    """Refuse a calibration in the place of a recording."""
+    for path in filter(is_calibration, paths):
+        raise UsageError(f"{path} is a calibration too: give a recording; flinders compare compares calibrations")
 
 
 def say_sensor(path: str, calibration: Calibration, recording: Recording, asked: str | None) -> None:
-    """Say which magnetometer was taken because the calibration is for it, or that the one that is read is another.
-
-    Parameters
-    ----------
-    path : str
-        Of the calibration.
-    calibration : Calibration
-    recording : Recording
-        As it was opened with `choice`.
-    asked : str or None
-        What ``--sensor`` said.
-    """
+    """Say which magnetometer was taken because the calibration in `path` is for it, or that another one is read."""
     name, own = getattr(recording, "name", ""), calibration.sensor
     if not name or own is None:
         return
@@ -335,13 +326,7 @@ def made_from(calibration: str, recordings: Iterable[Recording]) -> list[str]:
 
 
 def agree(calibration: Calibration, recording: Recording) -> None:
-    """Give a recording the calibration's unit, or refuse where it states another kind.
-
-    Raises
-    ------
-    UnitError
-        If one is in counts and the other in microtesla.
-    """
+    """Give a recording the calibration's unit, or refuse where it states another kind."""
     from flinders.readers import TableRecording, TextRecording
 
     if isinstance(recording, TextRecording | TableRecording) and not recording.states_unit:
@@ -355,13 +340,7 @@ def agree(calibration: Calibration, recording: Recording) -> None:
 
 
 def site_of(place: str, date: str | None, recording: Recording | None = None) -> SiteField:
-    """The field at a place on a day that is given, or that the clock of the recording tells.
-
-    Raises
-    ------
-    UsageError
-        For no place, no day, or one without a model.
-    """
+    """The field at a place on a day that is given, or that the clock of the recording tells."""
     from flinders.core.geomag import place_of, site_field, year_of
 
     where = place_of(place)
@@ -369,23 +348,18 @@ def site_of(place: str, date: str | None, recording: Recording | None = None) ->
 
 
 def _day(date: str | None, recording: Recording | None) -> str:
-    """The day as it is given, today, or by the clock of the recording.
-
-    Raises
-    ------
-    UsageError
-        Where nobody knows it.
-    """
-    import datetime
+    """The day as it is given, today, or by the clock of the recording."""
+    from datetime import UTC, datetime
 
     if date is not None and date.strip().casefold() != "today":
         return date
-    if date is not None:
-        return datetime.datetime.now(tz=datetime.UTC).date().isoformat()
     start = clock_start(recording)
-    if start:
-        return datetime.datetime.fromtimestamp(start, tz=datetime.UTC).date().isoformat()
-    raise UsageError("the declination changes with the years: give the day of the recording, such as --date 2026-11-21")
+    if date is None and not start:
+        raise UsageError(
+            "the declination changes with the years: give the day of the recording, such as --date 2026-11-21"
+        )
+    day = datetime.now(UTC) if date is not None else datetime.fromtimestamp(start, UTC)
+    return day.date().isoformat()
 
 
 def clock_start(recording: object) -> float:

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
-from functools import partial, wraps
+from functools import wraps
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
 
-from flinders.cli._output import say
+from flinders.cli._output import Output, Outputs, say
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -30,27 +31,36 @@ if TYPE_CHECKING:
 
     from flinders.heading.smoothing import Filter
 
-Function = TypeVar("Function", bound="Callable[..., Any]")
 Options = TypeVar("Options", bound="Group")
 Field: TypeAlias = Any
 """A field of a group: what declares an option, and the value of that for a type checker."""
 
-RECORDING, SITE, AIDING, METHOD, OUTPUT = (
+RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
     "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
 )  # fmt: skip
-HEADINGS: Final = (RECORDING, SITE, AIDING, METHOD, OUTPUT)
 """Headings of a command's help, in their order, below the options that are used most."""
 
 FEW: Final = 8
 """So many options of a command need no headings."""
 
+RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
+    "apply": {"--hold": "--fix"},
+    "calibrate": {"--together": "--joint"},
+    "check": {"--hold": "--fix"},
+    "drift": {"--most": "--limit"},
+    "heading": {"--hold": "--fix"},
+    "swing": {"--rest": "--stationary"},
+    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
+}
+"""Options by command that had another spelling in the last release, which still works for this one."""
+
 
 class Option(click.Option):
-    """An option that knows its heading in the help, and how it was spelled in earlier releases."""
+    """An option that knows its heading in the help."""
 
-    def __init__(self, *args: Any, heading: str = "", was: Sequence[str] = (), **attributes: Any) -> None:
+    def __init__(self, *args: Any, heading: str = "", **attributes: Any) -> None:
         super().__init__(*args, **attributes)
-        self.heading, self.was = heading, was
+        self.heading = heading
 
 
 class Command(click.Command):
@@ -68,7 +78,7 @@ class Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read a command line, in which options may have their earlier spelling."""
-        return super().parse_args(ctx, list(_respelled(args, self.params)))
+        return super().parse_args(ctx, list(_respelled(args, RENAMED.get(self.name or "", {}))))
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""
@@ -94,9 +104,8 @@ class Command(click.Command):
         return self.common.index(param.name) if param.name in self.common else len(self.common)
 
 
-def _respelled(args: Iterable[str], params: Iterable[click.Parameter]) -> Iterator[str]:
+def _respelled(args: Iterable[str], renamed: Mapping[str, str]) -> Iterator[str]:
     """Put the new spelling of an option in the place of an earlier one, and say so."""
-    renamed = {old: param.opts[0] for param in params for old in getattr(param, "was", ())}
     words = iter(args)
     for word in words:
         name, equals, value = word.partition("=")
@@ -109,58 +118,109 @@ def _respelled(args: Iterable[str], params: Iterable[click.Parameter]) -> Iterat
 
 @dataclass_transform(frozen_default=True)
 class Group:
-    """Options that belong together, as one object: a dataclass with a field for each, made by `member`."""
+    """Options that belong together, as one object: a dataclass with a field for each, made by `member`.
 
-    def __init_subclass__(cls) -> None:
-        dataclass(frozen=True)(cls)
+    `heading`: under which heading of the help they stand, unless a member says otherwise.
+    """
+
+    def __init_subclass__(cls, heading: str = "") -> None:
+        for each in vars(cls).values():
+            if isinstance(each, DataclassField) and heading:
+                each.metadata["attributes"].setdefault("heading", heading)
+        dataclass(frozen=True, eq=False, repr=False)(cls)
+
+    @classmethod
+    def parameters(cls) -> Iterator[click.Parameter]:
+        """What click is to parse."""
+        for each in fields(cls):  # type: ignore[arg-type]
+            if "group" in each.metadata:
+                yield from each.metadata["group"].parameters()
+            else:
+                yield each.metadata["kind"]([*each.metadata["names"], each.name], **each.metadata["attributes"])
 
     @classmethod
     def taken(cls, values: dict[str, Any]) -> Self:
         """Take the values of this group out of those that a command was called with."""
         return cls(
             **{
-                each.name: kind.taken(values) if (kind := each.metadata.get("group")) else values.pop(each.name)
+                each.name: kind.taken(values) if (kind := each.metadata.get("group")) else values[each.name]
                 for each in fields(cls)  # type: ignore[arg-type]
             }
         )
 
-    @classmethod
-    def declare(cls, function: Function) -> None:
-        """Declare the options of this group on a function, the last one first as decorators do."""
-        for each in reversed(fields(cls)):  # type: ignore[arg-type]
-            if kind := each.metadata.get("group"):
-                kind.declare(function)
-            else:
-                each.metadata["declare"](each.name)(function)
+    def members(self) -> Iterator[tuple[Mapping[str, Any], Any]]:
+        """How each option and argument was declared, and its value; those of groups too."""
+        for each in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, each.name)
+            yield from value.members() if "group" in each.metadata else [(each.metadata, value)]
+
+    @property
+    def outputs(self) -> Outputs:
+        """The files that options name."""
+        return Outputs(tuple(self.named_files()), getattr(self, "force", False), getattr(self, "as_json", False))
+
+    def checked_outputs(self, *inputs: str | None) -> Outputs:
+        """The same, refused where one cannot be written, or is one of the arguments or `inputs`, which are read."""
+        read = list(filter(None, inputs))
+        for declared, value in self.members():
+            if declared["kind"] is click.Argument:
+                read += [value] if isinstance(value, str) else value or ()
+        outputs = self.outputs
+        outputs.check(read)
+        return outputs
+
+    def named_files(self) -> Iterator[Output]:
+        """The files that options name, each by `what` it is."""
+        for declared, value in self.members():
+            if what := declared.get("what"):
+                yield Output(what, value, declared["names"][0])
 
     def as_dict(self) -> dict[str, Any]:
         """Each option by its name."""
         return {each.name: getattr(self, each.name) for each in fields(self)}  # type: ignore[arg-type]
 
     def typed(self) -> dict[str, Any]:
-        """The options that are not at their defaults, as they are spelled on a command line.
+        """The options that are not at their defaults, as they are spelled, but for those of what is written.
 
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed()
         {'--unit': 'mG', '--from': 5.0}
         """
         typed: dict[str, Any] = {}
-        for each in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, each.name)
-            if "group" in each.metadata:
-                typed |= value.typed()
-            elif value not in (None, False, (), each.metadata["declare"].keywords.get("default")):
-                typed[next(name for name in each.metadata["declare"].args if name.startswith("--"))] = value
+        for declared, value in self.members():
+            attributes = declared["attributes"]
+            if attributes.get("heading") != OUTPUT and value not in (None, False, (), attributes.get("default")):
+                typed |= {name: value for name in declared["names"] if name.startswith("--")}
         return typed
 
+    def typed_words(self) -> dict[str, str]:
+        """The same in words, for a report.
 
-def member(*names: str, **attributes: Any) -> Field:
-    """A field that is an option, declared as with `click.option`; the field names its parameter."""
-    return field(metadata={"declare": partial(click.option, *names, cls=Option, **attributes)})
+        >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, True).typed_words()
+        {'--unit': 'mG', '--from': '5.0', '--as-logged': 'yes'}
+        """
+        return {
+            name: "yes" if value is True else ", ".join(value) if isinstance(value, tuple) else f"{value}"
+            for name, value in self.typed().items()
+        }
+
+
+def member(*names: str, what: str = "", **attributes: Any) -> Field:
+    """A field that is an option, declared as with `click.option`; the field names its parameter.
+
+    `what`: of an option that names a file to write, what is in that.
+    """
+    return field(metadata={"kind": Option, "names": names, "attributes": attributes, "what": what})
+
+
+def flag(name: str, words: str, **attributes: Any) -> Field:
+    """A field that is an option without a value."""
+    return member(name, is_flag=True, help=words, **attributes)
 
 
 def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
     """A field that is an argument, shown as `metavar`."""
-    return field(metadata={"declare": partial(click.argument, metavar=metavar, required=required, nargs=nargs)})
+    attributes = {"metavar": metavar, "required": required, "nargs": nargs}
+    return field(metadata={"kind": click.Argument, "names": (), "attributes": attributes})
 
 
 def group(kind: type[Group]) -> Field:
@@ -188,8 +248,7 @@ def command_of(
         def called(**values: Any) -> int | None:
             return function(kind.taken(values))
 
-        kind.declare(called)
-        made: click.Command = parent.command(name, cls=cls, **attributes)(called)
+        made: click.Command = parent.command(name, cls=cls, params=list(kind.parameters()), **attributes)(called)
         return made
 
     return decorate
@@ -199,41 +258,6 @@ def is_typed(name: str) -> bool:
     """Whether an option was given on the command line."""
     context = click.get_current_context(silent=True)
     return context is not None and context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
-
-
-old_option = partial(click.option, cls=Option)
-old_command = partial(click.command, cls=Command)
-
-
-def old_some(kind: type[Group], *names: str) -> Callable[[Function], Function]:
-    """Add just some options of a group to a command, which gets each by its name."""
-
-    def decorate(function: Function) -> Function:
-        for each in reversed(fields(kind)):  # type: ignore[arg-type]
-            if each.name in names:
-                each.metadata["declare"](each.name)(function)
-        return function
-
-    return decorate
-
-
-def old_groups(**kinds: type[Group]) -> Callable[[Function], Function]:
-    """Add the options of groups to a command, which gets each group as one object of that name."""
-
-    def decorate(function: Function) -> Function:
-        @wraps(function)
-        def grouped(*args: Any, **values: Any) -> Any:  # noqa: ANN401 - what the command gives
-            given = {
-                name: kind(**{each.name: values.pop(each.name) for each in fields(kind)})  # type: ignore[arg-type]
-                for name, kind in kinds.items()
-            }
-            return function(*args, **values, **given)
-
-        for kind in reversed(kinds.values()):
-            old_some(kind, *(each.name for each in fields(kind)))(grouped)  # type: ignore[arg-type]
-        return grouped  # type: ignore[return-value]
-
-    return decorate
 
 
 def within(low: float, high: float, what: str, *, zero: bool = False) -> Callable[[object], float]:
@@ -260,6 +284,19 @@ angle = within(0, 180, "degrees above 0, up to 180")
 inclination = within(-89, 89, "degrees from -89 to 89")
 
 
+def numbers_of(text: str) -> list[float]:
+    """Read finite numbers with commas between them; none where there is anything else.
+
+    >>> numbers_of("1.5,-2"), numbers_of("1,nan"), numbers_of("one")
+    ([1.5, -2.0], [], [])
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
 def target(words: str = "Worst heading error that is good enough.", default: float | None = 1.0) -> Field:
     """``--target``, with what it means and its default for a command."""
     return member(
@@ -283,19 +320,19 @@ def field_strength(
     return member("--field-strength", help=words, **{"heading": SITE, "type": positive, "metavar": "F", **more})
 
 
-def as_json() -> Field:
+def as_json(heading: str = OUTPUT) -> Field:
     """``--json``."""
-    return member("--json", heading=OUTPUT, is_flag=True, help="Print the result as JSON on standard output.")
+    return flag("--json", "Print the result as JSON on standard output.", heading=heading)
 
 
 def force(words: str = "Overwrite the output file if it exists.") -> Field:
     """``--force``."""
-    return member("--force", heading=OUTPUT, is_flag=True, help=words)
+    return flag("--force", words, heading=OUTPUT)
 
 
-def output(words: str, default: str | None = None, **more: Any) -> Field:
+def output(what: str, words: str, **more: Any) -> Field:
     """``-o``, with what is written."""
-    return member("-o", "--output", default=default, metavar="FILE", help=words, **more)
+    return member("-o", "--output", what=what, metavar="FILE", help=words, **more)
 
 
 def sensor(
@@ -320,10 +357,20 @@ def baud() -> Field:
     )  # fmt: skip
 
 
+def udp() -> Field:
+    """``--udp``."""
+    return member("--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port.")
+
+
+def tcp() -> Field:
+    """``--tcp``."""
+    return member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+
+
 def fixed() -> Field:
     """``--fix``."""
     return member(
-        "--fix", was=("--hold",), heading=AIDING, multiple=True, metavar="NAME=VALUE",
+        "--fix", heading=AIDING, multiple=True, metavar="NAME=VALUE",
         help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
     )  # fmt: skip
 
@@ -360,56 +407,44 @@ class Judgement(Group):
     dip_deg: float = dip(default=60.0)
 
 
-class ColumnsOptions(Group):
+class ColumnsOptions(Group, heading=RECORDING):
     """Which numbers of a line are the magnetometer's."""
 
     columns: str | None = member(
-        "--columns", heading=RECORDING, metavar="X,Y,Z",
-        help="The magnetometer's columns: three names, or numbers counted from 1.",
-    )  # fmt: skip
+        "--columns", metavar="X,Y,Z", help="The magnetometer's columns: three names, or numbers counted from 1."
+    )
     pattern: str | None = member(
-        "--pattern", heading=RECORDING, metavar="LINE",
-        help="How a line is printed, where it is not recognised: 'N {x} / {y} / {z}'.",
-    )  # fmt: skip
+        "--pattern", metavar="LINE", help="How a line is printed, where it is not recognised: 'N {x} / {y} / {z}'."
+    )
 
 
-class UnitsOptions(Group):
+class UnitsOptions(Group, heading=RECORDING):
     """In which unit the readings are."""
 
-    unit: str | None = member(
-        "--unit", heading=RECORDING, metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts."
-    )
-    scale: float | None = member(
-        "--scale", heading=RECORDING, type=positive, metavar="UT", help="Microtesla in one count."
-    )
+    unit: str | None = member("--unit", metavar="UNIT", help="Unit of the readings: uT, mG, G, nT, mT, T or counts.")
+    scale: float | None = member("--scale", type=positive, metavar="UT", help="Microtesla in one count.")
 
 
-class AxesOptions(Group):
+class AxesOptions(Group, heading=RECORDING):
     """In which axes the readings are used."""
 
     axes: str = member(
-        "--axes", heading=RECORDING, default="x,y,z", show_default=True, metavar="AXES",
+        "--axes", default="x,y,z", show_default=True, metavar="AXES",
         help="Where each axis used comes from: x,-y,-z turns the sensor over.",
     )  # fmt: skip
 
 
-class PartOptions(Group):
+class PartOptions(Group, heading=RECORDING):
     """Which part of a recording is read, and of a log with several instruments."""
 
-    topic: str | None = member(
-        "--topic", heading=RECORDING, metavar="NAME", help="Topic of a bag, or member of a ZIP archive."
-    )
-    start: float | None = member(
-        "--from", heading=RECORDING, type=float, metavar="S", help="Leave out what comes before, in seconds."
-    )
+    topic: str | None = member("--topic", metavar="NAME", help="Topic of a bag, or member of a ZIP archive.")
+    start: float | None = member("--from", type=float, metavar="S", help="Leave out what comes before, in seconds.")
     end: float | None = member(
-        "--to", heading=RECORDING, type=float, metavar="S",
-        help="Leave out what comes later, in seconds from the beginning.",
-    )  # fmt: skip
-    as_logged: bool = member(
-        "--as-logged", heading=RECORDING, is_flag=True,
-        help="Take the readings of a log as they are: leave on what the vehicle had corrected.",
-    )  # fmt: skip
+        "--to", type=float, metavar="S", help="Leave out what comes later, in seconds from the beginning."
+    )
+    as_logged: bool = flag(
+        "--as-logged", "Take the readings of a log as they are: leave on what the vehicle had corrected."
+    )
 
 
 class PartOfColumns(PartOptions, ColumnsOptions):
@@ -420,15 +455,15 @@ class ReadingOptions(PartOptions, AxesOptions, UnitsOptions, ColumnsOptions):
     """How a recording is read: the arguments of `flinders.open_recording`."""
 
 
-class Place(Group):
+class Place(Group, heading=SITE):
     """Where and when, for the declination."""
 
     place: str | None = member(
-        "--at", heading=SITE, metavar="LAT,LON[,ALT]",
+        "--at", metavar="LAT,LON[,ALT]",
         help="Site: degrees, north and east positive, and metres; gives true headings (World Magnetic Model).",
     )  # fmt: skip
     date: str | None = member(
-        "--date", heading=SITE, metavar="DAY",
+        "--date", metavar="DAY",
         help="Day of the recording, such as 2026-11-21, or today [default: by its clock, if from 1970].",
     )  # fmt: skip
 
@@ -438,79 +473,15 @@ class Place(Group):
             raise UsageError("--date is for the field at a place: give --at LAT,LON too")
 
 
-class Accelerometer(Group):
+class Accelerometer(Group, heading=AIDING):
     """Whether tilt is taken off, and by which columns."""
 
-    is_level: bool = member(
-        "--level", heading=AIDING, is_flag=True, help="Use x and y alone: the sensor is never tilted."
-    )
+    is_level: bool = flag("--level", "Use x and y alone: the sensor is never tilted.")
     acceleration: str | None = member(
-        "--acceleration", heading=AIDING, metavar="X,Y,Z",
+        "--acceleration", metavar="X,Y,Z",
         help="The accelerometer's columns: three names, or numbers counted from 1.",
     )  # fmt: skip
     acceleration_axes: str = member(
-        "--acceleration-axes", heading=AIDING, default="x,y,z", show_default=True, metavar="AXES",
+        "--acceleration-axes", default="x,y,z", show_default=True, metavar="AXES",
         help="Where each axis of the acceleration comes from.",
     )  # fmt: skip
-
-
-def old_target(
-    words: str = "Worst heading error that is good enough.", default: float | None = 1.0
-) -> Callable[[Function], Function]:
-    """``--target``, with what it means and its default for a command."""
-    return old_option(
-        "--target", "target_deg", heading=METHOD, type=angle, default=default, show_default=default is not None,
-        metavar="DEG", help=words,
-    )  # fmt: skip
-
-
-def old_dip(
-    words: str = "Inclination of the field at the site.", default: float | None = None
-) -> Callable[[Function], Function]:
-    """``--dip``, with what it means and its default for a command."""
-    return old_option(
-        "--dip", "dip_deg", heading=SITE, type=inclination, default=default, show_default=default is not None,
-        metavar="DEG", help=words,
-    )  # fmt: skip
-
-
-def old_judgement(function: Function) -> Function:
-    """What the result is compared with."""
-    return old_target()(old_dip(default=60.0)(function))
-
-
-def old_field_strength(
-    words: str = "Strength of the field at the site, in µT (in counts for a recording in counts).", **more: Any
-) -> Callable[[Function], Function]:
-    """``--field-strength``, with what it means for a command."""
-    attributes = {"heading": SITE, "type": positive, "metavar": "F", **more}
-    return old_option("--field-strength", help=words, **attributes)
-
-
-old_as_json = old_option(
-    "--json", "as_json", is_flag=True, heading=OUTPUT, help="Print the result as JSON on standard output."
-)
-old_force = old_option("--force", is_flag=True, heading=OUTPUT, help="Overwrite the output file if it exists.")
-old_sensor = old_option(
-    "--sensor", heading=RECORDING, metavar="N|NAME",
-    help="Which magnetometer of several, by number or name [default: the first].",
-)  # fmt: skip
-old_sensor_of_calibration = old_option(
-    "--sensor", heading=RECORDING, metavar="N|NAME",
-    help="Which of several magnetometers, by number from 1 or by name [default: the calibration's, else the first].",
-)  # fmt: skip
-old_baud: Final[dict[str, Any]] = {
-    "type": click.IntRange(50, 20_000_000), "default": 115200, "show_default": True, "metavar": "N",
-    "help": "Bits per second of a serial port.",
-}  # fmt: skip
-"""What ``--baud`` is."""
-old_fixed = old_option(
-    "--fix", "fixed", was=("--hold",), heading=AIDING, multiple=True, metavar="NAME=VALUE",
-    help="Take the calibration at a fixed current (A), throttle (0 to 1) or temperature (°C).",
-)  # fmt: skip
-
-
-old_smoothing = old_option(
-    "--filter", "by", heading=METHOD, type=_filter, multiple=True, callback=_only, metavar="NAME[:WIDTH]",
-    help="Filter the readings: moving-average, median or kalman, over WIDTH readings [default: 5].",
-)  # fmt: skip

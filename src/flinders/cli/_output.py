@@ -9,22 +9,25 @@ import contextlib
 import io
 import math
 import os
-import shutil
 import stat
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
-from flinders.errors import UsageError
+from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from rich.console import RenderableType
 
+    from flinders.core.calibration import Calibration
+    from flinders.core.compensation import Compensator
+    from flinders.core.disturbance import Disturbance
+    from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
 
 WORTH_A_BAR: Final = 4_000_000
@@ -81,10 +84,17 @@ def drawn(content: RenderableType, stream: IO[str]) -> str:
 
     terminal = stream.isatty()
     page = io.StringIO()
-    width = min(max(shutil.get_terminal_size((WIDTH, 24)).columns, NARROWEST), WIDEST) if terminal else WIDTH
+    width = min(max(_columns(), NARROWEST), WIDEST) if terminal else WIDTH
     console = Console(file=page, width=width, force_terminal=terminal and _coloured(), highlight=False, emoji=False)
     console.print(content, markup=False, crop=False)
     return "\n".join(line.rstrip() for line in page.getvalue().splitlines())
+
+
+def _columns() -> int:
+    """Width of the terminal."""
+    import shutil
+
+    return shutil.get_terminal_size((WIDTH, 24)).columns
 
 
 def plain(value: object) -> object:
@@ -166,21 +176,11 @@ class Output(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where each result of a command goes.
+    """Where each result of a command goes."""
 
-    Attributes
-    ----------
-    files : tuple of Output
-        Those without a path are not written.
-    force : bool
-        Write over what is there.
-    as_json : bool
-        The result goes to standard output as JSON.
-    """
-
-    files: tuple[Output, ...]
-    force: bool = False
-    as_json: bool = False
+    files: tuple[Output, ...]  # those without a path are not written
+    force: bool = False  # write over what is there
+    as_json: bool = False  # the result goes to standard output as JSON
 
     @classmethod
     def of(
@@ -195,15 +195,7 @@ class Outputs:
         return any(file.path == "-" for file in self.files)
 
     def check(self, inputs: Iterable[str] = ()) -> None:
-        """Find what could not be written before any work is done.
-
-        Raises
-        ------
-        UsageError
-            Where two results would go to one place, or over one of the inputs.
-        OutputError
-            Where a file is in the way, or could not be written.
-        """
+        """Find what could not be written before any work is done."""
         from flinders.core.files import refuse_existing
 
         printed = [file for file in self.files if file.path == "-"]
@@ -254,13 +246,7 @@ class Outputs:
 
 
 def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
-    """Keep what is read from being written over, also with ``--force`` and through ``>``.
-
-    Raises
-    ------
-    UsageError
-        Where the output is one of the inputs.
-    """
+    """Keep what is read from being written over, also with ``--force`` and through ``>``."""
     target = _identity(sys.stdout if output == "-" else output)
     for path in inputs:
         if path != "-" and target is not None and target == _identity(path):
@@ -268,13 +254,7 @@ def refuse_to_overwrite(output: str, inputs: Iterable[str]) -> None:
 
 
 def refuse_twice(paths: Iterable[str]) -> None:
-    """Take a recording once: counted twice it would seem better than it is.
-
-    Raises
-    ------
-    UsageError
-        Where a file is named twice.
-    """
+    """Take a recording once: counted twice it would seem better than it is."""
     seen = set()
     for path in paths:
         file = path if path == "-" else _identity(path)
@@ -308,13 +288,7 @@ def written(path: str, *, force: bool, live: bool, encoding: str = "utf-8") -> I
 
 
 def refuse_report(path: str | None, option: str) -> None:
-    """Refuse a name that is not one of an HTML file.
-
-    Raises
-    ------
-    UsageError
-        For PDF, and for standard output where that belongs to other results.
-    """
+    """Refuse a name that is not one of an HTML file."""
     if path == "-":
         raise UsageError(f"{option} -: a report is a megabyte of HTML, name a file such as report.html")
     if path is not None and Path(path).suffix.lower() == ".pdf":
@@ -361,3 +335,67 @@ def bias_words(bias: Iterable[float]) -> str:
     """
     x, y, z = (f"{round(value, 3) + 0.0:.3f}".replace("-", "−") for value in bias)
     return f"the accelerometer reads {x}, {y} and {z} m/s² too much along x, y and z"
+
+
+def plot_fit(fit: Fit, recording: Recording, *, err: bool = False) -> None:
+    """Draw a fit in a few lines, where it is printed on a terminal that can."""
+    stream = sys.stderr if err else sys.stdout
+    if not stream.isatty() or os.environ.get("TERM") == "dumb":
+        return
+    from flinders.report.figure_data import FigureData
+    from flinders.report.terminal import DRAWN, plot
+
+    is_plain = not can_show(stream.encoding or "ascii", DRAWN)
+    click.echo("", err=err)
+    click.echo(drawn(plot(FigureData.of(fit, recording), fit, is_plain=is_plain, width=_columns()), stream), err=err)
+
+
+def can_show(encoding: str, text: str) -> bool:
+    """Whether a stream of this encoding has these letters.
+
+    >>> can_show("utf-8", "⣿█"), can_show("latin-1", "⣿█"), can_show("no such", "a")
+    (True, False, False)
+    """
+    try:
+        text.encode(encoding)
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True
+
+
+def cost_words(calibration: Calibration, disturbance: Disturbance) -> str:
+    """Heading error that a disturbance makes at the far end of its range, at a dip of 60°."""
+    cost = figures(min(calibration.disturbance_deg(disturbance), 180.0))
+    return f"up to {cost}° of heading at {disturbance.amount(disturbance.farthest)}"
+
+
+def say_references(fit: Fit) -> None:
+    """Say where a calibration is taken that follows something, for a command that looks at offset and matrix only."""
+    for disturbance in fit.calibration.disturbances:
+        say(
+            f"{fit.name} follows {disturbance.name}: it is taken at {disturbance.amount(disturbance.reference)}; "
+            f"what it follows is {cost_words(fit.calibration, disturbance)}"
+        )
+
+
+def say_difference(a: Fit, b: Fit) -> None:
+    """Say where two calibrations are compared that follow something, and how far apart what they follow is."""
+    for fit in (a, b):
+        say_references(fit)
+    theirs = {disturbance.name: disturbance for disturbance in b.calibration.disturbances}
+    for disturbance in a.calibration.disturbances:
+        if other := theirs.get(disturbance.name):
+            between = replace(disturbance, per_unit=other.per_unit - disturbance.per_unit)
+            say(f"what both follow of {disturbance.name} differs by {cost_words(a.calibration, between)}")
+
+
+def say_beyond(compensator: Compensator) -> dict[str, Any]:
+    """Say what lay outside the range that a disturbance was found in; the same for JSON, where there are any."""
+    from flinders.fitting.verdict import of_extrapolation
+
+    if not compensator.calibration.disturbances:
+        return {}
+    findings = list(of_extrapolation(compensator.calibration, compensator.beyond))
+    for finding in findings:
+        say(f"! {finding.advice}")
+    return {"findings": [finding.as_dict() for finding in findings]}

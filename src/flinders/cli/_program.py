@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,7 +19,7 @@ from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from types import FrameType
 
     from flinders.findings import Verdict
@@ -44,16 +44,14 @@ FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noi
 """What every result of ``calibrate --json`` has."""
 
 
-class Commands(MutableMapping[str, "click.Command"]):
-    """Commands by name, each the ``command`` of a module of its own beside this one.
+class Commands(Mapping[str, "click.Command"]):
+    """Commands by name, each the ``command`` of a module of its own beside this one, imported when it is asked for.
 
     Parameters
     ----------
     modules : str
         ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
 
-    Examples
-    --------
     >>> commands = Commands("info", "import_", "two_axis")
     >>> list(commands), commands["two-axis"].name
     (['info', 'import', 'two-axis'], 'two-axis')
@@ -61,28 +59,16 @@ class Commands(MutableMapping[str, "click.Command"]):
 
     def __init__(self, *modules: str) -> None:
         self._modules = {module.rstrip("_").replace("_", "-"): module for module in modules}
-        self._loaded: dict[str, click.Command] = {}
 
     def __getitem__(self, name: str) -> click.Command:
-        if name not in self._loaded:
-            self._loaded[name] = import_module(f"flinders.cli.{self._modules[name]}").command
-        return self._loaded[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._modules
+        command: click.Command = import_module(f"flinders.cli.{self._modules[name]}").command
+        return command
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._modules)
 
     def __len__(self) -> int:
         return len(self._modules)
-
-    def __setitem__(self, name: str, command: click.Command) -> None:
-        self._modules[name], self._loaded[name] = name, command
-
-    def __delitem__(self, name: str) -> None:
-        del self._modules[name]
-        self._loaded.pop(name, None)
 
 
 class Program(click.Group):
@@ -173,16 +159,14 @@ def _report_fault(error: Exception) -> int:
     about = f"flinders {version('flinders')}, Python {platform.python_version()}, {platform.platform()}\n\n"
     details = about + "".join(traceback.format_exception(error))
     say(f"internal error: {type(error).__name__}: {error}")
+    where = "the lines above"
     try:
-        with tempfile.NamedTemporaryFile(
-            "w", prefix="flinders-", suffix=".txt", delete=False, encoding="utf-8"
-        ) as file:
-            file.write(details)
-        what = file.name
-    except OSError:
+        with tempfile.NamedTemporaryFile(prefix="flinders-", suffix=".txt", delete=False) as file:
+            file.write(details.encode())
+            where = file.name
+    except (OSError, ValueError):
         say(details)
-        what = "the lines above"
-    say(f"This is a fault in Flinders, not in your recording. Please report it with {what}")
+    say(f"This is a fault in Flinders, not in your recording. Please report it with {where}")
     return INTERNAL
 
 
@@ -206,18 +190,7 @@ def _stopped_cleanly() -> contextlib.AbstractContextManager[None]:
 
 @contextlib.contextmanager
 def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C, and what ends a program from outside, as a wish.
-
-    Parameters
-    ----------
-    patient : bool
-        However often it is pressed; otherwise the second time ends the program at once.
-
-    Yields
-    ------
-    callable
-        Says whether it was asked for.
-    """
+    """Take Ctrl-C, and what ends a program from outside, as a wish."""
     asked = False
 
     def ask(number: int, _: object) -> None:

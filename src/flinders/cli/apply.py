@@ -4,37 +4,39 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
 
-import click
-
-from flinders.cli import _disturbances, _options
-from flinders.cli._inputs import agree, choice, load, read_and_left_out, say_sensor
-from flinders.cli._options import old_option as option
-from flinders.cli._output import Outputs, print_json, progress, say, written
-from flinders.errors import InputError
+from flinders.cli import _options as option
+from flinders.cli._inputs import in_use, open_with, say_sensor
+from flinders.cli._output import print_json, progress, say, written
+from flinders.cli._stream import Corrector, Preparation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.cli._filters import Smoother
-    from flinders.cli._options import PartOfColumns
-    from flinders.core.calibration import Calibration
-    from flinders.core.compensation import Compensator
     from flinders.core.samples import Recording, Samples
     from flinders.heading.smoothing import Filter
-    from flinders.readers import TextRecording
-
-FOREIGN: Final = 3.0
-"""Readings that come out so many times too long or too short are of another sensor or unit: refused."""
-
-ODD, UNEVEN = 1.3, 0.1
-"""Strength, as a factor, and spread, as a fraction, from which on the calibration is said not to suit."""
 
 
-@_options.old_command(
+class Apply(option.Group):
+    """A calibration, a recording, and how it is corrected and written."""
+
+    calibration: str = option.argument("CALIBRATION")
+    recording: str = option.argument("RECORDING")
+    output: str = option.output("corrected readings", "Where to write [default: standard output].", default="-")
+    add: bool = option.flag("--add", "Add three columns for the corrected field instead of replacing it.")
+    reading: option.PartOfColumns = option.group(option.PartOfColumns)
+    sensor: str | None = option.sensor_of_calibration()
+    fixed: tuple[str, ...] = option.fixed()
+    by: Filter | None = option.smoothing()
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "apply",
+    Apply,
     common=("output", "add", "columns", "sensor", "as_json"),
     short_help="Correct a recording with a calibration file.",
     epilog="""\b
@@ -43,28 +45,7 @@ Example:
   tail -f raw.csv | flinders apply calibration.json -
 """,
 )
-@click.argument("calibration", metavar="CALIBRATION")
-@click.argument("recording", metavar="RECORDING")
-@option("-o", "--output", default="-", metavar="FILE", help="Where to write [default: standard output].")
-@option("--add", is_flag=True, help="Add three columns for the corrected field instead of replacing it.")
-@_options.old_groups(reading=_options.PartOfColumns)
-@_options.old_sensor_of_calibration
-@_options.old_fixed
-@_options.old_smoothing
-@_options.old_force
-@_options.old_as_json
-def command(
-    calibration: str,
-    recording: str,
-    output: str,
-    add: bool,
-    by: Filter | None,
-    fixed: tuple[str, ...],
-    force: bool,
-    as_json: bool,
-    sensor: str | None,
-    reading: PartOfColumns,
-) -> None:
+def command(options: Apply) -> None:
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
     Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
@@ -73,134 +54,74 @@ def command(
     vehicle's log, is written as a table of comma-separated text, in microtesla where its unit is known. What the
     calibration follows, such as a current, has to be among the columns.
     """
-    from flinders.readers import TextRecording, open_recording
-
-    outputs = Outputs.of(("corrected readings", output), force=force, as_json=as_json)
-    outputs.check([calibration, recording])
-    loaded, settler = _disturbances.settler_of(load("apply", calibration, [recording]), fixed)
-    correction = loaded.calibration
+    calibration, recording = options.calibration, options.recording
+    outputs = options.checked_outputs()
+    fit, compensator = in_use("apply", calibration, [recording], options.fixed)
     with progress("correcting") as watch:
-        wanted = choice(correction, sensor)
-        source = open_recording(
-            recording, axes=str(correction.axes), sensor=wanted, once=True, progress=watch, **reading.as_dict()
+        source = open_with(
+            fit.calibration, recording, sensor=options.sensor, once=True, progress=watch, **options.reading.as_dict()
         )
-        agree(correction, source)
         if getattr(source, "name", ""):
             say(str(source))
-        say_sensor(calibration, correction, source, sensor)
-        corrector = Corrector(correction, source.source)
-        smoother = None if by is None else _smoother(by, corrector)
-        is_text = isinstance(source, TextRecording) and reading.start is None and reading.end is None
-        lines = _rewritten if is_text else _tabulated
-        encoding = source.layout.encoding if isinstance(source, TextRecording) else "utf-8"
-        with written(output, encoding=encoding, force=force, live=not Path(recording).is_file()) as file:
-            for line in lines(source, corrector, smoother, settler, add=add):  # type: ignore[arg-type]
-                file.write(line)
-    left_out = getattr(source, "skipped", ())
-    say(f"{source.source}: {read_and_left_out(corrector.strength.readings, left_out)}; {corrector}")
-    if loaded.tilt_words:
-        say(f"! {loaded.tilt_words}")
-    if smoother is not None:
-        say(str(smoother))
-    extrapolated = _disturbances.say_beyond(settler)
+        say_sensor(calibration, fit.calibration, source, options.sensor)
+        corrector, preparation = Corrector(fit.calibration, source.source), Preparation.of(compensator, options.by)
+        encoding, lines = _lines(source, corrector, preparation, options)
+        with written(
+            options.output, encoding=encoding, force=options.force, live=not Path(recording).is_file()
+        ) as file:
+            file.writelines(lines)
+    _say_strength(source, corrector)
+    if fit.tilt_words:
+        say(f"! {fit.tilt_words}")
+    prepared = preparation.say()
     if not corrector.is_plausible:
         say(f"! {_doubt(calibration, recording)}")
     outputs.say_written()
-    if as_json:
-        filtered = {} if smoother is None else {"filter": smoother.as_dict()}
-        skipped_rows = [str(skipped) for skipped in left_out]
-        print_json({**corrector.as_dict(), **filtered, "skipped": skipped_rows, **extrapolated})
+    if options.as_json:
+        strength = corrector.strength
+        skipped = [str(skipped) for skipped in getattr(source, "skipped", ())]
+        print_json({"rows": strength.readings, **strength.as_dict(), "skipped": skipped, **prepared})
 
 
-def _smoother(by: Filter, corrector: Corrector) -> Smoother:
-    """What filters readings before they are corrected."""
-    from flinders.cli._filters import Smoother
+def _lines(
+    source: Recording, corrector: Corrector, preparation: Preparation, options: Apply
+) -> tuple[str, Iterator[str]]:
+    """The encoding and the corrected lines: of a text those that were read, of anything else those of a table."""
+    from flinders.readers import TextRecording
 
-    return Smoother(by, corrector)
-
-
-def _rewritten(
-    source: TextRecording, corrector: Corrector, smoother: Smoother | None, settler: Compensator, *, add: bool
-) -> Iterator[str]:
-    """Yield the lines of a text with corrected readings in them."""
-    if smoother is None and not settler.calibration.disturbances:
-        return source.corrected_lines(corrector, add=add)
+    is_cut = options.reading.start is not None or options.reading.end is not None
+    if not isinstance(source, TextRecording):
+        return "utf-8", _tabulated(source, corrector, preparation, add=options.add)
+    if is_cut:
+        return source.layout.encoding, _tabulated(source, corrector, preparation, add=options.add)
+    if preparation.is_nothing:
+        return source.layout.encoding, source.corrected_lines(corrector, add=options.add)
 
     def correct(samples: Samples) -> Floats:
-        settled = settler(samples)
-        return corrector(settled.field) if smoother is None else smoother(settled.field, settled.time)
+        return corrector(preparation(samples).field)
 
-    return source.corrected_lines(correct, add=add, with_disturbances=True)
+    return source.layout.encoding, source.corrected_lines(correct, add=options.add, with_disturbances=True)
 
 
-def _tabulated(
-    source: Recording, corrector: Corrector, smoother: Smoother | None, settler: Compensator, *, add: bool
-) -> Iterator[str]:
+def _tabulated(source: Recording, corrector: Corrector, preparation: Preparation, *, add: bool) -> Iterator[str]:
     """Yield the lines of a table of corrected readings, with all other columns."""
     from flinders.simulate import table
 
     for number, block in enumerate(source.blocks()):
         if len(block):
-            settled = settler(block)
-            corrected = corrector(settled.field) if smoother is None else smoother(settled.field, block.time)
+            corrected = corrector(preparation(block).field)
             samples = block if add else replace(block, field=corrected)
             header, *rows = table.lines(samples, corrected=corrected if add else None)
             yield from (f"{line}\n" for line in ([header] if number == 0 else []) + rows)
 
 
-class Corrector:
-    """Applies a calibration block by block, and watches whether the result makes sense.
-
-    Attributes
-    ----------
-    strength : Strength
-        Of the readings corrected so far.
-    """
-
-    def __init__(self, correction: Calibration, source: str) -> None:
-        from flinders.comparison.comparison import Strength
-
-        self._correction, self._source = correction, source
-        self.strength = Strength()
-
-    def __call__(self, readings: Floats) -> Floats:
-        """Correct (N, 3) readings.
-
-        Raises
-        ------
-        InputError
-            If the first of them come out with a length that the calibration contradicts.
-        """
-        import numpy as np
-
-        from flinders.comparison.comparison import Strength
-
-        corrected = self._correction.apply(readings)
-        strength = np.linalg.norm(corrected, axis=1) / self._correction.field_strength
-        middle = float(np.median(strength))
-        if self.strength.readings == 0 and not 1 / FOREIGN < middle < FOREIGN:
-            raise InputError(
-                f"corrected readings of {self._source} are {middle:.2g} times as long as the calibration's field "
-                f"({self._correction.field_strength:.4g} {self._correction.unit}): it is for another sensor, unit or "
-                "range; check --columns, or calibrate this sensor"
-            )
-        self.strength += Strength.of(strength)
-        return corrected
-
-    @property
-    def is_plausible(self) -> bool:
-        """The corrected readings are about as long as the calibration's field, and about equally long."""
-        return not self.strength.readings or (1 / ODD < self.strength.mean < ODD and self.strength.spread < UNEVEN)
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON-ready: rows, mean strength as a fraction of the calibration's field, and its spread."""
-        return {"rows": self.strength.readings, **self.strength.as_dict()}
-
-    def __str__(self) -> str:
-        return (
-            f"corrected, their strength is {self.strength.mean:.3f} of the calibration's field, "
-            f"with a spread of {self.strength.spread:.1%}"
-        )
+def _say_strength(source: Recording, corrector: Corrector) -> None:
+    """Say what was read, and how strong the corrected field is."""
+    strength = corrector.strength
+    say(
+        f"{source.source}: {corrector.read_words(source)}; corrected, their strength is {strength.mean:.3f} of the "
+        f"calibration's field, with a spread of {strength.spread:.1%}"
+    )
 
 
 def _doubt(calibration: str, recording: str) -> str:

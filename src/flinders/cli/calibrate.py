@@ -2,51 +2,340 @@
 
 from __future__ import annotations
 
-import sys
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli._fit_options import AidingOptions, Estimation, OutputOptions, Sensors, SiteOptions
-from flinders.cli._inputs import Counted, joined, opened, provenance, saying_what_was_skipped
-from flinders.cli._options import (
-    ReadingOptions,
-)  # fmt: skip
-from flinders.cli._options import old_command as a_command
-from flinders.cli._options import (
-    old_field_strength as field_strength,
-)
-from flinders.cli._options import (
-    old_groups as groups,
-)
-from flinders.cli._options import (
-    old_judgement as judgement,
-)
-from flinders.cli._options import (
-    old_smoothing as smoothing,
-)
-from flinders.cli._output import (
-    print_fit,
-    print_json,
-    progress,
-    refuse_report,
-    refuse_twice,
-    say,
-)  # fmt: skip
+from flinders.cli import _options as option
+from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_of
+from flinders.cli._output import Output, plot_fit, print_fit, print_json, progress, refuse_report, refuse_twice, say
 from flinders.cli._program import GOOD, LIMITED
-from flinders.errors import FitError, NotTurned
+from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Recording
+    from flinders.estimators import Estimator
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
 
+TRACES: Final = (".svg", ".csv")
+"""Endings of ``--convergence``: a drawing, a table."""
 
-@a_command(
+
+def _prior(value: str) -> float | str:
+    """Read the value of ``--prior``: a number, or none, which `None` cannot say, as that is "not given"."""
+    number = option.within(0, 100, "a number above 0, up to 100, such as 0.3; or none")
+    return "none" if value.strip().casefold() == "none" else number(value)
+
+
+class OutputOptions(option.Group, heading=option.OUTPUT):
+    """What is written where."""
+
+    output: str | None = option.output(
+        "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
+    )
+    report: str | None = option.member(
+        "--report",
+        what="the HTML report",
+        metavar="FILE.html",
+        help="Also write a report with figures, in one HTML file.",
+    )
+    report_text: str | None = option.member(
+        "--report-text", what="the report", metavar="FILE",
+        help="Also write a page of plain words for those who will use the compass, or - for standard output.",
+    )  # fmt: skip
+    exported: tuple[str, ...] = option.member(
+        "--export", multiple=True, metavar="TARGET[:FILE]",
+        help="Also write it for one of `flinders targets` [FILE: the target's name with its ending]; may be given "
+        "several times.",
+    )  # fmt: skip
+    convergence: str | None = option.member(
+        "--convergence", what="the convergence", metavar="FILE",
+        help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
+    )  # fmt: skip
+    plots: bool = option.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+    @property
+    def exports(self) -> tuple[tuple[str, str], ...]:
+        """Target and file of each export."""
+        if not self.exported:
+            return ()
+        from flinders.cli.export import named
+
+        return named(self.exported)
+
+    def named_files(self) -> Iterator[Output]:
+        """All files, by what they are called in a message."""
+        yield from super().named_files()
+        for target, path in self.exports:
+            yield Output(f"the export to {target}", path, "--export TARGET:FILE")
+
+    @property
+    def of_readings(self) -> dict[str, object]:
+        """Files that there are of the readings of one magnetometer alone, by their options."""
+        return {"--report": self.report, "--report-text": self.report_text, "--convergence": self.convergence}
+
+    def refuse_convergence(self, method: str) -> None:
+        """Refuse a trace of a method that cannot be watched, or in a file that is neither a drawing nor a table."""
+        from flinders.estimators import METHODS
+        from flinders.estimators.reference.trace import Watched
+
+        if self.convergence is None:
+            return
+        watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
+        if method not in watched:
+            raise UsageError(
+                f"--convergence goes with --method {' or '.join(watched)}: {method} looks at all readings at once, "
+                "and there is nothing to watch"
+            )
+        if Path(self.convergence).suffix.lower() not in TRACES:
+            raise UsageError(
+                f"--convergence {self.convergence}: need a name that ends in {' (drawing) or '.join(TRACES)} (table)"
+            )
+
+
+class Estimation(option.Group, heading=option.METHOD):
+    """The method of estimation and its options."""
+
+    method: str = option.member(
+        "--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`."
+    )
+    method_options: tuple[str, ...] = option.member(
+        "--option", multiple=True, metavar="NAME=VALUE",
+        help="An option of the method, as `flinders methods` lists them; may be given several times.",
+    )  # fmt: skip
+    minmax: str | None = option.member(
+        "--minmax", metavar="X0,X1,Y0,Y1,Z0,Z1",
+        help="Smallest and largest reading of each axis, typed in place of a recording.",
+    )  # fmt: skip
+    prior: float | str | None = option.member(
+        "--prior", type=_prior, metavar="SIGMA|none",
+        help="Prior standard deviation of the soft iron, for directions that were not seen [default: 0.3].",
+    )  # fmt: skip
+    robust: bool = option.flag("--robust", "Look for outliers whether or not the residuals ask for it.")
+    alignment_sigma_deg: float | None = option.member(
+        "--alignment-sigma", type=option.positive, metavar="DEG",
+        help="How well the mounting is known, 1 σ about each axis: its heading error is stated on its own.",
+    )  # fmt: skip
+
+    def own_options(self, taken: Iterable[str]) -> dict[str, Any]:
+        """Options that the method has and others have not; none of those that are `taken`."""
+        from flinders.estimators import METHODS, method_of
+
+        method = method_of(self.method)
+        self._refuse_of_others(METHODS)
+        own: dict[str, Any] = {"robust": True} if self.robust else {}
+        if self.prior is not None:
+            own["prior"] = None if self.prior == "none" else self.prior
+        return own | (self._typed(method, {*taken, *own}) if self.method_options else {})
+
+    def _typed(self, method: type[Estimator], taken: set[str]) -> dict[str, Any]:
+        """Read ``--option``."""
+        from flinders.cli.methods import parsed
+
+        typed = parsed(self.method_options, method)
+        for name in taken.intersection(typed):
+            raise UsageError(f"--{name} and --option {name} say the same: give one of them")
+        method(**typed)
+        return typed
+
+    def _refuse_of_others(self, methods: Mapping[str, object]) -> None:
+        """Refuse options that go with another method."""
+        if self.robust and self.method != "auto":
+            raise UsageError(
+                f"--robust goes with --method auto: leave it out, or use --method robust instead of {self.method}"
+            )
+        with_prior = [name for name, kind in methods.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
+        if self.prior is not None and self.method not in with_prior:
+            raise UsageError(
+                f"--prior goes with --method {' or '.join(with_prior)}: {self.method} has none, leave --prior out"
+            )
+
+
+class Sensors(option.Group):
+    """Which of several magnetometers, and whether they are fitted jointly."""
+
+    sensor: str | None = option.sensor(
+        "Name or serial number to store; of a log, which magnetometer, by number or name, or all of them.", "NAME|all"
+    )
+    joint: bool = option.flag(
+        "--joint", "With --sensor all: fit the magnetometers of one body jointly, and say which of them deviates.",
+        heading=option.METHOD,
+    )  # fmt: skip
+    reference: str | None = option.member(
+        "--reference", heading=option.METHOD, metavar="NAME",
+        help="With --joint: into whose axes the others are turned, by number or name [default: the first].",
+    )  # fmt: skip
+
+    def are_all(self, recordings: Sequence[str]) -> bool:
+        """Whether each of several magnetometers is calibrated."""
+        is_all = self.sensor is not None and self.sensor.strip().casefold() == "all"
+        if is_all and len(recordings) > 1:
+            raise UsageError("--sensor all goes with one file of several magnetometers: give one, or leave it out")
+        if self.joint and not is_all:
+            raise UsageError("--joint goes with --sensor all: it takes all magnetometers of a log or table")
+        if self.reference is not None and not self.joint:
+            raise UsageError("--reference goes with --joint: without it nothing is turned into other axes")
+        return is_all
+
+
+class SiteOptions(option.Group, heading=option.SITE):
+    """Where and when a recording was made."""
+
+    place: str | None = option.member(
+        "--at", metavar="LAT,LON[,ALT]",
+        help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date).",
+    )  # fmt: skip
+    date: str | None = option.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
+    gain_sigma: float | None = option.member(
+        "--gain-sigma", type=option.within(0, 1, "a share above 0, up to 1, such as 0.01"), metavar="SHARE",
+        help="With --at: how well the sensor's mean gain is known, 1 σ [default: 0.05].",
+    )  # fmt: skip
+
+    def as_options(self) -> dict[str, Any]:
+        """Options of `flinders.fit`: the dip is that of the site, unless ``--dip`` was given.
+
+        Axes that were typed are those of the vehicle, z down.
+        """
+        if self.place is None:
+            if self.date is not None:
+                raise UsageError("--date goes with --at: give both, or neither")
+            if self.gain_sigma is not None:
+                raise UsageError("--gain-sigma goes with --at: without the strength of a site no gain is looked at")
+            return {}
+        if self.date is None:
+            raise UsageError(
+                "the field changes with the years: give the day of the recording with --at, such as --date "
+                "2026-11-21, or leave --at out"
+            )
+        from flinders.likelihood.site_field import Site
+
+        site = replace(Site.of(site_of(self.place, self.date)), z_down=option.is_typed("axes"))
+        if self.gain_sigma is not None:
+            site = replace(site, gain_sigma=self.gain_sigma)
+        return {"site": site} if option.is_typed("dip_deg") else {"site": site, "dip_deg": site.inclination_deg}
+
+
+class AidingOptions(option.Group, heading=option.AIDING):
+    """What else was recorded and counts: aiding sensors, and disturbances that the offset follows."""
+
+    names: tuple[str, ...] = option.member(
+        "--with", multiple=True, metavar="NAME,…",
+        help="What else was recorded and shall count: current, throttle, temperature, which the offset then follows "
+        "(currents, throttles: of each motor; current2: of one); rate, dip, tilt, attitude, or auto.",
+    )  # fmt: skip
+    gyro_scale: float | None = option.member(
+        "--gyro-scale", metavar="SHARE",
+        type=option.within(0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the gyro is calibrated", zero=True),
+        help="With --with rate: what the gyro's scales may be off by, 1 σ; 0 where it is calibrated [default: 0.02].",
+    )  # fmt: skip
+    acceleration_bias: float | None = option.member(
+        "--accelerometer-bias", metavar="M/S2",
+        type=option.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
+        help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
+    )  # fmt: skip
+    previous: str | None = option.member(
+        "--previous", metavar="CALIBRATION",
+        help="With --with and a sensor that was not turned: the calibration that the disturbances belong to.",
+    )  # fmt: skip
+
+    def as_options(self) -> dict[str, Any]:
+        """Options of `flinders.fit`."""
+        aiding, disturbances = recorded(self.names)
+        if self.gyro_scale is not None and not {"rate", "auto"} & set(aiding):
+            raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
+        if self.acceleration_bias is not None and not {"dip", "auto"} & set(aiding):
+            raise UsageError(
+                "--accelerometer-bias goes with --with dip or auto: leave it out, or name the accelerometer"
+            )
+        if self.previous is not None and not disturbances:
+            raise UsageError(
+                "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
+            )
+        options = {
+            "aiding": "auto" if aiding == ("auto",) else aiding or None,
+            "disturbances": disturbances or None,
+            "gyro_scale": self.gyro_scale,
+            "acceleration_bias": self.acceleration_bias,
+        }
+        return {name: value for name, value in options.items() if value is not None}
+
+
+def recorded(words: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Split what stands after ``--with`` into aiding sensors and disturbances.
+
+    >>> recorded(["rate,dip", "current"])
+    (('rate', 'dip'), ('current',))
+    """
+    words = list(words)
+    if not words:
+        return (), ()
+    from flinders.core.disturbance import BY_KEY, KINDS, MOTORS
+    from flinders.estimators.aiding import AIDS
+    from flinders.fitting.aiding import AUTO
+
+    names = list(dict.fromkeys(name.strip() for word in words for name in word.split(",") if name.strip()))
+    if not names:
+        raise UsageError("--with names nothing: say what else was recorded, such as --with rate,dip, or --with auto")
+    sensors = tuple(name for name in names if name in (AUTO, *AIDS))
+    if AUTO in sensors and len(sensors) > 1:
+        raise UsageError(f"--with {','.join(sensors)}: auto takes what the recording contains, name nothing beside it")
+    known = {*BY_KEY.values(), *MOTORS.values()}
+    for name in names:
+        if name not in sensors and name not in known:
+            raise UsageError(
+                f"--with {name}: need one of {', '.join((AUTO, *AIDS, *KINDS, *MOTORS.values()))} (rate is that of a "
+                "gyro; currents and throttles are those of each motor, and current2 that of one)"
+            )
+    return sensors, tuple(name for name in names if name in known)
+
+
+class Calibrate(option.Group):
+    """Recordings, how they are read and fitted, and what is written."""
+
+    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1, required=False)
+    reading: option.ReadingOptions = option.group(option.ReadingOptions)
+    sensors: Sensors = option.group(Sensors)
+    site: SiteOptions = option.group(SiteOptions)
+    aiding: AidingOptions = option.group(AidingOptions)
+    estimation: Estimation = option.group(Estimation)
+    files: OutputOptions = option.group(OutputOptions)
+    field_strength: float | None = option.field_strength()
+    by: Filter | None = option.smoothing()
+    judgement: option.Judgement = option.group(option.Judgement)
+
+    @property
+    def common(self) -> dict[str, Any]:
+        """Options of every fit."""
+        return {"field_strength": self.field_strength, "sensor": self.sensors.sensor, **self.judgement.as_dict()}
+
+    def of_fit(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """All options of `flinders.fit`, and those of them that only this method has.
+
+        The recording may be long, or still be on its way: what cannot work is found before it is read.
+        """
+        from flinders.core.units import Unit
+
+        if self.reading.unit:
+            Unit.of(self.reading.unit, self.reading.scale)
+        refuse_twice(self.recordings)
+        method = {"method": self.estimation.method, "alignment_sigma_deg": self.estimation.alignment_sigma_deg}
+        own = self.estimation.own_options({*self.common, *method, *self.reading.as_dict()})
+        self.files.refuse_convergence(self.estimation.method)
+        return {**self.common, **method, **own, **self.aiding.as_options(), **self.site.as_options()}, own
+
+
+@option.command_of(
     "calibrate",
+    Calibrate,
     short_help="Fit recordings of a sensor and write its calibration.",
     common=("output", "columns", "unit", "sensor", "report"),
     epilog="""\b
@@ -60,29 +349,7 @@ Example:
   flinders calibrate bench.csv --with current --previous calibration.json -o flown.json
 """,
 )
-@click.argument("recordings", nargs=-1, metavar="RECORDING...")
-@groups(
-    reading=ReadingOptions,
-    sensors=Sensors,
-    site=SiteOptions,
-    aiding=AidingOptions,
-    estimation=Estimation,
-    files=OutputOptions,
-)
-@field_strength()
-@smoothing
-@judgement
-def command(
-    recordings: tuple[str, ...],
-    by: Filter | None,
-    reading: ReadingOptions,
-    sensors: Sensors,
-    site: SiteOptions,
-    aiding: AidingOptions,
-    estimation: Estimation,
-    files: OutputOptions,
-    **options: Any,
-) -> int:
+def command(options: Calibrate) -> int:
     """Fit recordings of one sensor and write its calibration.
 
     Turn the sensor slowly through all directions, away from iron, while recording. RECORDING is text with
@@ -90,108 +357,110 @@ def command(
     phone logger or MotionCal, a table, a vehicle's log, or - for standard input: see `flinders info`. Several
     recordings of one sensor are fitted together.
     """
-    refuse_report(files.report, "--report")
-    outputs = files.outputs
-    if estimation.minmax is not None:
-        from flinders.cli._minmax import calibrate
-
-        return calibrate(estimation, files, reading, by, {**options, "sensor": sensors.sensor}, recordings)
+    recordings = options.recordings
+    refuse_report(options.files.report, "--report")
+    if options.estimation.minmax is not None:
+        return _typed(options)
     if not recordings:
         raise click.MissingParameter(param_hint="'RECORDING...'", param_type="argument")
-    estimation.check()
-    _check(recordings, reading)
-    options |= {"sensor": sensors.sensor, **estimation.as_options()}
-    options |= estimation.own_options({*options, *reading.as_dict()})
-    if files.convergence is not None:
-        from flinders.cli import _convergence
+    asked, own = options.of_fit()
+    if options.sensors.are_all(recordings):
+        return _each(options, asked)
+    outputs = options.files.checked_outputs(*recordings)
+    with progress("reading") as watch:
+        recording, asked["sensor"] = opened(
+            recordings, options.sensors.sensor, progress=watch, **options.reading.as_dict()
+        )
+        run = _Run(recording, options, asked, own)
+        try:
+            fit = run.fitted()
+        except NotTurned:
+            if options.aiding.previous is None:
+                raise
+            from flinders.cli._unturned import bench
 
-        _convergence.refuse(files.convergence, estimation.method)
-    options |= {**aiding.as_options(), **site.as_options()}
-    if sensors.are_all(recordings):
-        from flinders.cli import _multi_sensor
-
-        return _multi_sensor.calibrate(recordings[0], sensors, by, files, reading.as_dict(), options, fitted)
-    outputs.check(recordings)
-    run = _Run(by, options, files, {**options, **reading.as_dict(), "filter": by})
-    try:
-        with progress("reading") as watch:
-            fit = run.fit(recordings, progress=watch, **reading.as_dict())
-    except NotTurned:
-        if aiding.previous is None:
-            raise
-        from flinders.cli import _disturbances
-
-        recording = opened(recordings, options, **reading.as_dict())
-        return _disturbances.bench(recording, options["disturbances"], aiding.previous, outputs)
+            return bench(run.parts, asked["disturbances"], options.aiding.previous, outputs)
     run.write(fit)
     return GOOD if fit.verdict == "good" else LIMITED
 
 
-def _check(recordings: tuple[str, ...], reading: ReadingOptions) -> None:
-    """Find what cannot work before anything is read: the recording may be long, or still be on its way.
+def _typed(options: Calibrate) -> int:
+    """Calibrate from six typed numbers, which go with no recording."""
+    from flinders.cli._unturned import typed
 
-    Raises
-    ------
-    UsageError
-        For a unit that is not known, or a recording given twice.
-    """
-    from flinders.core.units import Unit
+    files, estimation, reading = options.files, options.estimation, options.reading
+    if files.exported:
+        raise UsageError("--export does not go with --minmax: write the calibration with -o, then use flinders export")
+    if options.recordings:
+        raise UsageError(f"--minmax takes the place of a recording: leave {options.recordings[0]} out, or --minmax")
+    if estimation.method not in ("auto", "minmax"):
+        raise UsageError(f"--minmax goes with --method minmax: leave {estimation.method} out")
+    of_readings = {
+        **files.of_readings,
+        "--prior": estimation.prior,
+        "--robust": estimation.robust or None,
+        "--alignment-sigma": estimation.alignment_sigma_deg,
+        "--columns": reading.columns,
+        "--filter": options.by,
+    }
+    useless = [name for name, value in of_readings.items() if value is not None]
+    if useless:
+        raise UsageError(f"{', '.join(useless)} needs readings, and --minmax has none: leave it out")
+    return typed(str(estimation.minmax), estimation.method_options, reading, files.outputs, options.common)
 
-    if reading.unit:
-        Unit.of(reading.unit, reading.scale)
-    refuse_twice(recordings)
+
+def _each(options: Calibrate, asked: dict[str, Any]) -> int:
+    """Calibrate each magnetometer of a log or table."""
+    from flinders.cli._multi_sensor import MultiSensor
+
+    files = options.files
+    for name, value in {**files.of_readings, "--export": files.exported or None}.items():
+        if value is not None:
+            raise UsageError(f"{name} is for one magnetometer: leave it out with --sensor all, or choose one")
+    return MultiSensor(
+        path=options.recordings[0],
+        output=files.output,
+        force=files.force,
+        as_json=files.as_json,
+        is_joint=options.sensors.joint,
+        reference=options.sensors.reference,
+        by=options.by,
+    ).calibrate(options.reading.as_dict(), asked)
 
 
-@dataclass(slots=True)
 class _Run:
-    """A fit of one sensor, from its recordings to its files.
+    """A fit of one sensor, from its recordings to its files; `asked` and `own` as `Calibrate.of_fit` gives them."""
 
-    Attributes
-    ----------
-    by : Filter, optional
-        What the readings go through.
-    options : dict
-        Of `flinders.fit`.
-    files : OutputOptions
-    asked : dict
-        All that was asked for, for the report.
-    parts : list of Counted
-        The recordings.
-    """
-
-    by: Filter | None
-    options: dict[str, Any]
-    files: OutputOptions
-    asked: dict[str, Any]
-    parts: Sequence[Counted] = ()
-
-    def fit(self, recordings: tuple[str, ...], **reading: Any) -> Fit:
-        """Read the recordings and fit them; of a refusal, write the reports and how far the estimate came.
-
-        Raises
-        ------
-        FitError
-            Where no calibration can be given.
-        """
+    def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any], own: dict[str, Any]) -> None:
         from flinders.core.samples import singles
 
-        self.parts = [Counted(part) for part in singles(opened(recordings, self.options, **reading))]
-        try:
-            with saying_what_was_skipped(self.parts):
-                return fitted(self.parts, self.by, self.options)
-        except FitError as refusal:
-            self._report(refusal)
-            self._converge()
-            raise
+        self.parts = [Counted(part) for part in singles(recording)]
+        self.options, self.files = options, options.files
+        self.asked, self.own = asked, own
+
+    @cached_property
+    def provenance(self) -> Provenance:
+        """Of the recordings."""
+        return provenance(self.parts)
 
     @property
     def recording(self) -> Recording:
         """The recordings as one, filtered where that was asked for."""
-        if self.by is None:
+        if self.options.by is None:
             return joined(self.parts)
-        from flinders.cli._filters import through
+        from flinders.fitting.filtering import through
 
-        return through(self.parts, self.by)
+        return through(self.parts, self.options.by)
+
+    def fitted(self) -> Fit:
+        """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
+        try:
+            with saying_what_was_skipped(self.parts):
+                return fitted(self.parts, self.options.by, self.asked)
+        except FitError as refusal:
+            self._report(refusal)
+            self._trace()
+            raise
 
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
@@ -199,61 +468,53 @@ class _Run:
 
         files, outputs = self.files, self.files.outputs
         if files.output:
-            outputs.write(dumps(fit.to_document(provenance(self.parts))), files.output)
-        self._converge()
+            outputs.write(dumps(fit.to_document(self.provenance)), files.output)
+        self._trace()
         if not files.as_json and files.report_text != "-":
-            stream = sys.stderr if outputs.is_printed else sys.stdout
-            if files.plots and stream.isatty():
-                from flinders.cli.report import plot
-
-                plot(fit, self.recording, err=outputs.is_printed)
+            if files.plots:
+                plot_fit(fit, self.recording, err=outputs.is_printed)
             print_fit(fit, err=outputs.is_printed)
         self._report(fit)
-        if files.output != "-":
-            nothing = "nothing" if not files.exports and files.convergence is None else "no calibration file"
-            say(
-                f"written to {files.output}"
-                if files.output
-                else f"{nothing} was written: name a file with -o calibration.json"
-            )
+        if not files.output:
+            nothing = "no calibration file" if files.exports or files.convergence else "nothing"
+            say(f"{nothing} was written: name a file with -o calibration.json")
+        elif files.output != "-":
+            say(f"written to {files.output}")
         if files.exports:
             from flinders.cli.export import write_exports
 
-            made_from = provenance(self.parts).files
-            write_exports(fit, files.exports, outputs, files=made_from, calibration=files.output)
+            write_exports(fit, files.exports, outputs, files=self.provenance.files, calibration=files.output)
         if files.as_json:
             print_json(fit.as_dict())
 
-    def _converge(self) -> None:
+    def _trace(self) -> None:
         """Write how the estimate converges, where that was asked for."""
-        if self.files.convergence is not None:
-            from flinders.cli import _convergence
+        path = self.files.convergence
+        if path is None:
+            return
+        from flinders.cli.methods import SITE
+        from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
-            _convergence.write(self.files.convergence, self.recording, self.options, force=self.files.force)
+        site = {name: self.asked[name] for name in SITE}
+        trace = Trace.of(self.recording, self.asked["method"], self.own, site, self.asked["target_deg"])
+        if trace is None:
+            say(f"{path} was not written: {self.asked['method']} had nothing at any step")
+            return
+        is_drawing = Path(path).suffix.lower() == TRACES[0]
+        self.files.outputs.write(convergence_drawing(trace) if is_drawing else convergence_table(trace), path)
+        say(f"convergence written to {path}")
 
     def _report(self, outcome: Fit | FitError) -> None:
         """Write the page of plain words, and the one with figures, where they were asked for."""
-        text, html = self.files.report_text, self.files.report
+        outputs, text, html = self.files.outputs, self.files.report_text, self.files.report
         if text is not None:
             from flinders.report.plain import page
 
-            self.files.outputs.write(page(outcome, provenance(self.parts)), text)
+            outputs.write(page(outcome, self.provenance), text)
             if text != "-":
                 say(f"report written to {text}")
         if html is not None:
-            from flinders.cli.report import write
+            from flinders.cli.report import report_of
 
-            made_from = provenance(self.parts)
-            write(outcome, self.recording, made_from, html, asked=self.asked, force=self.files.force)
+            outputs.write(report_of(outcome, self.recording, self.provenance, self.options.typed_words()), html)
             say(f"report written to {html}")
-
-
-def fitted(parts: Sequence[Recording], by: Filter | None, options: dict[str, Any]) -> Fit:
-    """Fit recordings together, filtered where that was asked for."""
-    if by is not None:
-        from flinders.cli._filters import fit_filtered
-
-        return fit_filtered(parts, by, options)
-    from flinders.fitting.calibrate import fit
-
-    return fit(joined(parts), **options)

@@ -5,28 +5,41 @@ from __future__ import annotations
 import contextlib
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from flinders.cli import _disturbances, _options
-from flinders.cli._inputs import load, made_from, opened_with, saying_what_was_skipped
-from flinders.cli._options import old_option as option
-from flinders.cli._output import print_json, progress, say, show
+from flinders.cli import _options as option
+from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_skipped
+from flinders.cli._output import can_show, print_json, progress, say, say_beyond, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
 from flinders.errors import NeedsSamples, TooFewSamples
 
 if TYPE_CHECKING:
-    from flinders.cli._options import PartOfColumns
     from flinders.comparison.comparison import Comparison, Strength
     from flinders.core.calibration import Calibration
+    from flinders.core.compensation import Compensator
     from flinders.core.samples import Joined
     from flinders.diagnostics.random_walk import RandomWalk
     from flinders.fitting.result import Fit, Refused
 
 
-@_options.old_command(
+class Check(option.Group):
+    """A calibration, recordings to hold it against, and how they are read and judged."""
+
+    calibration: str = option.argument("CALIBRATION")
+    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
+    is_followed: bool = option.flag("--drift", "Also follow the offset through the recording.")
+    reading: option.PartOfColumns = option.group(option.PartOfColumns)
+    sensor: str | None = option.sensor_of_calibration()
+    fixed: tuple[str, ...] = option.fixed()
+    judgement: option.Judgement = option.group(option.Judgement)
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "check",
+    Check,
     common=("target_deg", "is_followed", "columns", "sensor", "as_json"),
     short_help="Say whether a calibration holds on another recording.",
     epilog="""\b
@@ -42,25 +55,7 @@ Exit codes:
   4  it does not hold, or the recording cannot be fitted
 """,
 )
-@click.argument("calibration", metavar="CALIBRATION")
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@option("--drift", "is_followed", is_flag=True, help="Also follow the offset through the recording.")
-@_options.old_groups(reading=_options.PartOfColumns)
-@_options.old_sensor_of_calibration
-@_options.old_fixed
-@_options.old_judgement
-@_options.old_as_json
-def command(
-    calibration: str,
-    recordings: tuple[str, ...],
-    target_deg: float,
-    dip_deg: float,
-    fixed: tuple[str, ...],
-    is_followed: bool,
-    as_json: bool,
-    sensor: str | None,
-    reading: PartOfColumns,
-) -> int:
+def command(options: Check) -> int:
     """Fit RECORDING afresh and say how far CALIBRATION is from that, and whether it is more than chance.
 
     Record as for a calibration: turn the sensor through all directions. Unit and axes come from the
@@ -70,57 +65,47 @@ def command(
     from flinders.core.compensation import compensated
     from flinders.fitting.calibrate import fit
     from flinders.fitting.result import Refused
-    from flinders.report.comparison_pages import of_comparison
 
-    known, settler = _disturbances.settler_of(load("check", calibration, recordings), fixed)
+    known, compensator = in_use("check", options.calibration, options.recordings, options.fixed)
     with progress("reading") as watch:
-        as_recorded = opened_with(
-            calibration, known.calibration, recordings, sensor=sensor, progress=watch, **reading.as_dict()
+        as_recorded = open_all_with(
+            options.calibration,
+            known.calibration,
+            options.recordings,
+            sensor=options.sensor,
+            progress=watch,
+            **options.reading.as_dict(),
         )
-        recording = cast("Joined", compensated(as_recorded, settler.calibration))
-        extrapolated = _disturbances.say_beyond(_disturbances.seen(as_recorded, settler))
+        recording = cast("Joined", compensated(as_recorded, compensator.calibration))
+        extrapolated = say_beyond(_gone_through(as_recorded, compensator))
         strength = _strength(known.calibration, recording)
-        if not known.states_uncertainty:
-            say(f"{calibration} states no uncertainty: it is taken as exact")
+        say_exact(known)
         try:
             with saying_what_was_skipped(as_recorded.recordings):
-                fresh = fit(recording, target_deg=target_deg, dip_deg=dip_deg)
+                fresh = fit(recording, **options.judgement.as_dict())
         except Refused as refused:
-            say(
-                f"under {calibration} the strength is {strength.mean:.3f} of its field, with a spread of "
-                f"{strength.spread:.1%}; the recording does not tell more:"
-            )
-            walk = _walked_anyhow(recording, known, dip_deg) if is_followed else None
-            if walk is None:
-                raise
-            return _refused(refused, walk, target_deg=target_deg, dip_deg=dip_deg, as_json=as_json)
-        renewed = _strength(fresh.calibration, recording)
-    comparison = _compared(known, fresh, recording, target_deg=target_deg)
-    dip = comparison.heading_difference_deg.dip_deg
-    own = made_from(calibration, as_recorded.recordings)
-    walk = _walked(recording, fresh) if is_followed else None
-    if as_json:
-        residual = {"calibration": strength.as_dict(), "fresh": renewed.as_dict()}
-        walked = {} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip))}
-        print_json(
-            {
-                **comparison.as_dict(),
-                "residual": residual,
-                "own_recordings": own,
-                "fresh": fresh.as_dict(),
-                **walked,
-                **extrapolated,
-            }
-        )
-    else:
-        show(of_comparison(comparison, fresh=fresh, strengths=(strength, renewed), own=own))
-        if walk is not None:
-            unit, dip = fresh.calibration.unit, fresh.heading_error_deg.dip_deg
-            click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip))
+            return _refused(refused, known, recording, strength, options)
+        comparison = _compared(known, fresh, recording, target_deg=options.judgement.target_deg)
+        strengths = strength, _strength(fresh.calibration, recording)
+    own = made_from(options.calibration, as_recorded.recordings)
+    walk = _walked(recording, fresh) if options.is_followed else None
+    _print(comparison, fresh, strengths, own, walk, extrapolated, options)
     if comparison.verdict == "contradict":
         return REFUSED
     holds = comparison.verdict == "agree" and comparison.is_telling and fresh.verdict == "good" and not own
     return GOOD if holds else LIMITED
+
+
+def _gone_through(recording: Joined, compensator: Compensator) -> Compensator:
+    """Go through recordings for what lies outside the range that a disturbance was found in."""
+    from flinders.core.compensation import Compensator
+
+    if compensator.calibration.disturbances:
+        for part in recording.recordings:
+            watch = Compensator(compensator.calibration, compensator.beyond)
+            for block in part.blocks():
+                watch(block)
+    return compensator
 
 
 def _compared(known: Fit, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
@@ -151,32 +136,66 @@ def _walked(recording: Joined, fresh: Fit) -> RandomWalk:
     return walk_through(recording, fresh.ellipsoid, plane=fresh.plane, dip_deg=fresh.heading_error_deg.dip_deg)
 
 
-def _walked_anyhow(recording: Joined, known: Fit, dip_deg: float) -> RandomWalk | None:
-    """How it moved where no fit is fit for use: by the calibration itself; None where nothing can be followed."""
+def _print(
+    comparison: Comparison,
+    fresh: Fit,
+    strengths: tuple[Strength, Strength],
+    own: list[str],
+    walk: RandomWalk | None,
+    extrapolated: dict[str, Any],
+    options: Check,
+) -> None:
+    """Print the page, or all of it as JSON."""
+    from flinders.report.comparison_pages import of_comparison
+
+    target_deg = options.judgement.target_deg
+    if not options.as_json:
+        show(of_comparison(comparison, fresh=fresh, strengths=strengths, own=own))
+        if walk is not None:
+            click.echo(_drift_words(walk, fresh, target_deg=target_deg, dip_deg=fresh.heading_error_deg.dip_deg))
+        return
+    dip_deg = abs(comparison.heading_difference_deg.dip_deg)
+    print_json(
+        {
+            **comparison.as_dict(),
+            "residual": {"calibration": strengths[0].as_dict(), "fresh": strengths[1].as_dict()},
+            "own_recordings": own,
+            "fresh": fresh.as_dict(),
+            **({} if walk is None else {"drift": walk.as_dict(level_deg=target_deg, dip_deg=dip_deg)}),
+            **extrapolated,
+        }
+    )
+
+
+def _refused(refused: Refused, known: Fit, recording: Joined, strength: Strength, options: Check) -> int:
+    """Say why the recording cannot be fitted; and, where that was asked for, how the offset moved all the same."""
     from flinders.diagnostics.random_walk import walk_through
 
-    with contextlib.suppress(NeedsSamples, TooFewSamples):
-        return walk_through(recording, known.ellipsoid, dip_deg=dip_deg, is_own=False)
-    return None
-
-
-def _refused(refused: Refused, walk: RandomWalk, *, target_deg: float, dip_deg: float, as_json: bool) -> int:
-    """Say why the recording cannot be fitted, and how far the offset moved under the calibration; `drift` is that."""
+    say(
+        f"under {options.calibration} the strength is {strength.mean:.3f} of its field, with a spread of "
+        f"{strength.spread:.1%}; the recording does not tell more:"
+    )
+    target_deg, dip_deg = options.judgement.target_deg, options.judgement.dip_deg
+    walk = None
+    if options.is_followed:
+        with contextlib.suppress(NeedsSamples, TooFewSamples):
+            walk = walk_through(recording, known.ellipsoid, dip_deg=dip_deg, is_own=False)
+    if walk is None:
+        raise refused
     fields = {"fresh": refused.fit.as_dict(), "drift": walk.as_dict(level_deg=target_deg, dip_deg=abs(dip_deg))}
-    code = print_error(refused, as_json=as_json, more=fields)
-    if not as_json:
-        unit = refused.fit.calibration.unit
-        click.echo(_told(walk, unit, target_deg=target_deg, dip_deg=dip_deg, under=" under the calibration"))
+    code = print_error(refused, as_json=options.as_json, more=fields)
+    if not options.as_json:
+        words = _drift_words(walk, refused.fit, target_deg=target_deg, dip_deg=dip_deg, under=" under the calibration")
+        click.echo(words)
     return code
 
 
-def _told(walk: RandomWalk, unit: str, *, target_deg: float, dip_deg: float, under: str = "") -> str:
+def _drift_words(walk: RandomWalk, fit: Fit, *, target_deg: float, dip_deg: float, under: str = "") -> str:
     """How far the offset moved, in words and, on a terminal or in a file that can, in a line of bars."""
-    from flinders.cli.report import can_show
     from flinders.core.units import label
     from flinders.diagnostics.random_walk import BARS
 
-    words = walk.words(label(unit), level_deg=target_deg, dip_deg=abs(dip_deg))
+    words = walk.words(label(fit.calibration.unit), level_deg=target_deg, dip_deg=abs(dip_deg))
     bars = f"\n{walk.drawn()}  0 to {walk.moved:.2g}" if walk.is_proven and can_show(sys.stdout.encoding, BARS) else ""
     return f"drift{under}: {words}{bars}"
 

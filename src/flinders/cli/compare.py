@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flinders.cli import _disturbances
 from flinders.cli import _options as option
 from flinders.cli._inputs import is_calibration, is_recording, say_exact
-from flinders.cli._output import print_result, say
+from flinders.cli._output import print_result, say, say_difference
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.errors import DocumentError, UsageError
 
@@ -55,7 +54,7 @@ def command(options: Compare) -> int:
     a, b = _load(first, second), _load(second, first)
     comparison = compare(a, b, **options.judgement.as_dict())
     say_exact(a, b)
-    _disturbances.say_difference(a, b)
+    say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:
         say(f"{first} is for sensor {a.calibration.sensor!r}, {second} for {b.calibration.sensor!r}")
     print_result(comparison.as_dict, lambda: of_comparison(comparison), as_json=options.as_json)

@@ -34,7 +34,7 @@ class Drift(option.Group):
         "[default: the column batch, or what stands before the last part of the name].",
     )  # fmt: skip
     limit: int = option.member(
-        "--limit", was=("--most",), type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
+        "--limit", type=click.IntRange(1, 1000), default=100, show_default=True, metavar="N",
         help="Units, and steps, that are listed at most.",
     )  # fmt: skip
     target_deg: float = option.target("Change of heading that is good enough.")

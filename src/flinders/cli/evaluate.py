@@ -5,10 +5,9 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING
 
-from flinders.cli import _disturbances
 from flinders.cli import _options as option
 from flinders.cli._inputs import is_calibration, load
-from flinders.cli._output import print_result, say
+from flinders.cli._output import print_result, say, say_references
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.errors import UnreadableInput, UsageError
 
@@ -53,7 +52,7 @@ def command(options: Evaluate) -> int:
     from flinders.report.comparison_pages import of_evaluation
 
     fit, truth = _load(options.calibration, options.truth)
-    _disturbances.say_references(fit)
+    say_references(fit)
     evaluation = evaluate(fit, truth, dip_deg=options.dip_deg, target_deg=options.target_deg)
     if not fit.states_uncertainty:
         say(f"{options.calibration} states no uncertainty: there is no claim to hold against the truth")
@@ -72,4 +71,4 @@ def _load(calibration: str, truth: str) -> tuple[Fit, Truth]:
         with contextlib.suppress(UnreadableInput):
             read(calibration)
             raise UsageError(f"the calibration comes first: flinders evaluate {truth} {calibration}")
-    return load("evaluate", calibration), read(truth)
+    return load("evaluate", calibration, [truth]), read(truth)

@@ -28,20 +28,19 @@ class ExportCommand(option.Group):
     target: str | None = option.member(
         "--to", metavar="TARGET", help="What to write it for, one of those of `flinders targets`."
     )
-    listed: bool = option.member("--list", is_flag=True, help="List the targets, as `flinders targets` does.")
+    listed: bool = option.flag("--list", "List the targets, as `flinders targets` does.")
     compass: int | None = option.member(
         "--compass", type=click.IntRange(0, 3), metavar="N",
         help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
     )  # fmt: skip
-    lossy: bool = option.member(
-        "--lossy", is_flag=True,
-        help="Write it also where what the target cannot hold costs more than 1° of heading.",
-    )  # fmt: skip
+    lossy: bool = option.flag(
+        "--lossy", "Write it also where what the target cannot hold costs more than 1° of heading."
+    )
     name: str | None = option.member(
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",
     )  # fmt: skip
-    output: str | None = option.output("Where to write [default: standard output].")
+    output: str | None = option.output("the text", "Where to write [default: standard output].")
     force: bool = option.force()
     as_json: bool = option.as_json()
 
@@ -119,13 +118,6 @@ def _taking(name: str, options: ExportCommand) -> Target:
 def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Split the values of ``calibrate --export``: targets, and their files, which have the target's name by default.
 
-    Raises
-    ------
-    UsageError
-        For a target that there is not.
-
-    Examples
-    --------
     >>> named(["ardupilot", "c:mag.h"]), named([])
     ((('ardupilot', 'ardupilot.param'), ('c', 'mag.h')), ())
     """
@@ -144,14 +136,7 @@ def write_exports(
     files: Sequence[SourceFile],
     calibration: str | None,
 ) -> None:
-    """Write a fit for targets, after its `calibration` file; `files` are what it was made from.
-
-    Raises
-    ------
-    FlindersError
-        Where a target cannot hold it, nobody knows for which compass it is, or it cannot be written; the gravest, once
-        all were tried. What has become of the calibration, which is written by then, is said before.
-    """
+    """Write a fit for targets, after its `calibration` file; `files` are what it was made from."""
     fit = replace(fit, name=", ".join(file.name for file in files), provenance=provenance(files=files))
     failed: list[FlindersError] = []
     for target, path in exports:

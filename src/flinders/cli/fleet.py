@@ -5,19 +5,21 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from flinders.cli import _options as option
 from flinders.cli._output import print_result, say
 from flinders.cli._program import GOOD, LIMITED
-from flinders.errors import UsageError, counted
+from flinders.errors import UsageError, counted, figures, percent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.fleet.progress import ProgressCallback
+    from rich.console import RenderableType
+
+    from flinders.fleet.job import ProgressCallback, RunSummary
 
 
 class FleetReading(option.Group):
@@ -117,8 +119,7 @@ def command(options: Fleet) -> int:
     says why.
     """
     from flinders.fleet.dataset import Options
-    from flinders.fleet.job import run
-    from flinders.fleet.progress import log_to, page
+    from flinders.fleet.job import log_to, run
 
     options.check()
     with log_to(options.log_file), _progress() as watch:
@@ -173,3 +174,71 @@ def _progress() -> Iterator[ProgressCallback | None]:
             shown.update(task, completed=done, total=total, state=f"{counted(rows, 'recording')}{of_units}{rate}")
 
         yield update
+
+
+# ----------------------------------------------------------------------------------------------------------------- page
+
+COLOURS: Final = {"good": "green", "limited": "yellow", "refused": "red", "failed": "red"}
+SUFFIXES: Final = {"none": "without an ending"}
+"""Words for kinds of files that are not their suffix."""
+SHOWN: Final = 8
+"""Codes and findings that the page lists; the table has them all."""
+
+
+def page(summary: RunSummary) -> RenderableType:
+    """Lay out a run: what was read, verdicts, why rows have no calibration, and findings."""
+    from rich.console import Group
+
+    content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
+    verdicts = _table("verdict", "recordings", "share")
+    for verdict, count in summary.verdicts.items():
+        verdicts.add_row(verdict, f"{count:,}", percent(count, summary.rows), style=COLOURS[verdict])
+    parts = [f"{counted(summary.files, 'file')}: {', '.join(content)}", "", verdicts]
+    for title, counts in (("no calibration because", summary.codes), ("findings", summary.findings)):
+        if counts:
+            parts += ["", _most_frequent(title, counts)]
+    return Group("", *parts, "", *_remarks(summary))
+
+
+def _table(first: str, *numbers: str) -> Any:  # noqa: ANN401 - rich is imported late
+    """Empty table with a column of texts and columns of numbers."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="")
+    table.add_column(first)
+    for name in numbers:
+        table.add_column(name, justify="right")
+    return table
+
+
+def _most_frequent(title: str, counts: dict[str, int]) -> RenderableType:
+    """Table of the most frequent codes."""
+    table = _table(title, "recordings")
+    for code, count in list(counts.items())[:SHOWN]:
+        table.add_row(code, f"{count:,}")
+    if len(counts) > SHOWN:
+        table.add_row(f"and {len(counts) - SHOWN} more", "")
+    return table  # type: ignore[no-any-return]
+
+
+def _remarks(summary: RunSummary) -> list[str]:
+    """Further lines of the page."""
+    lines = []
+    if summary.worst_deg:
+        middle, most, largest = (figures(summary.worst_deg[name]) for name in ("median", "p95", "largest"))
+        lines.append(f"worst heading error: median {middle}°, 95% below {most}°, largest {largest}° (1 σ)")
+    if summary.failed_readings:
+        lines.append(f"readings of recordings that failed: {summary.failed_readings:,} of {summary.readings:,}")
+    if len(summary.units_of_field) > 1:
+        units = ", ".join(f"{count:,} in {unit}" for unit, count in summary.units_of_field.items())
+        lines.append(f"units of field differ: {units}; offsets are in the unit of their row")
+    if summary.left_out:
+        kinds = ", ".join(f"{count:,} {SUFFIXES.get(kind, kind)}" for kind, count in summary.left_out.items())
+        lines.append(f"left out files that are no recordings: {kinds}")
+    if summary.resumed:
+        lines.append(f"{summary.resumed:,} of {counted(summary.partitions, 'partition')} were done before")
+    if summary.workers_lost or summary.retried:
+        again = f"{counted(summary.retried, 'partition')} {'was' if summary.retried == 1 else 'were'} done again"
+        lines.append(f"{counted(summary.workers_lost, 'worker')} died or left; {again}")
+    return lines

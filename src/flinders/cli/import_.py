@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._disturbances import cost_words
 from flinders.cli._inputs import provenance
-from flinders.cli._output import Outputs, print_json, say
+from flinders.cli._output import cost_words, print_json, say
 from flinders.cli.targets import NamingTargets
 from flinders.core.units import label
 from flinders.errors import ArrayError, DocumentError, UsageError, figures
@@ -35,7 +34,7 @@ class Import(option.Group):
         "Strength of the field at the site, where the file does not hold it: in µT, in counts for files in counts.",
         heading="",
     )
-    output: str | None = option.output("Calibration file to write [default: standard output].")
+    output: str = option.output("the calibration", "Calibration file to write [default: standard output].", default="-")
     force: bool = option.force()
     as_json: bool = option.as_json()
 
@@ -62,11 +61,10 @@ def command(options: Import) -> None:
     from flinders.core.files import read_bytes
     from flinders.targets import read_back
 
-    path, file = options.output or "-", options.file
-    outputs = Outputs.of(("the calibration", path), force=options.force, as_json=options.as_json)
+    file = options.file
     if file == "-":
         raise UsageError("the file to import must have a name: flinders import compass.param -o calibration.json")
-    outputs.check([file])
+    outputs = options.checked_outputs()
     content = read_bytes(file, largest=LARGEST, what="file of parameters", refused=DocumentError)
     _refuse_own(content, file)
     try:
@@ -75,7 +73,9 @@ def command(options: Import) -> None:
         )
     except ArrayError as error:
         raise DocumentError(f"{file}: {error}") from None
-    outputs.write(dumps(calibration.to_document(provenance=_provenance(content, file, name, options.compass))), path)
+    outputs.write(
+        dumps(calibration.to_document(provenance=_provenance(content, file, name, options.compass))), options.output
+    )
     if options.as_json:
         print_json({"target": name, "calibration": calibration.as_dict()})
     for line in _words(file, name, calibration):

@@ -43,10 +43,8 @@ class LiveSource(option.Group):
         help="A serial port: /dev/ttyACM0, COM3; without a name the one that is plugged in.",
     )  # fmt: skip
     baud: int = option.baud()
-    udp: int | None = option.member(
-        "--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port."
-    )
-    tcp: str | None = option.member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+    udp: int | None = option.udp()
+    tcp: str | None = option.tcp()
     mavlink: str | None = option.member(
         "--mavlink", metavar="LINK", help="A vehicle: udp:HOST:PORT, tcp:HOST:PORT or a serial port."
     )
@@ -59,9 +57,7 @@ class LiveSource(option.Group):
     speed: float | None = option.member(
         "--speed", type=option.positive, metavar="X", help="So many times as fast [default: 1]."
     )
-    simulate: bool = option.member(
-        "--simulate", is_flag=True, help="A simulated sensor; also where nothing is plugged in."
-    )
+    simulate: bool = option.flag("--simulate", "A simulated sensor; also where nothing is plugged in.")
     lines: LineOptions = option.group(LineOptions)
 
     def check(self) -> None:
@@ -140,7 +136,9 @@ class Live(option.Group):
     previous: str | None = option.member(
         "--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with."
     )
-    output: str | None = option.output("Where to record [default: a new file in the folder flinders-sessions].")
+    output: str | None = option.output(
+        "the recording", "Where to record [default: a new file in the folder flinders-sessions]."
+    )
     resume: str | None = option.member(
         "--resume", metavar="SESSION", help="Go on with a recording of this command, however it was ended."
     )

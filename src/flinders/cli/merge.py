@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import calibration_or_hint, provenance
-from flinders.cli._output import Outputs
+from flinders.cli._inputs import load, provenance
 from flinders.cli._program import EXITS
 from flinders.errors import UsageError
 
@@ -14,7 +13,7 @@ class Merge(option.Group):
 
     calibrations: tuple[str, ...] = option.argument("CALIBRATION...", nargs=-1)
     output: str | None = option.output(
-        "Calibration file to write, or - for standard output; without it nothing is written."
+        "the calibration", "Calibration file to write, or - for standard output; without it nothing is written."
     )
     target_deg: float = option.target()
     dip_deg: float | None = option.dip("Inclination of the field at the site [default: the steepest of the files].")
@@ -49,11 +48,10 @@ def command(options: Merge) -> int:
     from flinders.core.calibration_file import dumps
     from flinders.report.fit_pages import of_fit
 
-    outputs = Outputs.of(("the calibration", options.output), force=options.force, as_json=options.as_json)
-    outputs.check(options.calibrations)
+    outputs = options.checked_outputs()
     if "-" in options.calibrations:
         raise UsageError("calibrations are told from each other by their names: give files, not -")
-    parts = [calibration_or_hint(path) for path in options.calibrations]
+    parts = [load("merge", path) for path in options.calibrations]
     merged = merge(parts, target_deg=options.target_deg, dip_deg=options.dip_deg)
     outputs.write(dumps(merged.to_document(provenance(files=source_files(parts)))), options.output)
     outputs.print(merged.as_dict, lambda: of_fit(merged))

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import TYPE_CHECKING, Any, Final, cast, get_args, get_type_hints
 
 from flinders.cli import _options as option
@@ -71,13 +70,7 @@ def listed(method: type[Estimator]) -> dict[str, tuple[str, ...]]:
 
 
 def parsed(words: Iterable[str], method: type[Estimator]) -> dict[str, Any]:
-    """Read ``NAME=VALUE`` as options of a method.
-
-    Raises
-    ------
-    UsageError
-        For an option that the method has not, one given twice, or a value of another kind.
-    """
+    """Read ``NAME=VALUE`` as options of a method."""
     defaults = {field.name: field.default for field in _fields(method)}
     options: dict[str, Any] = {}
     for word in words:
@@ -106,13 +99,7 @@ def _values(default: object, choices: tuple[object, ...]) -> tuple[str, ...]:
 
 
 def _value(word: str, text: str, default: object) -> object:
-    """Read a value of the kind that the default is of.
-
-    Raises
-    ------
-    UsageError
-        For one of another kind.
-    """
+    """Read a value of the kind that the default is of."""
     if isinstance(default, str):
         return text
     if isinstance(default, bool):
@@ -121,10 +108,7 @@ def _value(word: str, text: str, default: object) -> object:
         return TRUTH[text.casefold()]
     if text.casefold() == "none":
         return None
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
+    numbers = option.numbers_of(text)
+    if len(numbers) != 1:
         raise UsageError(f"--option {word}: need a number, or none")
-    return number
+    return numbers[0]

@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import click
 
-from flinders.cli import _options
-from flinders.cli._options import old_option as option
-from flinders.cli._output import Outputs, print_json, say
-from flinders.cli.report import of_a_pair, pictured
-from flinders.errors import NotExportable, UsageError
+from flinders.cli import _options as option
+from flinders.cli._output import print_json
+from flinders.cli.report import Pair
+from flinders.errors import UsageError
 
-WHAT: Final = ("all", "projections", "deviation", "residuals", "coverage")
 KINDS: Final = (".svg", ".png", ".pdf")
 
 
-@_options.old_command(
+class Plot(option.Group):
+    """A calibration and recordings, and what is drawn of them."""
+
+    pair: Pair = option.group(Pair)
+    output: str = option.output("the figure", "Figure to write: .svg, .png or .pdf.", required=True)
+    what: str = option.member(
+        "--what", type=click.Choice(("all", "projections", "deviation", "residuals", "coverage")), default="all",
+        show_default=True, help="What is drawn.",
+    )  # fmt: skip
+    force: bool = option.force()
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
     "plot",
+    Plot,
     common=("output", "what", "columns", "sensor"),
     short_help="Draw a calibration and a recording.",
     epilog="""\b
@@ -27,43 +39,25 @@ Example:
   flinders plot calibration.json tumble.csv --what projections -o scatter.png
 """,
 )
-@click.argument("calibration", metavar="CALIBRATION")
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...")
-@option("-o", "--output", required=True, metavar="FILE", help="Figure to write: .svg, .png or .pdf.")
-@option("--what", type=click.Choice(WHAT), default="all", show_default=True, help="What is drawn.")
-@of_a_pair
-def command(
-    calibration: str,
-    recordings: tuple[str, ...],
-    output: str,
-    what: str,
-    target_deg: float | None,
-    dip_deg: float | None,
-    force: bool,
-    as_json: bool,
-    **reading: Any,
-) -> None:
+def command(options: Plot) -> None:
     """Draw what CALIBRATION does to RECORDING: scatter plots before and after, deviation, residuals, coverage.
 
     Needs matplotlib: pip install 'flinders[plot]'. RECORDING is a file, or - for standard input.
     """
-    from flinders.core.files import write_bytes
+    from flinders.fitting.export import refuse_unfit
     from flinders.report.figure_data import FigureData
     from flinders.report.matplotlib import figure_bytes, figure_of, matplotlib_of
 
+    output, pair = options.output, options.pair
     kind = Path(output).suffix.lower()
     if kind not in KINDS:
         raise UsageError(f"-o {output}: need a name that ends in {', '.join(KINDS)}")
-    Outputs.of(("the figure", output), force=force).check((calibration, *recordings))
+    outputs = options.checked_outputs()
     matplotlib_of()
-    _, recording, fit, notes = pictured("plot", calibration, recordings, target_deg, dip_deg, reading)
-    if fit.verdict == "refused":
-        raise NotExportable(
-            f"{calibration} was refused as not fit for use: record anew and calibrate again",
-            beyond=(),
-            verdict="refused",
-        )
-    write_bytes(figure_bytes(figure_of(FigureData.of(fit, recording), fit, what), kind[1:]), output, force=force)
-    say(f"written to {output}")
-    if as_json:
-        print_json({"figure": output, "what": what, "verdict": fit.verdict, "notes": notes})
+    _, recording, fit, notes = pair.drawn("plot")
+    refuse_unfit(fit)
+    figure = figure_of(FigureData.of(fit, recording), fit, options.what)
+    outputs.write(figure_bytes(figure, kind[1:]), output)
+    outputs.say_written()
+    if options.as_json:
+        print_json({"figure": output, "what": options.what, "verdict": fit.verdict, "notes": notes})

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import sys
 from typing import TYPE_CHECKING
 
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._output import Outputs, print_json, say
+from flinders.cli._output import Outputs, print_json, say, working
 from flinders.cli._program import stopping
 from flinders.errors import UsageError, counted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from flinders.live.transcript import RecordingStatistics
 
@@ -24,17 +23,15 @@ class Wire(option.Group):
 
     port: str | None = option.member("--serial", metavar="PORT", help="A serial port: /dev/ttyACM0, COM3.")
     baud: int = option.baud()
-    udp: int | None = option.member(
-        "--udp", type=click.IntRange(1, 65535), metavar="PORT", help="Listen for datagrams on this port."
-    )
-    tcp: str | None = option.member("--tcp", metavar="HOST:PORT", help="Connect to a program that sends lines.")
+    udp: int | None = option.udp()
+    tcp: str | None = option.tcp()
 
 
 class Record(option.Group):
     """A sensor, and the file that it is recorded into."""
 
     wire: Wire = option.group(Wire)
-    output: str | None = option.output("Where to write; - for standard output.", heading=option.OUTPUT)
+    output: str | None = option.output("the recording", "Where to write; - for standard output.", heading=option.OUTPUT)
     seconds: float | None = option.member(
         "--seconds", type=option.positive, metavar="S", help="Stop after so long [default: at Ctrl-C]."
     )
@@ -43,19 +40,13 @@ class Record(option.Group):
     )
     pattern: str | None = option.same_as(option.ColumnsOptions, "pattern")
     force: bool = option.force()
-    resume: bool = option.member(
-        "--resume", heading=option.OUTPUT, is_flag=True,
-        help="Go on with the recording in the output file, which a crash has ended.",
-    )  # fmt: skip
+    resume: bool = option.flag(
+        "--resume", "Go on with the recording in the output file, which a crash has ended.", heading=option.OUTPUT
+    )
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that one sender and a file are named.
-
-        Raises
-        ------
-        UsageError
-        """
+        """See that one sender and a file are named."""
         senders = sum(one is not None for one in (self.wire.port, self.wire.udp, self.wire.tcp))
         if senders > 1:
             raise UsageError("--serial, --udp and --tcp name several sensors: record each with a command of its own")
@@ -115,7 +106,7 @@ def command(options: Record) -> None:
             else stack.enter_context(ToFile(path, force=options.force, resume=is_resumed))
         )
         stopped = stack.enter_context(stopping(patient=False))
-        watch = stack.enter_context(_status())
+        status = stack.enter_context(working())
         say(f"recording {source.name}{'' if options.seconds or options.readings else '; Ctrl-C ends it'}")
         statistics = Recorder(
             source,
@@ -126,7 +117,7 @@ def command(options: Record) -> None:
             resumed=resumed,
             stopped=stopped,
             say=say,
-            watch=watch,
+            watch=None if status is None else lambda statistics: status(statistics.brief),
         ).run()
     say(str(statistics))
     for line in _remarks(statistics, path):
@@ -151,15 +142,3 @@ def _remarks(record: RecordingStatistics, output: str) -> Iterator[str]:
     else:
         unit = "" if record.unit == "µT" else " --unit UNIT, the sensor's: uT, mG, G …"
         yield f"next: flinders calibrate {output}{unit}"
-
-
-@contextlib.contextmanager
-def _status() -> Iterator[Callable[[RecordingStatistics], None] | None]:
-    """Show how it goes, where somebody watches; what is said meanwhile stands above it."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status("", refresh_per_second=4) as status:
-        yield lambda record: status.update(record.brief)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from flinders.live.mavlink import Vehicle
     from flinders.live.mavlink_parameters import ParameterPlan
     from flinders.live.transports import ByteSource
+    from flinders.targets.motioncal import MotionCalPacket
 
 
 class Send(option.Group):
@@ -47,18 +48,11 @@ class Send(option.Group):
         "--backup", metavar="FILE",
         help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
     )  # fmt: skip
-    dry_run: bool = option.member(
-        "--dry-run", is_flag=True, help="Show what would be sent or changed, and change nothing."
-    )
+    dry_run: bool = option.flag("--dry-run", "Show what would be sent or changed, and change nothing.")
     as_json: bool = option.as_json()
 
     def check(self) -> None:
-        """See that exactly one receiver is named, and that what is said goes with it.
-
-        Raises
-        ------
-        UsageError
-        """
+        """See that exactly one receiver is named, and that what is said goes with it."""
         if self.port is not None and self.mavlink is not None:
             raise UsageError("--port and --mavlink name two receivers: send to each with a command of its own")
         if self.port is None and self.mavlink is None:
@@ -132,26 +126,33 @@ def _to_board(fit: Fit, port: str, options: Send) -> None:
         "the packet also sets the offsets of accelerometer and gyroscope, to 0, as MotionCal does",
     ):
         say(f"! {warning}")
-    fields = {"port": port, **packet.as_dict()}
-    content = packet.encode()
-    if options.dry_run and options.as_json:
-        print_json({**fields, "sent": False})
-    elif options.dry_run:
-        rows = [content[start : start + 16].hex(" ") for start in range(0, len(content), 16)]
-        click.echo("\n".join([f"would send to {port} at {options.baud} baud:", *rows]))
-        click.echo("and wait for:\n" + "\n".join(motioncal.echo_lines(packet)))
     if options.dry_run:
+        _show_packet(packet, port, options)
         return
     with contextlib.closing(Serial(port, options.baud)) as source:
         try:
-            say(f"{port}: sending {len(content)} bytes")
+            say(f"{port}: sending {len(packet.encode())} bytes")
             confirmed = motioncal.send(source, packet)
         except KeyboardInterrupt:
             say(f"! stopped: {motioncal.EITHER}; send again, or see what it prints with flinders record")
             raise
     say(f"{port}: {confirmed}")
     if options.as_json:
-        print_json({**fields, "sent": True, "tries": confirmed.tries, "echo_decimals": confirmed.places})
+        sent = {"sent": True, "tries": confirmed.tries, "echo_decimals": confirmed.places}
+        print_json({"port": port, **packet.as_dict(), **sent})
+
+
+def _show_packet(packet: MotionCalPacket, port: str, options: Send) -> None:
+    """Print what would be sent, and what is waited for."""
+    from flinders.live import motioncal
+
+    if options.as_json:
+        print_json({"port": port, **packet.as_dict(), "sent": False})
+        return
+    content = packet.encode()
+    rows = [content[start : start + 16].hex(" ") for start in range(0, len(content), 16)]
+    click.echo("\n".join([f"would send to {port} at {options.baud} baud:", *rows]))
+    click.echo("and wait for:\n" + "\n".join(motioncal.echo_lines(packet)))
 
 
 # vehicles
@@ -209,12 +210,7 @@ def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
 
 
 def _refuse_backup(path: str) -> None:
-    """See that the values from before have a place of their own, which lasts.
-
-    Raises
-    ------
-    UsageError, OutputError
-    """
+    """See that the values from before have a place of their own, which lasts."""
     from flinders.core.files import refuse_existing
 
     if path in ("", "-"):
@@ -228,12 +224,7 @@ def _refuse_backup(path: str) -> None:
 
 
 def _carry_out(plan: ParameterPlan, path: str) -> None:
-    """Change the vehicle; where that fails, say where the old values are.
-
-    Raises
-    ------
-    NotConfirmed
-    """
+    """Change the vehicle; where that fails, say where the old values are."""
     with stopping(patient=True) as stopped:
         try:
             plan.carry_out(stopped=stopped, say=say)

@@ -37,19 +37,11 @@ _erfc: Final = np.frompyfunc(math.erfc, 1, 1)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EllipsoidPairs:
-    """Many ellipsoids in the magnetometer's own axes, and their covariances.
+    """Many ellipsoids in the magnetometer's own axes, and their covariances."""
 
-    Attributes
-    ----------
-    centre : (n, 3) float
-    shape : (n, 3, 3) float
-        Symmetric S, by which a unit direction becomes a reading.
-    covariance : (n, 9, 9) float
-        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in the square of the unit of the centre; 0 for an exact one.
-    """
-
-    centre: Floats
-    shape: Floats
+    centre: Floats  # (n, 3)
+    shape: Floats  # (n, 3, 3) symmetric S, by which a unit direction becomes a reading
+    # (n, 9, 9) of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in the square of the unit of the centre; 0 for an exact one
     covariance: Floats
 
     @classmethod
@@ -80,25 +72,13 @@ class EllipsoidPairs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Pairs of ellipsoids that were brought to one size.
+    """Pairs of ellipsoids that were brought to one size."""
 
-    Attributes
-    ----------
-    moved : (n, 3) float
-        Centre of the second less that of the first.
-    first, second : (n, 3, 3) float
-        Shapes.
-    covariance : (n, 9, 9) float
-        Sum of both.
-    scale : (n,) float
-        Size of the second over that of the first, less one.
-    """
-
-    moved: Floats
-    first: Floats
+    moved: Floats  # (n, 3) centre of the second less that of the first
+    first: Floats  # (n, 3, 3) shapes
     second: Floats
-    covariance: Floats
-    scale: Floats
+    covariance: Floats  # (n, 9, 9) sum of both
+    scale: Floats  # (n,) size of the second over that of the first, less one
 
     @classmethod
     def of(cls, first: EllipsoidPairs, second: EllipsoidPairs, strengths: tuple[Floats, Floats] | None = None) -> Self:
@@ -181,39 +161,20 @@ class Differences:
     """Difference of the second ellipsoid of each pair from the first, and 1 σ of it if both covariances are right.
 
     Headings are those of a level vehicle over a whole turn, the mean taken off; all attributes are (n,) float.
-
-    Attributes
-    ----------
-    rms_deg, worst_deg : degrees
-        Difference in heading, rms over the turn and the worst.
-    sigma_rms_deg, sigma_deg : degrees
-        1 σ of the difference: rms over the turn, and at the worst heading.
-    mean_deg : degrees
-        The mean that was taken off: it looks like a mounting that has turned.
-    offset_deg, offset_sigma_deg : degrees
-        At the worst heading, of the difference of the offset alone.
-    matrix_deg, matrix_sigma_deg : degrees
-        At the worst heading, of the difference of the matrix alone.
-    moved : in the unit of the offset
-        Distance of the offsets.
-    scale : float
-        Radius of the second over that of the first, less one: the sensor's scale or the place's field.
-    chi_square, freedom : float
-        Of the difference in offset and shape, the scale left out, against the sum of the covariances.
     """
 
-    rms_deg: Floats
+    rms_deg: Floats  # difference in heading, rms over the turn and the worst
     worst_deg: Floats
-    sigma_rms_deg: Floats
+    sigma_rms_deg: Floats  # 1 σ of the difference: rms over the turn, and at the worst heading
     sigma_deg: Floats
-    mean_deg: Floats
-    offset_deg: Floats
+    mean_deg: Floats  # the mean that was taken off: it looks like a mounting that has turned
+    offset_deg: Floats  # at the worst heading, of the difference of the offset alone
     offset_sigma_deg: Floats
-    matrix_deg: Floats
+    matrix_deg: Floats  # at the worst heading, of the difference of the matrix alone
     matrix_sigma_deg: Floats
-    moved: Floats
-    scale: Floats
-    chi_square: Floats
+    moved: Floats  # distance of the offsets
+    scale: Floats  # radius of the second over that of the first, less one: the sensor's scale or the place's field
+    chi_square: Floats  # of the difference in offset and shape, the scale left out, against the sum of the covariances
     freedom: Floats
 
     @property
@@ -240,19 +201,10 @@ SIGMAS: Final = ("sigma_rms_deg", "sigma_deg", "offset_sigma_deg", "matrix_sigma
 
 
 def differences(first: EllipsoidPairs, second: EllipsoidPairs, *, dip_deg: float | Floats = 60.0) -> Differences:
-    """Compare pairs of ellipsoids, as `flinders.compare` does if no field strength is known.
+    """Compare n pairs of ellipsoids in one unit and axes, as `flinders.compare` does without a field strength.
 
-    Parameters
-    ----------
-    first, second : EllipsoidPairs
-        n of each, in the same unit and axes.
-    dip_deg : float or (n,) float
-        Inclination of the field at the site, of all or of each; its sign says which way up the sensor sits.
-
-    Raises
-    ------
-    UsageError
-        For a dip within a degree of the poles.
+    `dip_deg` is the inclination of the field, of all or (n,) of each; its sign says which way up the sensor sits.
+    Raises UsageError for a dip within a degree of the poles.
     """
     chunks = list(_chunks(len(first), dip_deg))
     parts = (_differences(Pairs.of(first[rows], second[rows]), dip) for rows, dip in chunks)

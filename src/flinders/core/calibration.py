@@ -452,7 +452,7 @@ class Calibration:
         """Make the content of a calibration file, with how it was found where that is known."""
         rows, offset = map(tuple, self.matrix.tolist()), self.offset.tolist()
         content: dict[str, Any] = {**self.as_dict(), "matrix": tuple(rows), "offset": tuple(offset)}
-        if content.pop("drivers", None):  # their name in files, which the struct translates
+        if content.pop("drivers", None):  # which the struct translates
             content["disturbances"] = {disturbance.kind.key: _record(disturbance) for disturbance in self.disturbances}
         unit: Any = self.raw.name  # whatever the schema does not allow is refused when the document is written
         raw = Recorded(unit=unit, scale=self.raw.scale, axes=str(self.axes), sensor=self.sensor, frame=self.frame)
@@ -464,6 +464,7 @@ class Calibration:
         >>> Calibration.identity(field_strength=48).as_dict()["offset"]
         [0.0, 0.0, 0.0]
         """
+        follows = {one.kind.key: to_builtins(_record(one)) for one in self.disturbances}
         return {
             "offset": self.offset.tolist(),
             "matrix": self.matrix.tolist(),
@@ -471,15 +472,7 @@ class Calibration:
             "field_strength_known": self.field_strength_known,
             "unit": self.unit,
             "rotation": self.rotation,
-            **self._drivers_as_dict(),
-        }
-
-    def _drivers_as_dict(self) -> dict[str, object]:
-        """The disturbances by their names in files; no key where there are none."""
-        if not self.disturbances:
-            return {}
-        return {
-            "drivers": {disturbance.kind.key: to_builtins(_record(disturbance)) for disturbance in self.disturbances}
+            **({"drivers": follows} if follows else {}),  # their name in files
         }
 
     def __repr__(self) -> str:

@@ -40,7 +40,7 @@ import numbers
 import os
 import re
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeAlias, TypeGuard, TypeVar
 
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType, field
@@ -52,6 +52,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.errors import FlindersError
+
+AnyStruct = TypeVar("AnyStruct", bound=Struct)
 
 VERSION: Final = 1
 """The newest schema that this release reads, and the one it writes."""
@@ -217,11 +220,7 @@ def read(path: str | os.PathLike[str]) -> Document:
 
 def loads(text: str | bytes, *, source: str = "calibration") -> Document:
     """Understand the text of a calibration file; `source` names it in the `DocumentError` for what is wrong."""
-    content = _parse(text.encode() if isinstance(text, str) else text, source)
-    if not (isinstance(content, dict) and content.get("flinders") == "calibration"):
-        raise DocumentError(f'{source}: is JSON, but not a calibration file: lacks "flinders": "calibration"')
-    _refuse_other_schemas(content, source)
-    return _checked(content, source)
+    return understood(text, Document, source, what="a calibration file", refused=DocumentError)
 
 
 def write(document: Document, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -240,7 +239,7 @@ def dumps(document: Document) -> str:
         raise DocumentError(f"calibration: {error}") from None
     for place in gaps(content):
         raise DocumentError(f"calibration: {place} is not finite: a calibration file holds finite numbers only")
-    return lay_out(msgspec.to_builtins(_checked(content, "calibration"))) + "\n"
+    return lay_out(msgspec.to_builtins(_checked(content, Document, "calibration", DocumentError))) + "\n"
 
 
 def schema() -> dict[str, Any]:
@@ -282,39 +281,49 @@ def lay_out(value: object, indent: str = "") -> str:
     return _text(value)
 
 
-def _parse(text: bytes, source: str) -> object:
+def understood(
+    text: str | bytes, kind: type[AnyStruct], source: str, *, what: str, refused: type[FlindersError]
+) -> AnyStruct:
+    """Read a tagged struct of a schema that this release knows, else raise `refused`; `what` has an article."""
+    content = _parse(text.encode() if isinstance(text, str) else text, source, what, refused)
+    tag = kind.__struct_config__.tag
+    if not (isinstance(content, dict) and content.get("flinders") == tag):
+        raise refused(f'{source}: is JSON, but not {what}: lacks "flinders": "{tag}"')
+    _refuse_other_schemas(content, source, refused)
+    return _checked(content, kind, source, refused)
+
+
+def _parse(text: bytes, source: str, what: str, refused: type[FlindersError]) -> object:
     """Read any JSON; a byte order mark, which some editors add, is left out."""
     text = text.removeprefix(b"\xef\xbb\xbf")
     if not text.strip():
-        raise DocumentError(f"{source}: is empty: need a calibration file")
+        raise refused(f"{source}: is empty: need {what}")
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         reason = in_words(error)
-        hint = "the file was cut short" if "truncated" in reason else "need a calibration file"
-        raise DocumentError(f"{source}: cannot be read as JSON ({reason}): {hint}") from None
+        hint = "the file was cut short" if "truncated" in reason else f"need {what}"
+        raise refused(f"{source}: cannot be read as JSON ({reason}): {hint}") from None
 
 
-def _refuse_other_schemas(content: dict[str, Any], source: str) -> None:
-    """Raise `DocumentError` unless the schema is one that this release reads."""
+def _refuse_other_schemas(content: dict[str, Any], source: str, refused: type[FlindersError]) -> None:
+    """Refuse a schema that this release does not read."""
     version = content.get("schema")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        raise DocumentError(f"{source}: schema is {_text(version)}, need a version from 1 to {VERSION}")
+        raise refused(f"{source}: schema is {_text(version)}, need a version from 1 to {VERSION}")
     if version > VERSION:
         provenance = content.get("provenance")
         writer = provenance.get("flinders") if isinstance(provenance, dict) else None
         needed = f"Flinders {writer} or newer" if isinstance(writer, str) else f"a Flinders that knows schema {version}"
-        raise DocumentError(
-            f"{source}: written in schema {version}, this Flinders reads up to {VERSION}: install {needed}"
-        )
+        raise refused(f"{source}: written in schema {version}, this Flinders reads up to {VERSION}: install {needed}")
 
 
-def _checked(content: object, source: str) -> Document:
-    """Turn plain values into a document, or say what the schema does not allow."""
+def _checked(content: object, kind: type[AnyStruct], source: str, refused: type[FlindersError]) -> AnyStruct:
+    """Turn plain values into a struct, or say what the schema does not allow."""
     try:
-        return msgspec.convert(content, Document)
+        return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        raise DocumentError(f"{source}: {in_words(error)}") from None
+        raise refused(f"{source}: {in_words(error)}") from None
 
 
 def in_words(error: Exception) -> str:

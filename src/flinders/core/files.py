@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 import stat
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final
@@ -108,7 +107,7 @@ def replacing(
     with _refusals(path):
         target = _target(path)
         permissions = _permissions(target, force=force)
-        temporary = target.with_name(f".flinders-{secrets.token_hex(8)}.tmp")
+        temporary = target.with_name(f".flinders-{os.urandom(8).hex()}.tmp")
         try:
             with temporary.open("x", encoding=encoding, newline=newline) as file:
                 yield file

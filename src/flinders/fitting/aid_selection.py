@@ -1,27 +1,27 @@
-"""Which aids a recording has, whether they can be trusted, and what each of them changes.
+"""Which aiding sensors a fit can use: those whose units and axes are right, and that make the calibration better.
 
-`aided_by` tries what was asked for on the recording first: the unit of the gyro, the axes of gyro and accelerometer,
-where an attitude's yaw comes from. An aid that does not speak of this sensor is left out and named. With ``auto`` an
-aid has to earn its place as well, over blocks of the recording that are left out in turn. The ellipsoid that is found
-with it must fit the readings there as well as the one without, and claim less heading error. An accelerometer that does
-not may still find how the magnetometer is turned against it: where the field's angle to the vertical spreads less for
-that, the rotation is kept, and the ellipsoid stays what the magnetometer says.
+`aided_by` looks at the recording first: the unit of the gyro, the axes of gyro and accelerometer, where an attitude's
+yaw comes from. A sensor that does not speak of this magnetometer is left out and named. With ``auto`` a sensor has to
+earn its place as well, over blocks of the recording that are left out in turn: the ellipsoid with it must fit the
+readings there as well as the one without, and claim less heading error. An accelerometer that does not may still find
+how the magnetometer is turned against it: where the field's angle to the vertical spreads less for that, the rotation
+is taken over, and the ellipsoid stays what the magnetometer says.
 
 An aircraft in coordinated turns feels no sideways pull, and its accelerometer's vertical leans with it: the gyro is
-kept, the accelerometer is not.
+used, the accelerometer is not.
 
 >>> from flinders import simulate
 >>> drive = simulate.tumble(seed=1, motion="flight", n=1500)
 >>> aided, aiding = aided_by(drive.samples, "auto")
->>> [(aid.name, aid.kept) for aid in aiding.each], aided.aiding
+>>> [(sensor.name, sensor.kept) for sensor in aiding.each], aided.aiding
 ([('rate', True), ('dip', False)], ('rate',))
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -49,12 +49,12 @@ from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
-from flinders.likelihood.dip import ACCELERATION_SIGMA, GRAVITY
+from flinders.likelihood.dip import ACCELERATION_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.parameters import TERMS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
@@ -63,10 +63,10 @@ if TYPE_CHECKING:
     from flinders.likelihood.site_field import Site
 
 NO_WORSE: Final = 1.02
-"""Times larger residuals of what was left out that an aid may make."""
+"""Times larger residuals of what was left out that a sensor may make."""
 
 WORTH: Final = 0.95
-"""Of the heading error claimed without it: an aid that leaves more earns nothing."""
+"""Of the heading error claimed without it: a sensor that leaves more earns nothing."""
 
 TURNED: Final = 16.3
 """χ² of three degrees of freedom: a rotation that chance makes once in a thousand."""
@@ -88,7 +88,7 @@ def aided_by(
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
 ) -> tuple[Aided, Aiding]:
-    """Fit with aids, those that can be trusted and, with ``auto``, those that earn their place.
+    """Fit with aiding sensors, those that can be trusted and, with ``auto``, those that earn their place.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def aided_by(
     Raises
     ------
     UsageError
-        For an aid that is not known or was not recorded.
+        For a sensor that is not known or was not recorded.
     FitError
         If the readings give no ellipsoid.
     """
@@ -117,77 +117,120 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
-    whole = partial(
-        solve, samples, site=site, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
-    )
     axes, mistakes = of_instruments(samples, _alone(samples), wanted)
-    mistakes += of_gaps
-    untrusted = {mistake.aid: mistake for mistake in mistakes if mistake.drops}
     rotation = None if axes is None else axes.apply(np.eye(3)).T
-    best = whole(())
-    standing = _Candidate(samples, best, rotation)
-    turned, is_strange = cast("Aided | None", None), False
-    reports: list[AidingSensor] = []
-    kept: tuple[str, ...] = ()
+    options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
+    solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
+    alone = _Candidate(samples, solver(()), rotation)
+    selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])
     for name in wanted:
-        refused = untrusted.get(name)
-        if name == "attitude" and refused is None:
-            refused = circular(samples, best, dip_deg)
-            mistakes += [] if refused is None else [refused]
-        if refused is not None:
-            reports.append(AidingSensor(name, kept=False, words=refused.words))
-            continue
-        replaced = [aid for aid in kept if name in UPRIGHT and aid in UPRIGHT]
-        tried = (*(aid for aid in kept if aid not in replaced), name)
-        aided = whole(tried, rotation=rotation, near=best)
-        is_strange = is_strange or is_at_another_site(aided, site)
+        selection.try_sensor(name)
+    if site is not None and selection.is_elsewhere:  # the site would bend the fit: again, without it
+        again, reported = aided_by(samples, aiding, dip_deg=dip_deg, **options)
+        if (mistake := _of_site(selection.best, reported, site)) is not None:
+            return again, replace(reported, mistakes=(*of_gaps, *reported.mistakes, mistake))
+    return selection.best, selection.reported()
+
+
+@dataclass(eq=False)
+class _Selection:
+    """Sensors that are tried one after the other, each with those that are used before it."""
+
+    samples: Samples
+    solver: Callable[..., Aided]
+    rotation: Floats | None  # how the magnetometer sits on the body, where that is not as recorded
+    site: Site | None
+    dip_deg: float
+    is_auto: bool
+    standing: _Candidate  # the fit with the sensors that are used
+    mistakes: list[Mistake]
+    used: tuple[str, ...] = ()
+    turned: Aided | None = None  # the fit whose rotation is taken over, but not its ellipsoid
+    reports: list[AidingSensor] = field(default_factory=list)
+    was_elsewhere: bool = False
+
+    @property
+    def best(self) -> Aided:
+        """The fit with the sensors that are used."""
+        return self.standing.found
+
+    @property
+    def is_elsewhere(self) -> bool:
+        """A fit says that the recording was not made at the site."""
+        return self.was_elsewhere or is_at_another_site(self.best, self.site)
+
+    def try_sensor(self, name: str) -> None:
+        """Use a sensor that can be trusted and, with ``auto``, earns its place; say why another is left out."""
+        if (mistake := self._mistake_of(name)) is not None:
+            self.reports.append(AidingSensor(name, kept=False, words=mistake.words))
+            return
+        replaced = [used for used in self.used if name in UPRIGHT and used in UPRIGHT]
+        tried = (*(used for used in self.used if used not in replaced), name)
+        aided = self.solver(tried, rotation=self.rotation, near=self.best)
+        self.was_elsewhere = self.was_elsewhere or is_at_another_site(aided, self.site)
         if (contradiction := _contradiction(aided, name)) is not None:
-            mistakes += [] if is_auto else [contradiction]
-            reports.append(AidingSensor(name, kept=False, words=contradiction.words))
-            continue
-        said = AidingSensor(
-            name, True, change_deg(best, aided, dip_deg), claim_deg(best, dip_deg), claim_deg(aided, dip_deg)
-        )  # fmt: skip
-        trial = _AidTrial(standing, _Candidate(samples, aided, rotation))
-        if is_auto and (against := trial.against(said)):
-            if turned is None and (words := trial.turns(said)):
-                turned = aided
-                changed = turned_deg(aided.parameters.rotation, dip_deg)
-                reports.append(replace(said, changed_deg=changed, after_deg=said.before_deg, words=words))
-            else:
-                reports.append(replace(said, kept=False, words=against))
-            continue
-        instead = f"{name} tells the vertical as well" + (", and better" if is_auto else ": name one of them")
-        reports = [replace(one, kept=False, words=instead) if one.name in replaced else one for one in reports]
-        reports.append(said)
-        best, standing, kept = aided, trial.candidate, tried
-    if "rate" in kept and samples.rate is not None:
-        mistakes += one_axis(samples.rate - best.parameters.gyro_bias)
-    if site is not None and (is_at_another_site(best, site) or is_strange):  # it would bend the fit: again, without it
-        again, told = aided_by(
-            samples, aiding, dip_deg=dip_deg, spread=spread, gyro_scale=gyro_scale, acceleration_bias=acceleration_bias
-        )
-        if (mistake := _of_site(best, told, site)) is not None:
-            return again, replace(told, mistakes=(*of_gaps, *told.mistakes, mistake))
-    return best, _reported(best, turned, tuple(reports), tuple(mistakes))
+            self.mistakes += [] if self.is_auto else [contradiction]
+            self.reports.append(AidingSensor(name, kept=False, words=contradiction.words))
+            return
+        claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
+        report = AidingSensor(name, True, change_deg(self.best, aided, self.dip_deg), *claims)
+        trial = _AidTrial(self.standing, _Candidate(self.samples, aided, self.rotation))
+        if self.is_auto and (against := trial.against(report)):
+            self.reports.append(self._turned_by(trial, report) or replace(report, kept=False, words=against))
+            return
+        self._report_replaced(replaced, name)
+        self.reports.append(report)
+        self.standing, self.used = trial.candidate, tried
+
+    def _mistake_of(self, name: str) -> Mistake | None:
+        """Why a sensor cannot be used; an attitude, where its yaw comes from this magnetometer."""
+        drops = next((mistake for mistake in reversed(self.mistakes) if mistake.aid == name and mistake.drops), None)
+        if drops is None and name == "attitude":
+            drops = circular(self.samples, self.best, self.dip_deg)
+            self.mistakes += [] if drops is None else [drops]
+        return drops
+
+    def _turned_by(self, trial: _AidTrial, report: AidingSensor) -> AidingSensor | None:
+        """Take over the rotation alone, of the first sensor that proves one."""
+        if self.turned is not None or not (words := trial.rotation_words(report)):
+            return None
+        self.turned = trial.found
+        changed = turned_deg(trial.found.parameters.rotation, self.dip_deg)
+        return replace(report, changed_deg=changed, after_deg=report.before_deg, words=words)
+
+    def _report_replaced(self, replaced: Sequence[str], name: str) -> None:
+        """Say of verticals that were used that another one is used instead."""
+        instead = f"{name} tells the vertical as well" + (", and better" if self.is_auto else ": name one of them")
+        self.reports = [
+            replace(each, kept=False, words=instead) if each.name in replaced else each for each in self.reports
+        ]
+
+    def reported(self) -> Aiding:
+        """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
+        best, mistakes = self.best, self.mistakes
+        if "rate" in self.used and self.samples.rate is not None:
+            mistakes = [*mistakes, *one_axis(self.samples.rate - best.parameters.gyro_bias)]
+        source = best if self.turned is None or best.sees_rotation else self.turned
+        aiding = Aiding.of(source, each=tuple(self.reports), mistakes=tuple(mistakes))
+        return replace(aiding, excess_variance=best.excess_variance)
 
 
 def _contradiction(aided: Aided, name: str) -> Mistake | None:
-    """Whether an aid goes against the gyro, or against the readings, in a fit that has both."""
+    """Whether a sensor goes against the gyro, or against the readings, in a fit that has both."""
     if aided.scales_off:
         return of_scales(aided.scales_off) if name == "rate" else of_aid_and_gyro(name, aided.scales_off)
     return is_implausible(aided, name)
 
 
-def _of_site(bent: Aided, told: Aiding, site: Site) -> Mistake | None:
+def _of_site(bent: Aided, without: Aiding, site: Site) -> Mistake | None:
     """Whether the dip is not the site's: by the fit with the site, or by what one without it sees."""
-    if told.dip_deg is None:
+    if without.dip_deg is None:
         return wrong_dip(dip_of(bent), site) if is_at_another_site(bent, site) else None
-    return wrong_dip(told.dip_deg, site) if is_far(told.dip_deg, site, told.dip_sigma_deg or 0.0) else None
+    return wrong_dip(without.dip_deg, site) if is_far(without.dip_deg, site, without.dip_sigma_deg or 0.0) else None
 
 
 def available(samples: Samples) -> tuple[str, ...]:
-    """The aids that a recording has the columns for.
+    """The aiding sensors that a recording has the columns for.
 
     >>> from flinders.core.samples import Samples
     >>> available(Samples.of([[1.0, 2.0, 3.0]], time=[0.0], acceleration=[[0.0, 0.0, -9.8]]))
@@ -228,7 +271,7 @@ def _alone(samples: Samples) -> Ellipsoid:
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A fit, and what is found in parts of its readings, which is looked for once, and only where it is asked for."""
+    """A fit, and the fits of parts of its readings, which are made once, and only where they are asked for."""
 
     samples: Samples
     found: Aided
@@ -246,55 +289,58 @@ class _Candidate:
 
 
 class _AidTrial(NamedTuple):
-    """One more aid on trial: the fit without it, and the one with it."""
+    """One more sensor on trial: the fit without it, and the one with it."""
 
     standing: _Candidate
     candidate: _Candidate
-
-    @property
-    def without(self) -> Aided:
-        """What is found without the aid."""
-        return self.standing.found
 
     @property
     def found(self) -> Aided:
         """What is found with it."""
         return self.candidate.found
 
-    def against(self, said: AidingSensor) -> str:
-        """Why the aid does not earn its place; nothing where it does."""
-        if said.after_deg > WORTH * said.before_deg:
-            return f"claims no less: {figures(said.after_deg)}° with it, {figures(said.before_deg)}° without"
+    def against(self, report: AidingSensor) -> str:
+        """Why the sensor does not earn its place; nothing where it does."""
+        if report.after_deg > WORTH * report.before_deg:
+            return f"claims no less: {figures(report.after_deg)}° with it, {figures(report.before_deg)}° without"
         before, after = self._missed(self.standing).length, self._missed(self.candidate).length
         if not after <= NO_WORSE * before:
             return f"readings that it has not seen are {after / before - 1.0:.0%} farther off with it"
         return ""
 
-    def turns(self, said: AidingSensor) -> str:
-        """What its rotation does, in words; nothing where that is not proven, or makes nothing better."""
+    def rotation_words(self, report: AidingSensor) -> str:
+        """What its rotation does; nothing where that is not proven, or makes nothing better."""
         covariance = self.found.rotation_covariance
-        if covariance is None or self.without.sees_rotation or self.found.aiding[-1] not in UPRIGHT[:2]:
-            return ""
-        rotation = self.candidate.rotation
-        apart = _angle_of(self.found.parameters.rotation @ (np.eye(3) if rotation is None else rotation).T)
-        if np.rad2deg(np.linalg.norm(apart)) > FAR_TURN_DEG or said.after_deg > FAR_CLAIM * said.before_deg:
+        if covariance is None or self.standing.found.sees_rotation or self.found.aiding[-1] not in UPRIGHT[:2]:
             return ""
         angle = _angle_of(self.found.parameters.rotation)
-        if float(angle @ np.linalg.solve(covariance, angle)) < TURNED:
+        is_proven = float(angle @ np.linalg.solve(covariance, angle)) >= TURNED
+        if not is_proven or self._is_far() or report.after_deg > FAR_CLAIM * report.before_deg:
             return ""
         before, after = self._missed(self.standing).height, self._missed(self.candidate).height
         if not after < before:
             return ""
-        sigma = figures(float(np.rad2deg(np.sqrt(np.trace(covariance) / 3.0))))
+        turned, sigma = float(np.linalg.norm(angle)), float(np.sqrt(np.trace(covariance) / 3.0))
         return (
-            f"the magnetometer is turned against it by {figures(float(np.rad2deg(np.linalg.norm(angle))))}° "
-            f"(± {sigma}°); sine of the dip spreads by {figures(float(np.rad2deg(after)))}° so, and by "
-            f"{figures(float(np.rad2deg(before)))}° without, where it was left out; offset and shape stay"
+            f"the magnetometer is turned against it by {_degrees(turned)}° (± {_degrees(sigma)}°); sine of the dip "
+            f"spreads by {_degrees(after)}° so, and by {_degrees(before)}° without, where it was left out; offset and "
+            "shape stay"
         )
 
+    def _is_far(self) -> bool:
+        """The rotation is farther from the axes as they are mounted than instruments on one body sit apart."""
+        mounted = np.eye(3) if self.candidate.rotation is None else self.candidate.rotation
+        apart = _angle_of(self.found.parameters.rotation @ mounted.T)
+        return bool(np.rad2deg(np.linalg.norm(apart)) > FAR_TURN_DEG)
+
     def _missed(self, candidate: _Candidate) -> HoldOutMisfit:
-        """How far off what was left out is, by the vertical that the aid brings."""
-        return candidate.hold_out_misfit(next((aid for aid in self.found.aiding if aid in UPRIGHT[:2]), None))
+        """How far off what was left out is, by the vertical that the sensor brings."""
+        return candidate.hold_out_misfit(next((name for name in self.found.aiding if name in UPRIGHT[:2]), None))
+
+
+def _degrees(radians: float) -> str:
+    """Write an angle in degrees, to the digits that count."""
+    return figures(float(np.rad2deg(radians)))
 
 
 def turned_deg(rotation: Floats, dip_deg: float) -> float:
@@ -320,35 +366,6 @@ def _angle_of(rotation: Floats) -> Floats:
     length = float(np.linalg.norm(along))
     angle: Floats = np.array(along) * (2.0 * np.arctan2(length, w) / length if length > 0.0 else 2.0)
     return angle
-
-
-def _reported(
-    aided: Aided, turned: Aided | None, each: tuple[AidingSensor, ...], mistakes: tuple[Mistake, ...]
-) -> Aiding:
-    """What is known beside the ellipsoid; of an accelerometer that told the rotation alone, that."""
-    if turned is not None and not aided.sees_rotation:
-        alone = _reported(turned, None, each, mistakes)
-        return replace(alone, excess_variance=aided.excess_variance)
-    at = aided.parameters
-    rotation = aided.rotation_covariance if aided.sees_rotation else None
-    sine, bias, delay, leaning = (aided.of(name) for name in ("sine", "gyro_bias", "delay", "acceleration_bias"))
-    height = at.sine if "sine" in aided.layout else float(at.direction[2]) if "direction" in aided.layout else None
-    level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
-    return Aiding(
-        each=each,
-        rotation=at.rotation if aided.sees_rotation else None,
-        rotation_covariance=rotation,
-        gyro_bias=at.gyro_bias if bias is not None else None,
-        gyro_bias_sigma=None if bias is None else np.sqrt(np.diag(bias)),
-        acceleration_bias=None if leaning is None else GRAVITY * at.acceleration_bias,
-        acceleration_bias_sigma=None if leaning is None else GRAVITY * np.sqrt(np.diag(leaning)),
-        delay_s=None if delay is None else at.delay,
-        delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
-        dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),
-        dip_sigma_deg=None if sine is None else float(np.rad2deg(np.sqrt(sine[0, 0]) / level)),
-        excess_variance=aided.excess_variance,
-        mistakes=mistakes,
-    )
 
 
 def without_rotation(aided: Aided) -> Aided:

@@ -1,4 +1,4 @@
-"""What sensors beside the magnetometer did to a fit."""
+"""What aiding sensors did to a fit: which were used, and what they tell beside the ellipsoid."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration_file import beside_record
+from flinders.likelihood.dip import GRAVITY
 
 if TYPE_CHECKING:
     from msgspec import UnsetType
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import BesideRecord
     from flinders.diagnostics.instruments import Mistake
+    from flinders.estimators.aiding import Aided
 
 AUTO: Final = "auto"
 """What is asked for where each aiding sensor and disturbance is to be used that makes the calibration better."""
@@ -24,7 +26,7 @@ AUTO: Final = "auto"
 
 @dataclass(frozen=True, slots=True)
 class AidingSensor:
-    """What one aid did to a fit.
+    """What one aiding sensor did to a fit.
 
     Attributes
     ----------
@@ -49,7 +51,7 @@ class AidingSensor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aiding:
-    """What gyro, accelerometer or attitude told beside the ellipsoid.
+    """What gyro, accelerometer or attitude tell beside the ellipsoid.
 
     Attributes
     ----------
@@ -95,6 +97,30 @@ class Aiding:
         return float(np.rad2deg(np.sqrt(z + 0.5 * np.tan(np.deg2rad(dip_deg)) ** 2 * (x + y))))
 
     @classmethod
+    def of(cls, aided: Aided, *, each: tuple[AidingSensor, ...] = (), mistakes: tuple[Mistake, ...] = ()) -> Self:
+        """What a fit with aiding sensors knows beside its ellipsoid."""
+        at, layout = aided.parameters, aided.layout
+        sine, delay = aided.of("sine"), aided.of("delay")
+        gyro, accelerometer = _sigma(aided.of("gyro_bias")), _sigma(aided.of("acceleration_bias"))
+        height = at.sine if "sine" in layout else float(at.direction[2]) if "direction" in layout else None
+        level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
+        return cls(
+            each=each,
+            rotation=at.rotation if aided.sees_rotation else None,
+            rotation_covariance=aided.rotation_covariance if aided.sees_rotation else None,
+            gyro_bias=None if gyro is None else at.gyro_bias,
+            gyro_bias_sigma=gyro,
+            acceleration_bias=None if accelerometer is None else GRAVITY * at.acceleration_bias,
+            acceleration_bias_sigma=None if accelerometer is None else GRAVITY * accelerometer,
+            delay_s=None if delay is None else at.delay,
+            delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
+            dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),
+            dip_sigma_deg=None if sine is None else float(np.rad2deg(np.sqrt(sine[0, 0]) / level)),
+            excess_variance=aided.excess_variance,
+            mistakes=mistakes,
+        )
+
+    @classmethod
     def from_record(cls, record: BesideRecord) -> Self:
         """What a calibration file keeps of it."""
         return cls(
@@ -121,6 +147,11 @@ class Aiding:
             **{name: getattr(self, name) for name in ("delay_s", "delay_sigma_s", "dip_deg", "dip_sigma_deg")},
             "creep": self.excess_variance,
         }
+
+
+def _sigma(covariance: Floats | None) -> Floats | None:
+    """(N,) standard deviations; None of what was not estimated."""
+    return None if covariance is None else np.sqrt(np.diag(covariance))
 
 
 def _array(value: object) -> Floats | None:

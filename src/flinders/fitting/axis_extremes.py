@@ -146,13 +146,7 @@ def from_extremes(
 
 
 def _pairs(numbers: ArrayLike) -> Floats:
-    """(3, 2) smallest and largest of each axis.
-
-    Raises
-    ------
-    UsageError
-        For anything else.
-    """
+    """(3, 2) smallest and largest of each axis."""
     values = floats(numbers, "extremes")
     if values.shape != (6,):
         raise UsageError(f"extremes are {values.size} numbers: need six, smallest and largest of x, of y and of z")
@@ -167,22 +161,20 @@ def _pairs(numbers: ArrayLike) -> Floats:
 
 
 def _typed(extremes: Extremes, target_deg: float, dip_deg: float) -> Finding:
-    """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends.
-
-    With the gains alike every half-range would be the largest, and the middle of an axis with a shorter one is off by
-    up to the difference: half of a range that is short by twice as much at one end.
-    """
+    """Say that nobody knows how good it is; and what it would cost if the turn had not reached the shorter ends."""
     half = extremes.ellipsoid.shape.diagonal()
     short = half.max() - half
+    if not short.any():
+        return CATALOGUE[TYPED].certain(
+            Record({"is_typed": 1.0, "unturned_deg": 0.0, "target_deg": target_deg}, turn="")
+        )
     covariance = np.diag(np.append(short**2, np.zeros(6)))
     sphere = Ellipsoid(extremes.ellipsoid.centre, half.max() * np.eye(3))
-    worst = level_error(sphere, covariance, dip_deg=dip_deg).worst if short.any() else 0.0
-    unit = label(extremes.calibration.unit)
+    worst = level_error(sphere, covariance, dip_deg=dip_deg).worst
     turn = (
         f"were the axes alike and the shorter ones only not turned to their ends, the offset would be off by up to "
-        f"{figures(float(short.max()))} {unit} and a level heading by {figures(worst)}°. "
-        if short.any()
-        else ""
+        f"{figures(float(short.max()))} {label(extremes.calibration.unit)} and a level heading by {figures(worst)}°. "
     )
-    record = Record({"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg}, turn=turn)
-    return CATALOGUE[TYPED].certain(record)
+    return CATALOGUE[TYPED].certain(
+        Record({"is_typed": 1.0, "unturned_deg": worst, "target_deg": target_deg}, turn=turn)
+    )

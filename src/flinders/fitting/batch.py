@@ -25,9 +25,8 @@ from flinders.diagnostics.nonlinearity import BY_CHANCE
 from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
-from flinders.estimators.auto import FEWEST_LEFT, THICK, trimmed_covariance
-from flinders.estimators.level import is_level
-from flinders.estimators.likelihood import ENOUGH, Likelihood
+from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
+from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
@@ -54,6 +53,15 @@ UPPER: Final = np.flatnonzero(np.triu(np.ones((9, 9))).ravel())
 WIDTHS: Final = {"offset": 3, "matrix": 9, "covariance": 45}
 """Columns of so many numbers."""
 
+LOOKED: Final = 1_000
+"""Readings that show whether a unit with outliers has to be looked at closely for a turn in one plane."""
+
+MAY_BE_FLAT: Final = 0.3
+"""Thickness over width of what may be one: `flinders.estimators.auto` takes up to 0.2 of all readings for flat."""
+
+NEVER_FLAT: Final = 0.6
+"""Thickness over width of readings that are no plane and a few outliers."""
+
 DIAGONAL: Final = slice(0, 81, 10)
 """Of a flat covariance."""
 
@@ -67,15 +75,6 @@ class Lined:
 
     A sequence of `Samples`, of which each is made when it is asked for.
 
-    Attributes
-    ----------
-    whole : Samples
-        The readings of all.
-    ends : (U,) int
-        Where those of each end.
-    sources : sequence of str
-        Where each came from, for messages.
-
     Examples
     --------
     >>> lined = Lined(Samples.of(np.arange(18.0).reshape(6, 3)), np.array([2, 6]), ["A17", "B02"])
@@ -83,9 +82,9 @@ class Lined:
     ('B02', 4)
     """
 
-    whole: Samples
-    ends: NDArray[np.int64]
-    sources: Sequence[str]
+    whole: Samples  # the readings of all
+    ends: NDArray[np.int64]  # (U,) where those of each end
+    sources: Sequence[str]  # where each came from, for messages
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -208,8 +207,8 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
-            known[at] = not _may_be_level(_inliers(records[at], units[places[at]]))
-        table = _Table.of(records[known], _Chosen(units, places[known]), whole.unit.inside, target_deg)
+            known[at] = not _may_be_level(records[at], units[places[at]])
+        table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
         _fill(columns, places[known], table)
     for place in np.flatnonzero(~columns.by_record).tolist():
         one = units[place]
@@ -218,29 +217,13 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     return columns
 
 
-@dataclass(frozen=True, slots=True)
-class _Chosen:
-    """Some of many units, each made when it is asked for.
-
-    Attributes
-    ----------
-    units : sequence of Samples, or Lined
-    places : (K,) int
-        Of those that are chosen.
-    """
-
-    units: Sequence[Samples] | Lined
-    places: NDArray[np.intp]
-
-    def __getitem__(self, at: int) -> Samples:
-        return self.units[int(self.places[at])]
-
-    @property
-    def disturbed(self) -> Iterator[int]:
-        """Those with currents, throttles or temperatures."""
-        if isinstance(self.units, Lined):
-            return iter(range(len(self.places)) if self.units.whole.disturbances else ())
-        return (at for at in range(len(self.places)) if self[at].disturbances)
+def _disturbed(units: Sequence[Samples] | Lined, places: NDArray[np.intp]) -> Iterator[tuple[int, Samples]]:
+    """Those of some units that have currents, throttles or temperatures, with their numbers among these."""
+    if isinstance(units, Lined) and not units.whole.disturbances:
+        return
+    for number, place in enumerate(places.tolist()):
+        if (one := units[place]).disturbances:
+            yield number, one
 
 
 def _groups(units: Sequence[Samples] | Lined) -> Iterator[tuple[NDArray[np.intp], Samples, NDArray[np.int64]]]:
@@ -267,27 +250,16 @@ def _is_plain(one: Samples) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """What records say of U units, column by column.
+    """What records say of U units, column by column."""
 
-    Attributes
-    ----------
-    records : (U,) of `flinders.native.engine.RECORD`
-    quantities : mapping of (U,)
-        What the rules of the catalogue compare, by name.
-    covariance : (U, 81)
-        With what repeated and few readings add.
-    inside : str
-        Unit of the readings: ``uT`` or ``counts``.
-    """
-
-    records: Records
-    quantities: dict[str, Any]
-    covariance: Floats
-    inside: str
+    records: Records  # (U,)
+    quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
+    covariance: Floats  # (U, 81) with what repeated and few readings add
+    inside: str  # unit of the readings: ``uT`` or ``counts``
 
     @classmethod
-    def of(cls, records: Records, units: _Chosen, inside: str, target_deg: float) -> Self:
-        """Take those records that tell all, and work out what rules compare."""
+    def of(cls, records: Records, disturbed: Iterator[tuple[int, Samples]], inside: str, target_deg: float) -> Self:
+        """Work out what rules compare, from records and those units that something disturbs."""
         repetition, factor = _repetition(records)
         quantities = {
             "target_deg": np.full(len(records), target_deg),
@@ -296,7 +268,7 @@ class _Table:
             **_of_accuracy(records, np.sqrt(factor)),
             **_of_evidence(records, repetition),
             **_of_the_recording(records),
-            **_changes(records, units),
+            **_changes(records, disturbed),
             **{name: np.full(len(records), value) for name, value in NOT_ASKED.items()},
         }
         return cls(records, quantities, records["covariance"] * factor[:, np.newaxis], inside)
@@ -335,10 +307,18 @@ def _inliers(record: Records, one: Samples) -> Samples:
     return one[np.abs(distances(one.field, surface)) <= record["rejected_beyond"]]
 
 
-def _may_be_level(inliers: Samples) -> bool:
-    """Whether a unit with outliers may have been turned in one plane, which a few of them hide."""
-    field = inliers.field[:: max(1, -(-len(inliers) // ENOUGH))]
-    return len(field) >= FEWEST_LEFT and is_level(trimmed_covariance(field), THICK)
+def _may_be_level(record: Records, one: Samples) -> bool:
+    """Whether a unit with outliers may have been turned in one plane, which a few of them hide: a look at some."""
+    field = _inliers(record, one[:: max(1, len(one) // LOOKED)]).field
+    if len(field) < FEWEST_LEFT:
+        return False
+    return _thickness(np.cov(field.T)) < NEVER_FLAT and _thickness(trimmed_covariance(field)) < MAY_BE_FLAT
+
+
+def _thickness(covariance: Floats) -> float:
+    """Thickness over width of readings with a (3, 3) covariance."""
+    thinnest, _, widest = np.sqrt(np.linalg.eigvalsh(covariance).clip(min=0.0)).tolist()
+    return float(thinnest / widest) if widest > 0.0 else 1.0
 
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:
@@ -428,13 +408,13 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     }
 
 
-def _changes(records: Records, units: _Chosen) -> dict[str, Floats]:
+def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict[str, Floats]:
     """Whether something changed within a recording, or follows what was recorded beside it."""
     unmodelled_deg, shapes = np.full(len(records), np.nan), _shapes(records)
-    for place in units.disturbed:
+    for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        surface, inliers = Ellipsoid(record["centre"], shapes[place]), _inliers(record, units[place])
+        surface, inliers = Ellipsoid(record["centre"], shapes[place]), _inliers(record, one)
         unmodelled = unmodelled_of(inliers, surface, dip_deg=float(record["dip_deg"]), time=time)
         unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
     return {

@@ -92,9 +92,7 @@ def refuse_unfit(fit: Fit) -> None:
     """Refuse a fit that was refused; raises NotExportable."""
     if fit.verdict == "refused":
         raise NotExportable(
-            f"{fit.name} was refused as not fit for use: record anew and calibrate again",
-            beyond=(),
-            verdict="refused",
+            f"{fit.name} was refused as not fit for use: record anew and calibrate again", beyond=(), verdict="refused"
         )
 
 

@@ -33,25 +33,10 @@ RANKS: Final = {"heading error": "worst_deg", "offset": "offset", "noise": "nois
 def overview_of(
     paths: Sequence[str | os.PathLike[str]], *, batch: str | None = None, target_deg: float = 1.0, listed: int = LISTED
 ) -> Overview:
-    """Aggregate a fleet.
+    """Aggregate tables of `flinders fleet`: counts, histograms, and the worst `listed` units by each of `RANKS`.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        Tables of `flinders fleet`, sorted by unit.
-    batch : str, optional
-        Hardware batch of a unit, as for `flinders.fleet.history.batch_rule`.
-    target_deg : float
-        The worst heading error that is good enough.
-    listed : int
-        Units that are listed by each of `RANKS`.
-
-    Raises
-    ------
-    DocumentError
-        For a file that is no table of a fleet, or is not sorted by unit.
-    UsageError
-        For a batch that no unit has.
+    `batch` is a hardware batch as for `batch_rule`, `target_deg` the worst heading error that is good enough. Raises
+    DocumentError for a file that is no table of a fleet, and UsageError for a batch that no unit has.
     """
     rule = batch_rule(paths, batch)
     tally = _Tally(rule, listed)

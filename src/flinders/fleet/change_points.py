@@ -49,49 +49,23 @@ EACH: Final = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChangePoint:
-    """A change point.
+    """A change point."""
 
-    Attributes
-    ----------
-    after : int
-        The recording before it, in `OffsetSeries`.
-    moved : (3,) float
-        Change of the offset, as a fraction of the field.
-    p_value : float
-        Of the test of this interval.
-    """
-
-    after: int
-    moved: Floats
-    p_value: float
+    after: int  # the recording before it, in `OffsetSeries`
+    moved: Floats  # (3,) change of the offset, as a fraction of the field
+    p_value: float  # of the test of this interval
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntervalTests:
-    """Test of each of G intervals.
+    """Test of each of G intervals."""
 
-    Attributes
-    ----------
-    segment : (G,) int
-        Its segment of recordings.
-    after : (G,) int
-        The recording before it.
-    moved : (G, 3) float
-        The step.
-    p_value : (G,) float
-        Probability that chance makes as large a step.
-    chi_square : (G,) float
-        Of the step.
-    square : (G,) float
-        Squared random walk for this interval.
-    """
-
-    segment: Places
-    after: Places
-    moved: Floats
-    p_value: Floats
-    chi_square: Floats
-    square: Floats
+    segment: Places  # (G,) its segment of recordings
+    after: Places  # (G,) the recording before it
+    moved: Floats  # (G, 3) the step
+    p_value: Floats  # (G,) probability that chance makes as large a step
+    chi_square: Floats  # (G,) of the step
+    square: Floats  # (G,) squared random walk for this interval
 
     def best(self, chance: float) -> Places:
         """(B,) the most significant interval of each segment, if it is significant at `chance`."""
@@ -102,21 +76,7 @@ class IntervalTests:
 
 
 def change_points(series: OffsetSeries, variance: Variance, *, chance: float) -> list[ChangePoint]:
-    """Find change points; a unit with one is searched again on either side of it.
-
-    Parameters
-    ----------
-    series : OffsetSeries
-    variance : Variance
-        Of the fleet.
-    chance : float
-        Significance level of each interval.
-
-    Returns
-    -------
-    list of ChangePoint
-        In the order of recordings.
-    """
+    """Change points in the order of recordings, significant at `chance`; each side of one is searched again."""
     cuts: list[Places] = []
     begin, end = series.first[:-1], series.first[1:]
     while len(begin):
@@ -145,15 +105,7 @@ def _tested_again(series: OffsetSeries, cuts: Places, variance: Variance, chance
 
 
 def interval_tests(series: OffsetSeries, begin: Places, end: Places, variance: Variance) -> IntervalTests:
-    """Test each interval: the offset after it against the offset before it.
-
-    Parameters
-    ----------
-    series : OffsetSeries
-    begin, end : (S,) int
-        Segments of recordings.
-    variance : Variance
-    """
+    """Test each interval of segments of recordings (S,) to (S,): the offset after it against the offset before it."""
     count = np.maximum(end - begin - 1, 0)
     segment = np.repeat(np.arange(len(begin)), count)
     after = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count) + begin[segment]

@@ -72,6 +72,8 @@ BATCH: Final = 131_072
 """Rows that are converted at a time."""
 PREVIEW: Final = 1_024
 """Rows from which columns are recognised."""
+AS_THEY_ARE: Final = "x,y,z"
+"""Axes of a sensor that are not exchanged."""
 USED: Final = (TIME, STRENGTH, TEMPERATURE, CURRENT, THROTTLE, CURRENTS, THROTTLES)
 """Kinds of columns that a fit without aiding sensors uses; others are not read."""
 
@@ -98,7 +100,7 @@ class Options:
     columns: str | None = None
     unit: str | None = None
     scale: float | None = None
-    axes: str = "x,y,z"
+    axes: str = AS_THEY_ARE
     sensor: str | None = None
     as_logged: bool = False
     unit_column: str | None = None
@@ -114,34 +116,24 @@ class Options:
         ------
         UsageError
         """
-        Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
-        Axes.of(self.axes)
+        if self.unit is not None or self.scale is not None:
+            Unit.of(COUNTS if self.unit is None else self.unit, self.scale)
+        if self.axes != AS_THEY_ARE:
+            Axes.of(self.axes)
         if self.columns is not None:
             asked_columns(self.columns)
 
 
 @dataclass(frozen=True, slots=True)
 class TableFile:
-    """An open file of rows.
+    """An open file of rows."""
 
-    Attributes
-    ----------
-    name, kind : str
-        For messages.
-    schema : pyarrow.Schema
-    groups : tuple of int
-        Rows of each row group or record batch.
-    batches : callable
-        Yields record batches of some groups and columns, of up to so many rows.
-    extents : callable
-        Least and greatest value of a column in each group, None if the file does not say.
-    """
-
-    name: str
+    name: str  # for messages
     kind: str
     schema: Any
-    groups: tuple[int, ...]
-    batches: Callable[..., Iterator[Any]]
+    groups: tuple[int, ...]  # rows of each row group or record batch
+    batches: Callable[..., Iterator[Any]]  # yields record batches of some groups and columns, of up to so many rows
+    # least and greatest value of a column in each group, None if the file does not say
     extents: Callable[[str], list[tuple[str, str] | None]]
 
     @property
@@ -152,13 +144,7 @@ class TableFile:
 
 @contextlib.contextmanager
 def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
-    """Open a Parquet or Arrow file, of this machine or in a store.
-
-    Raises
-    ------
-    UnreadableInput
-        If it is gone, broken or truncated.
-    """
+    """Open a Parquet or Arrow file, of this machine or in a store; raises UnreadableInput if it is broken or gone."""
     needs_arrow()
     with storage.opened(file) as where:
         if file.name.lower().endswith(PARQUET):
@@ -254,34 +240,21 @@ def _rows_of(file: Any, only: Callable[[Sequence[int]], Any]) -> tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class KeyColumns:
-    """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row.
+    """Columns of a table, or values in its path, that identify unit, recording and hardware batch of a row."""
 
-    Attributes
-    ----------
-    unit, recording, batch : str
-        Columns; empty if the path holds the value, or nothing does.
-    unit_value, recording_value, batch_value : str
-        Values in the path.
-    """
-
-    unit: str = ""
+    unit: str = ""  # columns; empty if the path holds the value, or nothing does
     recording: str = ""
-    unit_value: str = ""
+    unit_value: str = ""  # values in the path
     recording_value: str = ""
-    batch: str = ""
-    batch_value: str = ""
+    batch: str = ""  # columns; empty if the path holds the value, or nothing does
+    batch_value: str = ""  # values in the path
 
     @classmethod
     def of(cls, name: str, columns: Sequence[str], options: Options, *, needs_batch: bool = True) -> Self | None:
         """Find them among columns and in a path such as ``unit=A17/part-0.parquet``; None without a unit.
 
-        Raises
-        ------
-        UsageError
-            If one that the options name is in neither.
+        Raises UsageError if one that the options name is in neither.
 
-        Examples
-        --------
         >>> KeyColumns.of("serial=7/date=2026-11-21/part-0.parquet", ["t", "x", "y", "z"], Options())
         KeyColumns(unit='', recording='', unit_value='7', recording_value='2026-11-21', batch='', batch_value='')
         """
@@ -297,12 +270,8 @@ class KeyColumns:
     def of_schema(cls, name: str, schema: Any, options: Options) -> Self | None:  # noqa: ANN401
         """Find them as `of`; a nested column is no batch, and a table may lack the batch that the options name.
 
-        Raises
-        ------
-        UsageError
-            If the unit or the recording that the options name is nowhere.
-        UnreadableInput
-            If the column of units, or one that the options name, is nested or duplicate.
+        Raises UsageError if the unit or the recording that the options name is nowhere, UnreadableInput if a column of
+        keys is nested or duplicate.
         """
         own = (options.recording_column, RECORDING_COLUMNS), (options.batch_column, BATCH_COLUMNS)
         guessed = {column for named, usual in own if named is None for column in usual}
@@ -394,30 +363,18 @@ def _key(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyedTable:
-    """A table of readings of units.
-
-    Attributes
-    ----------
-    file : TableFile
-    keys : KeyColumns
-    recording : TableRecording
-        Its columns, unit of field and axes.
-    """
+    """A table of readings of units."""
 
     file: TableFile
     keys: KeyColumns
-    recording: TableRecording
+    recording: TableRecording  # its columns, unit of field and axes
 
     @classmethod
     def of(cls, file: TableFile, options: Options) -> Self:
         """Recognise the columns.
 
-        Raises
-        ------
-        NoMagnetometer
-            If none, or not clearly three, are the magnetometer.
-        UsageError
-            If there is no column of units, and for options that the file does not fit.
+        Raises NoMagnetometer if none, or not clearly three, are the magnetometer, UsageError if there is no column of
+        units, and for options that the file does not fit.
         """
         names = list(file.schema.names)
         keys = KeyColumns.of_schema(file.name, file.schema, options)
@@ -539,16 +496,10 @@ class Runs:
 
     >>> Runs(np.array([7, 4]), np.array([2, 1])).rows
     array([7, 7, 4])
-
-    Attributes
-    ----------
-    numbers : (R,) int
-    lengths : (R,) int
-        Rows of each run.
     """
 
-    numbers: NDArray[np.int64]
-    lengths: NDArray[np.int64]
+    numbers: NDArray[np.int64]  # (R,)
+    lengths: NDArray[np.int64]  # (R,) rows of each run
 
     @property
     def rows(self) -> NDArray[np.int64]:

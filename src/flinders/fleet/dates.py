@@ -89,21 +89,11 @@ def _seconds(text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Arrangement:
-    """Order of the recordings of one unit.
+    """Order of the recordings of one unit."""
 
-    Attributes
-    ----------
-    places : list of int
-        Indices of the recordings in order; by name if the order is not known.
-    date_s : list of float, s
-        Of each, in that order; NaN if it is not known.
-    is_known : bool
-        Whether the order is known.
-    """
-
-    places: list[int]
-    date_s: list[float]
-    is_known: bool
+    places: list[int]  # indices of the recordings in order; by name if the order is not known
+    date_s: list[float]  # s, of each, in that order; NaN if it is not known
+    is_known: bool  # whether the order is known
 
     @property
     def is_dated(self) -> bool:
@@ -112,18 +102,10 @@ class Arrangement:
 
 
 def arranged(names: Sequence[str], start_s: Floats, tables: Sequence[int] | None = None) -> Arrangement:
-    """Order the recordings of one unit.
+    """Order the recordings of one unit, of n names, (n,) starts of their clocks, and numbers of their tables.
 
     By their clocks if all know the date, else by the dates in their names if all have one, else by name if none has a
     date. Recordings of one date are ordered by name, and equal names by their tables. Otherwise the order is not known.
-
-    Parameters
-    ----------
-    names : n str
-    start_s : (n,) float
-        Of their clocks, from any origin.
-    tables : n int, optional
-        Number of the table of each.
     """
     keys = list(zip(map(_natural, names), tables or [0] * len(names), strict=True))
     has_clock = is_date(start_s)

@@ -415,14 +415,9 @@ def _shares(judged: int, odd: int) -> dict[str, int]:
 def drift_table(
     path: str | os.PathLike[str] | None, *, force: bool = False
 ) -> Iterator[Callable[[Sequence[UnitDrift]], None] | None]:
-    """Write a Parquet file that appears under its name when the block ends well.
+    """Write a Parquet file that appears under its name when the block ends well; raises OutputError.
 
     Yields a function that takes some units at a time; None if there is no path.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
     """
     if path is None:
         yield None

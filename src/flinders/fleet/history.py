@@ -58,69 +58,32 @@ ROWS: Final = 16_384
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetSeries:
-    """Offsets of many units over time.
+    """Offsets of many units over time."""
 
-    Attributes
-    ----------
-    first : (U + 1,) int
-        First recording of each unit, in the order of time; and the end of the last.
-    time : (R,) float, s
-        Or the number of each recording if dates are not known.
-    offset : (R, 3) float
-        As a fraction of the field.
-    covariance : (R, 3, 3) float
-    """
-
-    first: NDArray[np.intp]
-    time: Floats
-    offset: Floats
-    covariance: Floats
+    first: NDArray[np.intp]  # (U + 1,) first recording of each unit, in the order of time; and the end of the last
+    time: Floats  # (R,) in s, or the number of each recording if dates are not known
+    offset: Floats  # (R, 3) as a fraction of the field
+    covariance: Floats  # (R, 3, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Histories:
-    """Calibrations of some units, those of a unit together and in the order of time.
+    """Calibrations of some units, those of a unit together and in the order of time."""
 
-    Attributes
-    ----------
-    unit : (U,) object
-        Sorted names, of units without a calibration too.
-    batch : (U,) object
-        Hardware batch; empty if it is not known.
-    first : (U + 1,) int
-        First calibration of each.
-    is_known : (U,) bool
-        Whether the order of a unit's recordings is known; if not, they are sorted by name.
-    is_dated : (U,) bool
-        Whether the dates of all of them are known.
-    recording : (R,) object
-    date_s : (R,) float, s
-        Since 1970; NaN if it is not known.
-    calibrations : EllipsoidPairs
-        R of them.
-    unit_of_field : (R,) object
-    dip_deg : (R,) float
-    verdicts : mapping of (str, str) to int
-        Rows of each batch and verdict, those without a calibration too.
-    left_out : int
-        Rows without a calibration, and those in another unit of field than the first of their unit.
-    passed_over : int
-        Rows that a later table has as well.
-    """
-
-    unit: NDArray[np.object_]
-    batch: NDArray[np.object_]
-    first: NDArray[np.intp]
+    unit: NDArray[np.object_]  # (U,) sorted names, of units without a calibration too
+    batch: NDArray[np.object_]  # (U,) hardware batch; empty if it is not known
+    first: NDArray[np.intp]  # (U + 1,) first calibration of each
+    # (U,) whether the order of a unit's recordings is known; if not, they are sorted by name
     is_known: NDArray[np.bool_]
-    is_dated: NDArray[np.bool_]
-    recording: NDArray[np.object_]
-    date_s: Floats
-    calibrations: EllipsoidPairs
-    unit_of_field: NDArray[np.object_]
+    is_dated: NDArray[np.bool_]  # (U,) whether the dates of all of them are known
+    recording: NDArray[np.object_]  # (R,)
+    date_s: Floats  # (R,) in s since 1970; NaN if it is not known
+    calibrations: EllipsoidPairs  # R of them
+    unit_of_field: NDArray[np.object_]  # (R,)
     dip_deg: Floats
-    verdicts: Mapping[tuple[str, str], int]
-    left_out: int
-    passed_over: int
+    verdicts: Mapping[tuple[str, str], int]  # rows of each batch and verdict, those without a calibration too
+    left_out: int  # rows without a calibration, and those in another unit of field than the first of their unit
+    passed_over: int  # rows that a later table has as well
 
     @property
     def line(self) -> NDArray[np.intp]:
@@ -199,21 +162,9 @@ def _ordered(table: Any, line: NDArray[np.intp], units: int) -> tuple[NDArray[np
 def histories(
     paths: Sequence[str | os.PathLike[str]], *, rule: BatchRule | None = None, rows: int = ROWS
 ) -> Iterator[Histories]:
-    """Read tables of a fleet, whole units at a time.
+    """Read Parquet tables of a fleet, whole units at a time, so many rows of all tables together.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        Parquet files as `flinders fleet` writes them; a unit may be in several.
-    rule : BatchRule, optional
-        Of the hardware batch.
-    rows : int
-        Rows that are read at a time, of all tables together.
-
-    Raises
-    ------
-    DocumentError
-        For a file that is no table of a fleet, or is not sorted by unit.
+    Raises DocumentError for a file that is no table of a fleet, or is not sorted by unit.
     """
     columns = (*COLUMNS, rule.column) if rule and rule.column else COLUMNS
     for table in _side_by_side(paths, columns, rows=rows):
@@ -363,15 +314,6 @@ MOST: Final = 2_000
 class BatchRule:
     """Rule for the hardware batch: the column, else the pattern.
 
-    Attributes
-    ----------
-    column : str
-        Empty if the name of the unit holds it.
-    pattern : re.Pattern
-        Its first group, or all that it matches.
-    is_guess : bool
-        Whether it is a default.
-
     Examples
     --------
     >>> BatchRule(pattern=pattern_of("^L[0-9]", ())).of_name("L2-0017")
@@ -380,9 +322,9 @@ class BatchRule:
     'board-2024'
     """
 
-    column: str = ""
-    pattern: re.Pattern[str] = PREFIX
-    is_guess: bool = False
+    column: str = ""  # empty if the name of the unit holds it
+    pattern: re.Pattern[str] = PREFIX  # its first group, or all that it matches
+    is_guess: bool = False  # whether it is a default
 
     @property
     def words(self) -> str:
@@ -415,20 +357,10 @@ class BatchRule:
 
 
 def batch_rule(paths: Paths, text: str | None) -> BatchRule:
-    """Choose the rule for hardware batches.
+    """Rule for hardware batches: a column of a table, or a regular expression for a part of the unit's name.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        Tables of `flinders fleet`.
-    text : str, optional
-        A column of one of them, or a regular expression for a part of the unit's name. By default the column ``batch``
-        if it is not empty, else all but the last part of the name.
-
-    Raises
-    ------
-    UsageError
-        For a column or an expression that gives no batch.
+    By default the column ``batch`` if it is not empty, else all but the last part of the name. Raises UsageError for a
+    text that gives no batch.
     """
     columns = _columns(paths)
     if columns is None:
@@ -449,12 +381,7 @@ def batch_rule(paths: Paths, text: str | None) -> BatchRule:
 
 
 def pattern_of(text: str, columns: Sequence[str]) -> re.Pattern[str]:
-    """Compile a regular expression for the batch.
-
-    Raises
-    ------
-    UsageError
-    """
+    """Compile a regular expression for the batch; raises UsageError."""
     try:
         return re.compile(text)
     except re.error as error:

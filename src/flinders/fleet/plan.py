@@ -81,26 +81,14 @@ AHEAD: Final = 8 * LOOKS
 
 @dataclass(frozen=True, slots=True)
 class FileSlice:
-    """A log file, or some row groups of a file of rows.
-
-    Attributes
-    ----------
-    file : StoredFile
-    groups : tuple of int
-        None for a log.
-    rows : int
-        Of the groups.
-    error : FlindersError, optional
-        Why its row groups are not known: the file could not be opened as a table.
-    is_table : bool
-        Whether such a file is a table of several units, which are not known.
-    """
+    """A log file, or some row groups of a file of rows."""
 
     file: StoredFile
-    groups: tuple[int, ...] = ()
-    rows: int = 0
+    groups: tuple[int, ...] = ()  # None for a log
+    rows: int = 0  # of the groups
+    # why its row groups are not known: the file could not be opened as a table
     error: FlindersError | None = field(default=None, compare=False)
-    is_table: bool = False
+    is_table: bool = False  # whether such a file is a table of several units, which are not known
 
     @property
     def weight(self) -> int:
@@ -110,20 +98,11 @@ class FileSlice:
 
 @dataclass(frozen=True, slots=True)
 class Partition:
-    """Unit of work: what a worker calibrates at a time.
-
-    Attributes
-    ----------
-    slices : tuple of FileSlice
-    only : tuple of str, optional
-        Units that are taken; None for all but `without`.
-    without : tuple of str
-        Units that another partition takes.
-    """
+    """Unit of work: what a worker calibrates at a time."""
 
     slices: tuple[FileSlice, ...]
-    only: tuple[str, ...] | None = None
-    without: tuple[str, ...] = ()
+    only: tuple[str, ...] | None = None  # units that are taken; None for all but `without`
+    without: tuple[str, ...] = ()  # units that another partition takes
     _named: frozenset[str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -152,23 +131,12 @@ class Partition:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All partitions of a run.
-
-    Attributes
-    ----------
-    partitions : tuple of Partition
-    files : int
-        Files that are read.
-    left_out : dict
-        Files of other kinds by their suffix, entries that are no files, and tables of fleets.
-    fingerprint : str
-        Hash of files, options and release: partitions with another one belong to another run.
-    """
+    """All partitions of a run."""
 
     partitions: tuple[Partition, ...]
-    files: int
-    left_out: dict[str, int]
-    fingerprint: str
+    files: int  # files that are read
+    left_out: dict[str, int]  # files of other kinds by their suffix, entries that are no files, and tables of fleets
+    fingerprint: str  # hash of files, options and release: partitions with another one belong to another run
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,12 +152,7 @@ class _TableSlice:
 def plan_of(where: str, options: Options) -> Plan:
     """List the input, and split it into partitions.
 
-    Raises
-    ------
-    UnreadableInput
-        If there is nothing that can be read.
-    UsageError
-        If no file has the columns that the options name.
+    Raises UnreadableInput if nothing can be read, and UsageError if no file has the columns that the options name.
     """
     files = listed(where)
     taken = [file for file in files if not file.kind and (MAGIC.search(where) or _is_readable(file.name))]

@@ -42,26 +42,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """One recording of one unit, ready to be fitted.
-
-    Attributes
-    ----------
-    unit, recording : str
-    source : Recording
-    readings : int
-        Its rows, unusable ones too.
-    start_s : float, s
-        Origin of the times of `source`; NaN if it is not known.
-    file : str
-        Name of its file.
-    """
+    """One recording of one unit, ready to be fitted."""
 
     unit: str
     recording: str
     source: Recording
-    readings: int
-    start_s: float = 0.0
-    file: str = ""
+    readings: int  # its rows, unusable ones too
+    start_s: float = 0.0  # s, origin of the times of `source`; NaN if it is not known
+    file: str = ""  # name of its file
 
     @property
     def pair(self) -> Pair:
@@ -71,27 +59,13 @@ class Job:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingSet:
-    """Readings of several recordings, from one slice or from several.
+    """Readings of several recordings, from one slice or from several."""
 
-    Attributes
-    ----------
-    pairs : sequence of (str, str)
-        Unit and recording.
-    lined : Lined
-        Usable readings.
-    rows : (R,) int
-        Rows of each, unusable ones too.
-    start_s : (R,) float, s
-        Origin of the times of each.
-    file : str
-        Name of their file; empty if they are in several.
-    """
-
-    pairs: Sequence[Pair]
-    lined: Lined
-    rows: NDArray[np.int64]
-    start_s: Floats
-    file: str = ""
+    pairs: Sequence[Pair]  # unit and recording
+    lined: Lined  # usable readings
+    rows: NDArray[np.int64]  # (R,) rows of each, unusable ones too
+    start_s: Floats  # (R,) in s, origin of the times of each
+    file: str = ""  # name of their file; empty if they are in several
 
     @classmethod
     def joined(cls, sets: Sequence[RecordingSet]) -> list[RecordingSet]:
@@ -136,21 +110,7 @@ class RecordingSet:
 
 
 class RowFilter:
-    """Which rows of a table are taken, by the number of their recording.
-
-    Parameters
-    ----------
-    partition : Partition
-        Says which units are taken.
-    selected : container of (str, str), optional
-        Which of their recordings; by default all.
-
-    Attributes
-    ----------
-    names : Interner
-    nameless : int
-        Rows of no unit so far, which are never taken.
-    """
+    """Which rows of a table are taken, of a partition or of `selected` recordings, and how many name no unit."""
 
     def __init__(self, partition: Partition, selected: Container[Pair] | None = None) -> None:
         self.names = Interner()
@@ -266,12 +226,7 @@ def delayed(samples: Samples, seconds: float) -> Samples:
 
 
 def refuse_other_unit(file: str, unit: Unit, first: str, known: Unit) -> None:
-    """Refuse readings in another unit of field than those of the first file.
-
-    Raises
-    ------
-    UnitError
-    """
+    """Refuse readings in another unit of field than those of the first file: raises UnitError."""
     if unit.inside != known.inside:
         raise UnitError(
             f"its readings are in {known.inside} in {first} and in {unit.inside} in {file}: give --unit (and --scale "
@@ -281,27 +236,14 @@ def refuse_other_unit(file: str, unit: Unit, first: str, known: Unit) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreamedRecording:
-    """A recording of more readings than fit into memory, read from its files on each pass.
+    """A recording of more readings than fit into memory, read from its files on each pass."""
 
-    Attributes
-    ----------
-    partition : Partition
-        Its files.
-    pair : (str, str)
-        Unit and recording.
-    options : Options
-    unit : Unit
-    axes : Axes
-    start_s : float, s
-        Origin of its times.
-    """
-
-    partition: Partition
-    pair: Pair
+    partition: Partition  # its files
+    pair: Pair  # unit and recording
     options: Options
     unit: Unit
     axes: Axes
-    start_s: float
+    start_s: float  # s, origin of its times
 
     @classmethod
     def of(cls, partition: Partition, pair: Pair, options: Options) -> StreamedRecording:
@@ -338,35 +280,18 @@ LISTED: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class UnreadableGroups:
-    """Groups of a file that cannot be read.
+    """Groups of a file that cannot be read."""
 
-    Attributes
-    ----------
-    part : FileSlice
-        Slice that they belong to.
-    group : str
-        Name of a group in its file.
-    groups, group_count : tuple of int, int
-        Which of how many groups, counted from 0.
-    rows : int
-    error : Exception
-    counts : Counter
-        Rows of each recording; empty if the keys cannot be read either.
-    ends : tuple of str
-        If they cannot: units with some of the rows, according to footer or path.
-    is_complete : bool
-        Whether no other units have any.
-    """
-
-    part: FileSlice
-    group: str
-    groups: tuple[int, ...]
+    part: FileSlice  # slice that they belong to
+    group: str  # name of a group in its file
+    groups: tuple[int, ...]  # which of how many groups, counted from 0
     group_count: int
     rows: int
     error: Exception
+    # rows of each recording; empty if the keys cannot be read either
     counts: Counter[Pair] = field(default_factory=Counter)
-    ends: tuple[str, ...] = ()
-    is_complete: bool = False
+    ends: tuple[str, ...] = ()  # if they cannot: units with some of the rows, according to footer or path
+    is_complete: bool = False  # whether no other units have any
 
     @property
     def place(self) -> str:
@@ -408,17 +333,6 @@ def open_as_planned(part: FileSlice, options: Options) -> Iterator[TableFile]:
 class Unreadable:
     """Unreadable groups of the slices of a partition.
 
-    Parameters
-    ----------
-    partition : Partition
-    options : Options
-
-    Attributes
-    ----------
-    all : list of UnreadableGroups
-
-    Examples
-    --------
     >>> import tempfile
     >>> from pathlib import Path
     >>> import pyarrow

@@ -21,6 +21,7 @@ from __future__ import annotations
 import heapq
 import math
 import re
+from collections import Counter
 from dataclasses import dataclass, fields, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
@@ -274,13 +275,7 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 
 
 def needs_arrow() -> Any:  # noqa: ANN401
-    """Import pyarrow, which writes the table of a fleet.
-
-    Raises
-    ------
-    MissingExtra
-        If it is not installed.
-    """
+    """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
     try:
         import pyarrow
         import pyarrow.ipc
@@ -290,12 +285,7 @@ def needs_arrow() -> Any:  # noqa: ANN401
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
-    """Refuse a table that lacks columns of `flinders fleet`; those `LATER` may be missing.
-
-    Raises
-    ------
-    DocumentError
-    """
+    """Refuse a table that lacks columns of `flinders fleet`, but for those `LATER`: raises DocumentError."""
     missing = [name for name in needed if name in NAMES and name not in names and name not in LATER]
     if missing:
         where = f"{path}: " if path else ""
@@ -418,24 +408,11 @@ def texts(column: Any) -> list[str]:  # noqa: ANN401
 
 
 def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
-    """Merge files of rows, in the order of `KEY`, into a Parquet file that appears when it is complete.
+    """Merge Arrow files of rows, each sorted by `KEY`, into a Parquet file; of equal rows the first come first.
 
     A file is opened when its first row comes next, and a row group is taken from a few files, so that memory is that of
-    a row group.
+    a row group. Raises OutputError.
 
-    Parameters
-    ----------
-    parts : sequence of Path
-        Arrow files, each sorted by `KEY`. Of equal rows those of the first file come first.
-    out : str or path
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-
-    Examples
-    --------
     >>> import tempfile
     >>> from pathlib import Path
     >>> folder = Path(tempfile.mkdtemp())
@@ -503,3 +480,86 @@ def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: A
     pieces = (_mapped(parts[place]).take(numbers) for place, numbers in taken)
     whole = arrow.concat_tables([schema().empty_table(), *pieces])
     return whole.combine_chunks().take(np.argsort(order))
+
+
+# --------------------------------------------------------------------------------------------------------------- counts
+
+COUNTED: Final = {
+    "verdict": "verdicts", "code": "codes", "findings": "findings", "unit_of_field": "units_of_field"
+}  # fmt: skip
+"""Columns of few texts that occur often, and what their counts are called."""
+
+
+def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Units, rows and readings of a table sorted by unit, and counts of verdicts; memory is that of a batch.
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> good = UnitResult(unit="A1", verdict="good", worst_deg=0.4)
+    >>> rows = [good, UnitResult(unit="A2", code="unreadable"), UnitResult(unit="A2")]
+    >>> _ = (folder / "part").write_bytes(UnitResults.of(rows).to_bytes())
+    >>> merge([folder / "part"], folder / "all.parquet")
+    >>> counts = table_counts(folder / "all.parquet")
+    >>> counts["rows"], counts["units"], counts["verdicts"], counts["worst_deg"]["largest"], counts["failed_readings"]
+    (3, 2, {'good': 1, 'failed': 2}, 0.4, 0)
+    """
+    needs_arrow()
+    from pyarrow import parquet
+
+    counters = {name: Counter[str]() for name in COUNTED}
+    totals, last = Counter[str](), None
+    errors: list[Floats] = [np.empty(0)]
+    with parquet.ParquetFile(path, page_checksum_verification=True) as file:
+        for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
+            for name, counter in counters.items():
+                counter.update(_value_counts(batch.column(name)))
+            errors.append(_heading_errors(batch))
+            readings = batch.column("readings").to_numpy()
+            failed = readings[_is_among(batch, VERDICTS[3:])]
+            units = named_rows(batch).column("unit")
+            totals.update(readings=int(readings.sum()), failed_readings=int(failed.sum()), rows=len(readings))
+            if len(units):
+                totals["units"] += len(units.unique()) - (units[0].as_py() == last)
+                last = units[-1].as_py()
+    verdicts = counters.pop("verdict")
+    return {
+        **{name: totals[name] for name in ("units", "rows", "readings", "failed_readings")},
+        "verdicts": {name: verdicts[name] for name in VERDICTS if verdicts[name]},
+        **{COUNTED[name]: _by_frequency(counter) for name, counter in counters.items()},
+        "worst_deg": _spread(errors),
+    }
+
+
+def _spread(errors: Sequence[Floats]) -> dict[str, float]:
+    """Median, 95th percentile and maximum of heading errors; empty without any."""
+    known = np.concatenate(errors)
+    if not len(known):
+        return {}
+    return dict(zip(("median", "p95", "largest"), np.percentile(known, [50, 95, 100]).tolist(), strict=True))
+
+
+def _value_counts(column: Any) -> dict[str, int]:  # noqa: ANN401 - pyarrow ships no types
+    """Count each text of a column, or of the lists in one."""
+    values = column.flatten() if hasattr(column, "flatten") else column
+    return {each["values"]: each["counts"] for each in values.value_counts().to_pylist()}
+
+
+def _heading_errors(batch: Any) -> Floats:  # noqa: ANN401
+    """Known heading errors of a batch, of rows that have a calibration."""
+    worst: Floats = np.asarray(batch.column("worst_deg").to_numpy(zero_copy_only=False), dtype=float)
+    known: Floats = worst[_is_among(batch, VERDICTS[:2]) & np.isfinite(worst)]
+    return known
+
+
+def _is_among(batch: Any, verdicts: Sequence[str]) -> NDArray[np.bool_]:  # noqa: ANN401
+    """(R,) whether rows of a batch have one of these verdicts."""
+    from pyarrow import array, compute
+
+    among: NDArray[np.bool_] = compute.is_in(batch.column("verdict"), value_set=array(verdicts)).to_numpy(False)
+    return among
+
+
+def _by_frequency(counts: Counter[str]) -> dict[str, int]:
+    """Counts with the most frequent first, the empty text left out."""
+    return {name: count for name, count in sorted(counts.items(), key=lambda each: (-each[1], each[0])) if name}

@@ -20,7 +20,6 @@ from collections import Counter, deque
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from itertools import islice
 from multiprocessing import resource_tracker
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -35,12 +34,10 @@ Result = TypeVar("Result")
 
 ATTEMPTS: Final = 3
 """Workers that a unit of work may cost; as many as Dask allows."""
-AHEAD: Final = 4
-"""Units that a cluster is given for each of its threads before the first of them is done."""
 PATIENCE_S: Final = 10.0
 """Seconds within which a scheduler has to answer."""
 RECOUNT_S: Final = 5.0
-"""Seconds after which the threads of a cluster are counted again: workers come and go."""
+"""Seconds after which the workers of a cluster are looked at again: they come and go."""
 LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
 """Loggers of Dask, with handlers of their own."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -56,21 +53,11 @@ class Abandoned:
 
 @dataclass(frozen=True, slots=True)
 class WorkerDeath:
-    """A worker that died, or left a cluster.
+    """A worker that died, or left a cluster."""
 
-    Attributes
-    ----------
-    worker : str
-        The number of its process, or its address.
-    place : int, optional
-        Index of its unit, which is run again; a cluster does not say.
-    attempts : int
-        Workers that this unit has cost so far.
-    """
-
-    worker: str
-    place: int | None = None
-    attempts: int = 0
+    worker: str  # the number of its process, or its address
+    place: int | None = None  # index of its unit, which is run again; a cluster does not say
+    attempts: int = 0  # workers that this unit has cost so far
 
 
 def cores() -> int:
@@ -89,28 +76,10 @@ def map_units(
 ) -> Iterator[tuple[int, Result | Abandoned]]:
     """Run a function over units, and yield the index of each and its result, in the order in which they are done.
 
-    Parameters
-    ----------
-    work : callable
-        Must be picklable, and so must units and results.
-    units : sequence
-    workers : int, optional
-        Processes of this machine, by default one for each core; 0 runs everything in this process.
-    scheduler : str, optional
-        Address of a Dask scheduler, such as ``tcp://10.0.0.1:8786``, instead of processes.
-    notice : callable, optional
-        Called with the reason if the work cannot go on: a cluster without workers.
-    died : callable, optional
-        Called with each worker that died; with those of a cluster up to `RECOUNT_S` later.
-
-    Raises
-    ------
-    LinkError
-        If there is no scheduler, or it goes away.
-    MissingExtra
-        If Dask is not installed.
-    Exception
-        Whatever `work` raises.
+    In this process for no `workers`, in so many processes (by default one for each core), or on the Dask cluster of a
+    `scheduler`; function, units and results have to be picklable. `notice` is called with the reason if the work cannot
+    go on, `died` with each worker that died. Raises LinkError if there is no scheduler, or it goes away, and whatever
+    `work` raises.
     """
     if scheduler is not None:
         yield from _on_cluster(work, units, scheduler, notice, died)
@@ -121,15 +90,7 @@ def map_units(
 
 
 def reach(scheduler: str) -> None:
-    """Check that a scheduler answers, before anything is done for it.
-
-    Raises
-    ------
-    LinkError
-        If it does not.
-    MissingExtra
-        If Dask is not installed.
-    """
+    """Check that a scheduler answers: raises LinkError, or MissingExtra without Dask."""
     with _quiet(), _client(scheduler):
         pass
 
@@ -217,13 +178,13 @@ def _context() -> Any:  # noqa: ANN401 - one of several classes
 
 
 def _prepare() -> None:
-    """Leave Ctrl-C to the disturbance, and end with it: a worker whose disturbance was killed would wait for ever."""
+    """Leave Ctrl-C to the parent process, and end with it: a worker without a parent would wait for ever."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the disturbance, then end this process."""
+    """Wait for the end of the parent process, then end this one."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -296,39 +257,27 @@ def _submitted(
     notice: Callable[[str], None],
     died: Callable[[WorkerDeath], None],
 ) -> Iterator[tuple[int, Result | Abandoned]]:
-    """Submit as much as the cluster has threads for, and more as results come; each future is released once read."""
-    waiting = iter(range(len(units)))
-    places: dict[Any, int] = {}
-    done = _distributed().as_completed(loop=client.loop, raise_errors=False)
-    known: set[str] = set()
-
-    def capacity() -> int:
-        nonlocal known
-        threads: dict[str, int] = client.nthreads()
-        for worker in sorted(known - set(threads)):
-            died(WorkerDeath(worker))
-        known = set(threads)
-        return AHEAD * max(sum(threads.values()), 1)
-
-    def fill(room: int) -> None:
-        for place in islice(waiting, max(room - len(places), 0)):
-            future = client.submit(work, units[place], pure=False)
-            places[future] = place
-            done.add(future)
-
-    room, counted = capacity(), monotonic()
-    fill(room)  # before asking for workers: some clusters start them when there is work
-    if not client.nthreads():
+    """Submit all units, and yield what is done; each result is released once it is read."""
+    places = {future: place for place, future in enumerate(client.map(work, units, pure=False))}
+    done = _distributed().as_completed(list(places), loop=client.loop, raise_errors=False)
+    present, looked = _present(client, set(), died), monotonic()
+    if not present:
         notice(f"{scheduler} has no workers: waiting for one (`dask worker {scheduler}` starts one)")
     for future in done:
-        place = places.pop(future)
-        yield place, _of_future(future, scheduler)
+        yield places.pop(future), _of_future(future, scheduler)
         future.release()
-        if monotonic() - counted > RECOUNT_S:
-            room, counted = capacity(), monotonic()
-        fill(room)
+        if monotonic() - looked > RECOUNT_S:
+            present, looked = _present(client, present, died), monotonic()
     with contextlib.suppress(OSError):  # all is done: it does not matter if the scheduler has gone by now
-        capacity()
+        _present(client, present, died)
+
+
+def _present(client: Any, before: set[str], died: Callable[[WorkerDeath], None]) -> set[str]:  # noqa: ANN401
+    """Workers of a cluster; those that were there before and are no more have died."""
+    now = set(client.nthreads())
+    for worker in sorted(before - now):
+        died(WorkerDeath(worker))
+    return now
 
 
 def _of_future(future: Any, scheduler: str) -> Any:  # noqa: ANN401

@@ -49,26 +49,13 @@ NAMED_BY: Final = ("AWS_", "AZURE_", "GOOGLE_")
 
 @dataclass(frozen=True, slots=True, order=True)
 class StoredFile:
-    """A file or object.
+    """A file or object."""
 
-    Attributes
-    ----------
-    name : str
-        Path below the folder that was given, with slashes.
-    where : str
-        Its path or URL.
-    size : int, bytes
-    stamp : str
-        Changes when it does.
-    kind : str
-        If it is no file, what it is, such as ``pipe``: it is never opened, since that may block.
-    """
-
-    name: str
-    where: str
-    size: int
-    stamp: str = ""
-    kind: str = ""
+    name: str  # path below the folder that was given, with slashes
+    where: str  # its path or URL
+    size: int  # bytes
+    stamp: str = ""  # changes when it does
+    kind: str = ""  # if it is no file, what it is, such as ``pipe``: it is never opened, since that may block
 
 
 def is_remote(where: str) -> bool:
@@ -81,16 +68,9 @@ def is_remote(where: str) -> bool:
 
 
 def listed(where: str) -> list[StoredFile]:
-    """List the files of a folder, a pattern, a file or a URL, sorted by name.
+    """List the files of a folder, a pattern, a file or a URL, sorted by name, without hidden ones and checkpoints.
 
-    Hidden ones, ``_SUCCESS`` and folders of checkpoints are left out.
-
-    Raises
-    ------
-    UnreadableInput
-        If there is nothing, or it cannot be listed.
-    MissingExtra
-        For a URL, if obstore is not installed.
+    Raises UnreadableInput if there is nothing, or it cannot be listed, and MissingExtra for a URL without obstore.
     """
     files = sorted(_objects(where) if is_remote(where) else _files(where))
     if not files:
@@ -222,13 +202,7 @@ def _store_errors(where: str, refused: type[FlindersError] = UnreadableInput) ->
 
 @contextlib.contextmanager
 def opened(file: StoredFile) -> Iterator[Any]:
-    """Open a file for random access, such as to its footer and some row groups.
-
-    Raises
-    ------
-    UnreadableInput
-        If it is gone, or may not be read.
-    """
+    """Open a file for random access, such as to its footer and some row groups; raises UnreadableInput."""
     if not is_remote(file.where):
         yield file.where
         return
@@ -272,12 +246,7 @@ class _Object(io.RawIOBase):
 def fetched(file: StoredFile) -> Iterator[Path]:
     """Copy an object to a file of this machine, which is removed afterwards; a local file is given as it is.
 
-    Raises
-    ------
-    UnreadableInput
-        If it cannot be read.
-    OutputError
-        If there is no room for the copy.
+    Raises UnreadableInput if it cannot be read, and OutputError if there is no room for the copy.
     """
     if not is_remote(file.where):
         if file.name.endswith("/"):
@@ -297,15 +266,7 @@ def fetched(file: StoredFile) -> Iterator[Path]:
 
 
 def refuse_object(where: str, *, force: bool = False) -> None:
-    """Refuse, before a long run, an object that could not be written at its end.
-
-    Raises
-    ------
-    OutputExists
-        If there is one already, unless `force`.
-    OutputError
-        If the URL names none, or the store does not answer.
-    """
+    """Refuse, before a long run, an object that could not be written at its end: raises OutputExists or OutputError."""
     store, path = _split(where)
     if not path or where.endswith("/"):
         raise OutputError(f"{where}: it is a folder: give the name of an object in it, such as calibrations.parquet")
@@ -319,13 +280,7 @@ def refuse_object(where: str, *, force: bool = False) -> None:
 
 
 def put(path: Path, where: str) -> None:
-    """Copy a file of this machine to an object, which appears when it is complete.
-
-    Raises
-    ------
-    OutputError
-        If the store refuses it.
-    """
+    """Copy a file of this machine to an object, which appears when it is complete; raises OutputError."""
     store, name = _split(where)
     with _store_errors(where, OutputError):
         obstore().put(_store(store), name, path)

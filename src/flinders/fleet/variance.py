@@ -42,21 +42,12 @@ DAY: Final = 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Variance:
-    """Variance of offsets between recordings.
+    """Variance of offsets between recordings."""
 
-    Attributes
-    ----------
-    factor : float
-        λ, by which claimed variances are too small; 1 if they are not.
-    random_walk : float, per root second
-        q of each axis, as a fraction of the field; per root recording if dates are not known.
-    pairs : int
-        Number of pairs.
-    """
-
-    factor: float = 1.0
+    factor: float = 1.0  # λ, by which claimed variances are too small; 1 if they are not
+    # per root second, q of each axis, as a fraction of the field; per root recording if dates are not known
     random_walk: float = 0.0
-    pairs: int = 0
+    pairs: int = 0  # number of pairs
 
     def heading_deg(self, seconds: float, *, dip_deg: float = 60.0) -> float:
         """Worst 1 σ of the heading of a level vehicle, in degrees, that the random walk makes in a time.
@@ -68,16 +59,9 @@ class Variance:
 
 
 def estimate_variance(changes: Floats, claimed: Floats, seconds: Floats) -> Variance:
-    """Estimate both from pairs of recordings.
+    """Estimate both from pairs: (n, 3) changes as fractions of the field, (n, 3, 3) P + P′ in its square, (n,) times.
 
-    Parameters
-    ----------
-    changes : (n, 3) float
-        Changes of the offset, as fractions of the field.
-    claimed : (n, 3, 3) float
-        P + P′, in the square of that.
-    seconds : (n,) float
-        Time between them, or the number of recordings if dates are not known; pairs with NaN are left out.
+    Pairs with a time of NaN are left out; without dates a time is a number of recordings.
     """
     known = np.isfinite(seconds) & np.isfinite(changes).all(axis=1)
     if np.count_nonzero(known) < FEWEST:

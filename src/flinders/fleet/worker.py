@@ -95,13 +95,7 @@ class NoUnit(InputError):
 
 
 def calibrate_partition(partition: Partition, *, options: Options) -> bytes:
-    """Calibrate a partition; returns its sorted rows as the bytes of an Arrow file.
-
-    Parameters
-    ----------
-    partition : Partition
-    options : Options
-    """
+    """Calibrate a partition; returns its sorted rows as the bytes of an Arrow file."""
     rows = _of_tables(partition, options) if partition.slices[0].groups else _of_logs(partition, options)
     return rows.sorted().to_bytes()
 
@@ -228,14 +222,7 @@ def _in_memory(table: Any) -> TableFile:  # noqa: ANN401
 
 
 def fit_jobs(jobs: Sequence[Job], options: Options) -> UnitResults:
-    """Fit recordings together, each with the numbers that `flinders.fit` gives it by itself.
-
-    Parameters
-    ----------
-    jobs : sequence of Job
-    options : Options
-        Of which target and dip are used.
-    """
+    """Fit recordings together, each with the numbers that `flinders.fit` gives it by itself."""
     if not jobs:
         return UnitResults.of(())
     sources = [job.source if isinstance(job.source, Samples) else CountedRecording(job.source) for job in jobs]

@@ -22,14 +22,14 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self, TypeAlias
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, Self, TypeAlias
 
 from flinders.core.units import PER_UNIT, SPELLINGS
 from flinders.errors import UnitError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 MU0_2PI: Final = 0.2
 """µ₀/2π in µT·m/A; the 2·10⁻⁷ T·m/A of the old ampere still holds to nine digits (CODATA 2022)."""
@@ -327,3 +327,120 @@ def _unit(kind: Kind, text: str, whole: str) -> str:
             return name
     named = f"unit {text!r} is not known here" if text else "lacks a unit"
     raise UnitError(f"{kind} {whole!r}: {named}; use one of {', '.join(units)}, such as {EXAMPLES[kind]}")
+
+
+QUANTITIES: Final[Mapping[str, tuple[Kind, str]]] = {
+    "field": ("field", "field_uT"),
+    "stray": ("field", "stray_uT"),
+    "error": ("angle", "error_deg"),
+    "current": ("current", "current_A"),
+    "distance": ("length", "distance_m"),
+    "separation": ("length", "separation_m"),
+    "moment": ("moment", "moment_Am2"),
+    "remanence": ("field", "remanence_uT"),
+    "volume": ("volume", "volume_m3"),
+}
+"""What each quantity of a budget is measured as, and its name with its unit."""
+
+Solver: TypeAlias = "Callable[..., Wire | Pair | Magnet]"
+
+
+@dataclass
+class Budget:
+    """A chain of relations: what was given, and what was found from it.
+
+    Attributes
+    ----------
+    kind : str
+        ``heading``, ``wire``, ``pair`` or ``magnet``.
+    given : name to UnitValue
+        In the order in which they are shown.
+    position : str, optional
+        Of the sensor beside a magnet.
+    found : name to number
+        In the units used here; an error of None is any.
+    why : name to the formula it was found by
+
+    Examples
+    --------
+    >>> given = {"current": UnitValue.of("current", "0.2A"), "distance": UnitValue.of("length", "1cm")}
+    >>> budget = Budget("wire", given)
+    >>> budget.find_source(Wire.solve, ("current", "distance"))
+    >>> budget.found, budget.why
+    ({'stray': 4.0}, {'stray': 'B = µ₀ I / (2π r)'})
+    """
+
+    kind: str
+    given: dict[str, UnitValue]
+    position: Position | None = None
+    found: dict[str, float | None] = field(default_factory=dict)
+    why: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def known(self) -> dict[str, float]:
+        """All that is known by now."""
+        solved = {name: value for name, value in self.found.items() if value is not None}
+        return {name: quantity.value for name, quantity in self.given.items()} | solved
+
+    def find_heading(self) -> None:
+        """Find the third of field, stray field and error where two are known."""
+        known = self.known
+        if {"field", "stray"} <= known.keys() and known["stray"] > known["field"]:
+            self.found["error"] = None
+            return
+        solved = Heading.solve(field=known.get("field"), stray=known.get("stray"), error_deg=known.get("error"))
+        for name, value in {"field": solved.field, "stray": solved.stray, "error": solved.error_deg}.items():
+            if name not in known:
+                self.found[name], self.why[name] = value, solved.formula
+
+    def find_moment(self) -> None:
+        """Find the moment of a magnet from its remanence and volume, where they are given.
+
+        Raises
+        ------
+        UsageError
+            Where one of them is missing, or the moment is given as well.
+        """
+        made = [self.given[name].value for name in ("remanence", "volume") if name in self.given]
+        if len(made) == 1 or (made and "moment" in self.given):
+            raise UsageError("give --moment, or --remanence and --volume together")
+        if made:
+            self.found["moment"] = magnet_moment(remanence=made[0], volume=made[1])
+            self.why["moment"] = "m = B_r V / µ₀"
+
+    def find_source(self, solve: Solver, names: tuple[str, ...]) -> None:
+        """Find what is left out of a source, by its stray field or that which the heading error allows.
+
+        Raises
+        ------
+        UsageError
+            Where too much or too little is given.
+        """
+        heading = [name for name in ("field", "stray", "error") if name in self.given]
+        if len(heading) > 2:
+            raise UsageError(
+                "--field, --stray and --error are all given, and two of them make the third: leave out one"
+            )
+        if len(heading) == 2:
+            self.find_heading()
+        missing = [name for name in (*names, "stray") if name not in self.known]
+        options = " and ".join(f"--{name}" for name in names)
+        if not missing:
+            raise UsageError(f"{options} make a stray field, and another is given: leave out what is to be found")
+        if len(missing) > 1:
+            raise UsageError(
+                f"too little is given: need {options} to find the stray field, or all but one of them and --stray, "
+                "or --field and --error, to find that one"
+            )
+        solved = solve(**{name: self.known.get(name) for name in (*names, "stray")})
+        self.found[missing[0]], self.why[missing[0]] = getattr(solved, missing[0]), solved.formula
+        if len(heading) == 1 and heading[0] != "stray":
+            self.find_heading()
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: each quantity under its name with its unit, and which were found; an error of null is any."""
+        known = self.known
+        values = {key: known.get(name) for name, (_, key) in QUANTITIES.items() if name in known or name in self.found}
+        fields: dict[str, Any] = {"kind": self.kind, **({"position": self.position} if self.position else {}), **values}
+        found = [QUANTITIES[name][1] for name in self.found]
+        return {**fields, "found": found, "formulas": [*dict.fromkeys(self.why.values())]}

@@ -91,7 +91,7 @@ typedef struct {
     void (*rows)(const fl_view *view, const fl_surface *surface, real *out, real *directions);
     void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
-    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[FL_LANES],
+    void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
                    real log_determinant[FL_LANES], real sums[55][FL_LANES]);
 } fl_kernels;
 

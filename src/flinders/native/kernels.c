@@ -343,54 +343,111 @@ static void squares(const real *rows, const real *distances, size_t n, real sums
     for (int sum = 0; sum < 55; sum++) sums[sum] = total(lanes[sum]);
 }
 
-/* Kalman filter of eight models of noise side by side: white noise of variance 1 a reading, and a disturbance of a
- * variance and memory with three components along the normals of the surface, or with one. Gives Σ r rᵀ of the
- * innovations of Jacobian and distance over their variances, and the logarithm of these to the base 2, over those of
- * white noise alone. */
-static void filter(const fl_series *series, int is_vector, const real variance[FL_LANES], const real memory[FL_LANES],
+/* Eight models of noise side by side: variance and state of the disturbance, and the innovations of one row. Inner loops
+ * go over the models and no further, else compilers shuffle numbers. */
+typedef real lanes[FL_LANES];
+typedef struct {
+    lanes variance, p[6], state[10][3]; /* p of xx, yy, zz, xy, xz, yz */
+    lanes gain[3], weight, product, innovation[10];
+} filters;
+
+/* Covariance of a disturbance of three components, seen along a normal, and the gain that follows. */
+static inline void weigh_vector(filters *at, real decay, const real normal[3], real count)
+{
+    const real square = decay * decay, fresh = 1 - square, white = 1 / count;
+    const real nx = normal[0], ny = normal[1], nz = normal[2];
+    for (int lane = 0; lane < FL_LANES; lane++) {
+        const real added = at->variance[lane] * fresh;
+        const real xx = at->p[0][lane] * square + added, yy = at->p[1][lane] * square + added,
+                   zz = at->p[2][lane] * square + added;
+        const real xy = at->p[3][lane] * square, xz = at->p[4][lane] * square, yz = at->p[5][lane] * square;
+        const real hx = xx * nx + xy * ny + xz * nz, hy = xy * nx + yy * ny + yz * nz, hz = xz * nx + yz * ny + zz * nz;
+        const real all = nx * hx + ny * hy + nz * hz + white, weight = 1 / all;
+        const real gx = hx * weight, gy = hy * weight, gz = hz * weight;
+        at->gain[0][lane] = gx, at->gain[1][lane] = gy, at->gain[2][lane] = gz;
+        at->weight[lane] = weight, at->product[lane] *= all * count;
+        at->p[0][lane] = xx - hx * gx, at->p[1][lane] = yy - hy * gy, at->p[2][lane] = zz - hz * gz;
+        at->p[3][lane] = xy - hx * gy, at->p[4][lane] = xz - hx * gz, at->p[5][lane] = yz - hy * gz;
+    }
+}
+
+/* The same of a disturbance of one component. */
+static inline void weigh_strength(filters *at, real decay, real count)
+{
+    const real square = decay * decay, fresh = 1 - square, white = 1 / count;
+    for (int lane = 0; lane < FL_LANES; lane++) {
+        const real variance = at->p[0][lane] * square + at->variance[lane] * fresh;
+        const real all = variance + white, weight = 1 / all, gain = variance * weight;
+        at->gain[0][lane] = gain, at->weight[lane] = weight, at->product[lane] *= all * count;
+        at->p[0][lane] = variance - variance * gain;
+    }
+}
+
+/* The innovation of one column of a row, and what it moves the state by. */
+static inline void follow_vector(real value, real decay, const real normal[3], const filters *at,
+                                 lanes *restrict state, real *restrict innovation)
+{
+    const real nx = normal[0], ny = normal[1], nz = normal[2];
+    real *restrict const along_x = state[0], *restrict const along_y = state[1], *restrict const along_z = state[2];
+    for (int lane = 0; lane < FL_LANES; lane++) {
+        const real x = along_x[lane] * decay, y = along_y[lane] * decay, z = along_z[lane] * decay;
+        const real error = value - (nx * x + ny * y + nz * z);
+        innovation[lane] = error;
+        along_x[lane] = x + at->gain[0][lane] * error;
+        along_y[lane] = y + at->gain[1][lane] * error;
+        along_z[lane] = z + at->gain[2][lane] * error;
+    }
+}
+
+/* The same of a disturbance of one component. */
+static inline void follow_strength(real value, real decay, const filters *at, real *restrict state,
+                                   real *restrict innovation)
+{
+    for (int lane = 0; lane < FL_LANES; lane++) {
+        const real before = state[lane] * decay, error = value - before;
+        innovation[lane] = error;
+        state[lane] = before + at->gain[0][lane] * error;
+    }
+}
+
+/* Add the products of all pairs of innovations over their variance. */
+static inline void add_innovations(const filters *at, lanes *restrict sums)
+{
+    for (int a = 0, sum = 0; a < 10; a++) {
+        lanes weighed;
+        for (int lane = 0; lane < FL_LANES; lane++) weighed[lane] = at->innovation[a][lane] * at->weight[lane];
+        for (int b = a; b < 10; b++, sum++)
+            for (int lane = 0; lane < FL_LANES; lane++) sums[sum][lane] += weighed[lane] * at->innovation[b][lane];
+    }
+}
+
+/* Kalman filter of models of noise: white noise of variance 1 a reading, and a disturbance of eight variances and one
+ * memory with three components along the normals of the surface, or with one. Gives Σ r rᵀ of the innovations of Jacobian
+ * and distance over their variances, and the logarithm of these to the base 2, over those of white noise alone. */
+static void filter(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
                    real log_determinant[FL_LANES], real sums[55][FL_LANES])
 {
-    real state[3][10][FL_LANES] = {{{0}}}, p[6][FL_LANES] = {{0}}, product[FL_LANES];
+    filters at;
+    memset(&at, 0, sizeof at);
     memset(sums, 0, 55 * FL_LANES * sizeof(real));
     for (int lane = 0; lane < FL_LANES; lane++) {
-        p[0][lane] = p[1][lane] = p[2][lane] = variance[lane];
-        log_determinant[lane] = 0, product[lane] = 1;
+        at.variance[lane] = at.p[0][lane] = at.p[1][lane] = at.p[2][lane] = variance[lane];
+        log_determinant[lane] = 0, at.product[lane] = 1;
     }
     for (size_t k = 0; k < series->n; k++) {
-        const real *const row = series->rows + 10 * k, white = 1 / series->counts[k], step = series->steps[k];
-        const real nx = is_vector ? row[0] : 1, ny = is_vector ? row[1] : 0, nz = is_vector ? row[2] : 0;
-        real decay[FL_LANES], innovation[10][FL_LANES], gain[3][FL_LANES], weight[FL_LANES];
-        for (int lane = 0; lane < FL_LANES; lane++) {
-            const real x = step / memory[lane], d = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
-            const real d2 = d * d, fresh = variance[lane] * (1 - d2);
-            decay[lane] = d;
-            const real xx = p[0][lane] * d2 + fresh, yy = p[1][lane] * d2 + fresh, zz = p[2][lane] * d2 + fresh;
-            const real xy = p[3][lane] * d2, xz = p[4][lane] * d2, yz = p[5][lane] * d2;
-            const real hx = xx * nx + xy * ny + xz * nz, hy = xy * nx + yy * ny + yz * nz, hz = xz * nx + yz * ny + zz * nz;
-            const real total = nx * hx + ny * hy + nz * hz + white, w = 1 / total;
-            gain[0][lane] = hx * w, gain[1][lane] = hy * w, gain[2][lane] = hz * w;
-            weight[lane] = w, product[lane] *= total * series->counts[k];
-            p[0][lane] = xx - hx * gain[0][lane], p[1][lane] = yy - hy * gain[1][lane], p[2][lane] = zz - hz * gain[2][lane];
-            p[3][lane] = xy - hx * gain[1][lane], p[4][lane] = xz - hx * gain[2][lane], p[5][lane] = yz - hy * gain[2][lane];
+        const real *const row = series->rows + 10 * k, x = series->steps[k] / memory;
+        const real decay = 1 / (1 + x * (1 + x / 2)); /* exp(-x), a little above it */
+        if (is_vector) {
+            weigh_vector(&at, decay, row, series->counts[k]);
+            for (int i = 0; i < 10; i++) follow_vector(row[i], decay, row, &at, at.state[i], at.innovation[i]);
+        } else {
+            weigh_strength(&at, decay, series->counts[k]);
+            for (int i = 0; i < 10; i++) follow_strength(row[i], decay, &at, at.state[i][0], at.innovation[i]);
         }
-        for (int column = 0; column < 10; column++)
-            for (int lane = 0; lane < FL_LANES; lane++) {
-                const real x = state[0][column][lane] * decay[lane], y = state[1][column][lane] * decay[lane],
-                           z = state[2][column][lane] * decay[lane], v = row[column] - (nx * x + ny * y + nz * z);
-                innovation[column][lane] = v;
-                state[0][column][lane] = x + gain[0][lane] * v;
-                state[1][column][lane] = y + gain[1][lane] * v;
-                state[2][column][lane] = z + gain[2][lane] * v;
-            }
-        for (int a = 0, sum = 0; a < 10; a++) {
-            real weighed[FL_LANES];
-            for (int lane = 0; lane < FL_LANES; lane++) weighed[lane] = innovation[a][lane] * weight[lane];
-            for (int b = a; b < 10; b++, sum++)
-                for (int lane = 0; lane < FL_LANES; lane++) sums[sum][lane] += weighed[lane] * innovation[b][lane];
-        }
+        add_innovations(&at, sums);
         if (k % 8 == 7 || k + 1 == series->n)
             for (int lane = 0; lane < FL_LANES; lane++)
-                log_determinant[lane] += fl_log2(product[lane]), product[lane] = 1;
+                log_determinant[lane] += fl_log2(at.product[lane]), at.product[lane] = 1;
     }
 }
 

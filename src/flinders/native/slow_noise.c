@@ -212,27 +212,46 @@ static void end_of_fit(const fl_fit *fit, const real sums[55], real prior_gradie
     fl_multiply(inverse, gradient, 9, 9, 1, bent);
 }
 
-/* Run a grid of models; returns how many there are, and which is the best. */
-static int run(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, const real bent[9],
-               model *models, int *best)
+/* The likeliest of n models, at least one. */
+static const model *best_of(const model *models, int n)
 {
-    real ratio[FL_LANES], memory[FL_LANES], log_determinant[FL_LANES], sums[55][FL_LANES];
-    int n = 0;
-    *best = 0;
+    const model *best = models;
+    for (int k = 1; k < n; k++) best = models[k].likelihood > best->likelihood ? models + k : best;
+    return best;
+}
+
+/* Put eight models of one memory of a grid behind n others; returns how many there are then. */
+static int add_models(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, int k,
+                      const real bent[9], model *models, int n)
+{
+    real ratio[FL_LANES], log_determinant[FL_LANES], sums[55][FL_LANES];
+    const real memory = over->memory * fl_pow(over->memory_step, (real)k);
     for (int lane = 0; lane < FL_LANES; lane++) ratio[lane] = over->ratio * fl_pow(over->ratio_step, (real)lane);
-    for (int k = 0; k < over->memories; k++) {
-        for (int lane = 0; lane < FL_LANES; lane++) memory[lane] = over->memory * fl_pow(over->memory_step, (real)k);
-        kernels->filter(series, is_vector, ratio, memory, log_determinant, sums);
-        for (int lane = 0; lane < FL_LANES; lane++) {
-            model *const one = models + n;
-            for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
-            one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory[lane];
-            take_off(bent, one->sums);
-            if (judge(one, log_determinant[lane], (real)series->n - 9)) continue;
-            if (one->likelihood > models[*best].likelihood) *best = n;
-            n++;
-        }
+    kernels->filter(series, is_vector, ratio, memory, log_determinant, sums);
+    for (int lane = 0; lane < FL_LANES; lane++) {
+        model *const one = models + n;
+        for (int i = 0; i < 55; i++) one->sums[i] = sums[i][lane];
+        one->is_vector = is_vector, one->ratio = ratio[lane], one->memory = memory;
+        take_off(bent, one->sums);
+        n += !judge(one, log_determinant[lane], (real)series->n - 9);
     }
+    return n;
+}
+
+/* Put the models of a grid behind n others, memory by memory from the middle as long as they are not hopeless; returns
+ * how many there are then. */
+static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over,
+                    const real bent[9], model *models, int n)
+{
+    const int middle = over->memories / 2, first = n;
+    n = add_models(kernels, series, is_vector, over, middle, bent, models, n);
+    for (int side = -1; side <= 1; side += 2)
+        for (int k = middle + side; k >= 0 && k < over->memories; k += side) {
+            const int before = n;
+            n = add_models(kernels, series, is_vector, over, k, bent, models, n);
+            const real most = best_of(models + first, n - first)->likelihood;
+            if (n > before && best_of(models + before, n - before)->likelihood < most - HOPELESS) break;
+        }
     return n;
 }
 
@@ -261,20 +280,22 @@ static int models_of(const fl_kernels *kernels, const fl_series *series, real sp
     const grid all = all_of(span, series->n);
     real most = white->likelihood;
     model top[2];
-    int n = 0, best;
+    int n = 0;
     for (int kind = 0; kind < 2; kind++) {
+        int count = 0;
+        for (int k = 0; k < COARSE; k++) count = add_models(kernels, series, kind == 0, &all, k, bent, models, count);
         top[kind].likelihood = -FL_HUGE;
-        if (run(kernels, series, kind == 0, &all, bent, models, &best)) top[kind] = models[best];
+        if (count) top[kind] = *best_of(models, count);
         most = top[kind].likelihood > most ? top[kind].likelihood : most;
     }
     for (int kind = 0; kind < 2; kind++) {
         if (!(top[kind].likelihood > most - HOPELESS)) continue;
         const grid fine = about(&all, top + kind);
-        const int more = run(kernels, series, kind == 0, &fine, bent, models + n, &best);
         const real share = fl_log2(fine.ratio_step) * fl_log2(fine.memory_step) /
                            (fl_log2(all.ratio_step) * FL_LANES * fl_log2(all.memory_step) * COARSE);
-        for (int k = n; k < n + more; k++) models[k].likelihood += fl_log2(share);
-        n += more;
+        const int first = n;
+        n = add_grid(kernels, series, kind == 0, &fine, bent, models, n);
+        for (int k = first; k < n; k++) models[k].likelihood += fl_log2(share);
     }
     models[n] = *white;
     return n + 1;

@@ -1,7 +1,7 @@
 """Parameters of a vehicle in its log: which were in force when, and readings without them.
 
->>> told = [(10, "COMPASS_OFS_X", -90.0), (20, "COMPASS_OFS_X", -95.0), (30, "COMPASS_OFS_X", -95.0)]
->>> found = stages(told, ("COMPASS",), "flight.bin")
+>>> entries = [(10, "COMPASS_OFS_X", -90.0), (20, "COMPASS_OFS_X", -95.0), (30, "COMPASS_OFS_X", -95.0)]
+>>> found = stages(entries, ("COMPASS",), "flight.bin")
 >>> [found[stage][1] for stage in stage_of([5, 15, 25, 35], found)]
 [{'COMPASS_OFS_X': -90.0}, {'COMPASS_OFS_X': -90.0}, {'COMPASS_OFS_X': -95.0}, {'COMPASS_OFS_X': -95.0}]
 """
@@ -37,7 +37,7 @@ MOST_CHANGES: Final = 1000
 
 
 def stages(
-    told: Iterable[tuple[float, str, float]], prefixes: tuple[str, ...], source: str, *, together: float = 0.0
+    entries: Iterable[tuple[float, str, float]], prefixes: tuple[str, ...], source: str, *, together: float = 0.0
 ) -> Stages:
     """Which parameters were in force from when on.
 
@@ -45,7 +45,7 @@ def stages(
 
     Parameters
     ----------
-    told : iterable of (float, str, float)
+    entries : iterable of (float, str, float)
         Place in the log or time, ascending, name and value, each time that a parameter was written.
     prefixes : tuple of str
         How the names begin that matter.
@@ -60,7 +60,7 @@ def stages(
         For more than `MOST_CHANGES`.
     """
     found: list[tuple[float, dict[str, float]]] = [(-np.inf, {})]
-    for place, name, value in told:
+    for place, name, value in entries:
         since, values = found[-1]
         if not (name.startswith(prefixes) and np.isfinite(value)) or values.get(name) == value:
             continue

@@ -134,9 +134,9 @@ class AttitudeSeries(TimeSeries):
         gap = end - start
         share = np.clip((time - start) / np.where(gap > 0, gap, 1.0), 0.0, 1.0)
         values = between(self.values[before], self.values[after], share)
-        near = np.abs(np.einsum("ij,ij->i", self.values[before], self.values[after])) >= LEAST_COSINE
+        is_smooth = np.abs(np.einsum("ij,ij->i", self.values[before], self.values[after])) >= LEAST_COSINE
         met = (time == start) | (time == end)
-        lost = ~(met | (near & (gap <= LONGEST_TURN)))
+        lost = ~(met | (is_smooth & (gap <= LONGEST_TURN)))
         values[~((time >= start) & (time <= end)) | lost] = np.nan
         return values
 

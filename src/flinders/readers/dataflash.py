@@ -135,8 +135,8 @@ def open_dataflash(file: File) -> Log:
             "record again"
         )
     parm = messages.get("PARM")
-    told = zip(parm.where.tolist(), *_parameters(parm), strict=True) if parm is not None else ()
-    found = stages(told, ARDUPILOT, file.name)
+    entries = zip(parm.where.tolist(), *_parameters(parm), strict=True) if parm is not None else ()
+    found = stages(entries, ARDUPILOT, file.name)
     auxiliary = _auxiliary(messages, found[-1][1])
     instruments = tuple(_instrument(file, name, number, mag, found, auxiliary) for name, number, mag in compasses)
     damage = tuple(_damage(messages, file.size))

@@ -59,8 +59,6 @@ DEEPEST: Final = 8
 """Groups within groups that are looked into."""
 MOST_CHUNK: Final = 32 << 20
 """Bytes of a chunk, unpacked: all of it is in memory while a part of it is read."""
-MOST_CACHED: Final = 256 << 20
-"""Bytes of the chunks of all columns that are held from one block to the next."""
 MOST_REASONS: Final = 4
 """Datasets left out that are named with the reason."""
 SHUFFLE, FLETCHER, DEFLATE = 2, 3, 1
@@ -127,6 +125,7 @@ class _Catalogue:
     arrays: list[_Array] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)  # datasets that are not read, each with the reason
     _addresses: set[int] = field(default_factory=set)
+    _weighed: set[bytes] = field(default_factory=set)
     _links: int = 0
     _has_sound_heaps: bool = False
 
@@ -260,18 +259,17 @@ class _Catalogue:
     def _leave_out(self, path: tuple[bytes, ...], reason: str) -> None:
         self.left_out.append(f"{shown(_name_of(path))} ({reason})")
 
-    def dataset(self, path: bytes, cached: int) -> Any:  # noqa: ANN401
-        """Open a dataset with room for so many bytes of its chunks."""
-        access = self.h5py.h5p.create(self.h5py.h5p.DATASET_ACCESS)
-        access.set_chunk_cache(521, cached, 1.0)
-        return self.h5py.Dataset(self.h5py.h5d.open(self.opened.id, path, access))
-
-    def chunk_bytes(self, path: bytes) -> int:
-        """Count the bytes of a chunk, unpacked; 0 where the dataset lies in one piece. Refuse what makes too many."""
+    def dataset(self, path: bytes) -> Any:  # noqa: ANN401
+        """Open a dataset; the first time, refuse one of which a chunk unpacks to more than it should."""
         dataset = self.h5py.h5d.open(self.opened.id, path)
+        if path not in self._weighed and dataset.get_create_plist().get_layout() == self.h5py.h5d.CHUNKED:
+            self._weigh(dataset, path)
+        self._weighed.add(path)
+        return self.h5py.Dataset(dataset)
+
+    def _weigh(self, dataset: Any, path: bytes) -> None:  # noqa: ANN401
+        """Unpack each chunk that may be too large, as far as it should go."""
         storage = dataset.get_create_plist()
-        if storage.get_layout() != self.h5py.h5d.CHUNKED:
-            return 0
         unpacked = int(math.prod(storage.get_chunk()) * dataset.dtype.itemsize)
         numbers = [storage.get_filter(place)[0] for place in range(storage.get_nfilters())]
         large: list[Any] = []
@@ -287,7 +285,6 @@ class _Catalogue:
             made = len(zlib.decompressobj().decompress(packed, unpacked + BLOCK)) if is_deflated else chunk.size
             if made >= unpacked + BLOCK:
                 raise too_much(f"{shown(path.decode('utf-8', 'replace'))} in {self.file.name}", made, chunk.size)
-        return unpacked
 
 
 def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
@@ -303,21 +300,15 @@ def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
     chosen = _without_common_group(_magnetometer_first([array for array in arrays if array.length == length]))
     columns = [(array, place) for array in chosen for place in range(array.width)][:WIDEST]
     names = tuple(named_part(array.name, place, array.width) for array, place in columns)
-    weighed: dict[bytes, int] = {}
 
     def rows(cells: Sequence[int]) -> Iterator[Floats]:
         wanted = [columns[cell] for cell in cells]
         with reading(catalogue.file.name, kind):
-            for path in {array.path for array, _ in wanted} - weighed.keys():
-                weighed[path] = catalogue.chunk_bytes(path)
-            room = {array.path: weighed[array.path] for array, _ in wanted}
-            if sum(room.values()) > MOST_CACHED:
-                room = dict.fromkeys(room, 0)
-            datasets = {path: catalogue.dataset(path, cached) for path, cached in room.items()}
-            for start in range(0, length, BLOCK):
-                blocks = {
-                    array: _block(datasets[array.path], array, start) for array in dict.fromkeys(a for a, _ in wanted)
-                }
+            datasets = {array: catalogue.dataset(array.path) for array, _ in wanted}
+            step = max(BLOCK, *(one.chunks[array.axis] if one.chunks else 0 for array, one in datasets.items()))
+            for start in range(0, length, step):
+                span = slice(start, min(start + step, length))
+                blocks = {array: _block(one, array, span) for array, one in datasets.items()}
                 yield np.stack([blocks[array][:, place] for array, place in wanted], axis=1)
 
     others = [
@@ -329,14 +320,11 @@ def _table_of(catalogue: _Catalogue, kind: str) -> tuple[Table, list[str]]:
     return Table(title, names, len(columns), length, rows), [*others, *catalogue.left_out]
 
 
-def _block(dataset: Any, array: _Array, start: int) -> Floats:  # noqa: ANN401
-    """Read the next rows of an array as (N, width) float."""
+def _block(dataset: Any, array: _Array, span: slice) -> Floats:  # noqa: ANN401
+    """Read some rows of an array as (N, width) float."""
     selected = dataset.fields(array.fields[0]) if array.fields else dataset
-    span = slice(start, min(start + BLOCK, array.length))
-    rank = len(dataset.shape)
-    block: NDArray[Any] = np.asarray(
-        selected[tuple(span if axis == array.axis else slice(None) for axis in range(rank))]
-    )
+    where = tuple(span if axis == array.axis else slice(None) for axis in range(len(dataset.shape)))
+    block: NDArray[Any] = np.asarray(selected[where])
     for name in array.fields[1:]:
         block = block[name]
     if array.axis:

@@ -1,4 +1,4 @@
-"""MAVLink telemetry logs (``.tlog``): what a ground station heard, each packet after the time it came.
+"""MAVLink telemetry logs (``.tlog``): what a ground station received, each packet after the time it came.
 
 RAW_IMU and SCALED_IMU hold the first compass of a vehicle, SCALED_IMU2 and SCALED_IMU3 the second and the third, in
 whole mG; HIGHRES_IMU that by which the vehicle steers, in gauss. **ArduPilot puts corrected readings into all of
@@ -137,13 +137,13 @@ def open_tlog(file: File) -> Log:
     NoMagnetometer
         For a log without readings of a compass.
     """
-    heard = _Heard(needs(DIALECT, "mavlink", "a MAVLink telemetry log"))
+    telemetry = _Telemetry(needs(DIALECT, "mavlink", "a MAVLink telemetry log"))
     with _mapped(file) as content:
-        heard.listen(content)
-    if not heard.packets:
+        telemetry.gather(content)
+    if not telemetry.packets:
         raise UnreadableInput(f"{file.name} holds no MAVLink packets with their times: copy it again")
     order = list(COMPASS_MESSAGES)
-    streams = [each for each in heard.rows if each[1] in order and heard.table(*each)[:, MAG].any()]
+    streams = [each for each in telemetry.rows if each[1] in order and telemetry.table(*each)[:, MAG].any()]
     streams.sort(key=lambda each: (each[0], order.index(each[1])))
     if not streams:
         raise NoMagnetometer(
@@ -151,13 +151,13 @@ def open_tlog(file: File) -> Log:
             "SCALED_IMU (stream RAW_SENSORS), or read its own log (.bin)"
         )
     several = len({system for system, _ in streams}) > 1
-    begun = min(heard.table(*each)[0, SINCE] for each in streams)
-    damage = tuple(_damage(heard, file.size))
+    begun = min(telemetry.table(*each)[0, SINCE] for each in streams)
+    damage = tuple(_damage(telemetry, file.size))
     return Log(
         file.name,
         "MAVLink telemetry",
-        tuple(_instrument(file, heard, *each, several=several) for each in streams),
-        position=heard.position,
+        tuple(_instrument(file, telemetry, *each, several=several) for each in streams),
+        position=telemetry.position,
         begun=datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=begun),
         notes=damage,
         damage=damage,
@@ -217,7 +217,7 @@ ROWS: Final = {
 
 
 @dataclass(slots=True, eq=False)
-class _Heard:
+class _Telemetry:
     """What was gathered of a log."""
 
     dialect: Any  # pymavlink's
@@ -231,7 +231,7 @@ class _Heard:
     skipped: int = 0
     gaps: int = 0
 
-    def listen(self, content: mmap.mmap) -> None:
+    def gather(self, content: mmap.mmap) -> None:
         """Go from packet to packet; after broken bytes, to the next that could be one."""
         decoder, at = self.dialect.MAVLink(None), 0
         wrong = (self.dialect.MAVError, struct.error, ValueError, IndexError, KeyError, TypeError)
@@ -351,22 +351,22 @@ class _Compass:
         return unapplied(self.source, table[:, MAG] * in_mg, stage, self.parameters, motor_offset=motor) / in_mg
 
 
-def _instrument(file: File, heard: _Heard, system: int, message: int, *, several: bool) -> Instrument:
+def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *, several: bool) -> Instrument:
     """Make an instrument of the readings in one kind of message."""
     name, number = COMPASS_MESSAGES[message]
-    table = heard.table(system, message)
-    found = stages(heard.parameters.get(system, ()), ARDUPILOT, file.name)
+    table = telemetry.table(system, message)
+    found = stages(telemetry.parameters.get(system, ()), ARDUPILOT, file.name)
     values, stage = found[-1][1], stage_of(table[:, PLACE], found)
     known = number in compasses(values)
     parameters = (
         {each: ArduPilotParameters.read(found[each][1], number) for each in set(stage.tolist())} if known else {}
     )
-    autopilot = heard.autopilots.get(system)
+    autopilot = telemetry.autopilots.get(system)
     is_ardupilot = known or autopilot == AN_ARDUPILOT
     is_turned = is_ardupilot or (autopilot == A_PX4 and message == HIGHRES_IMU)
     units = IN_SI if message == HIGHRES_IMU else WHOLE
-    attitude = heard.attitude(system, table) if is_turned else (None, SINCE)
-    compass = _Compass(file.name, table, units, stage, parameters, heard.drives(system), *attitude)
+    attitude = telemetry.attitude(system, table) if is_turned else (None, SINCE)
+    compass = _Compass(file.name, table, units, stage, parameters, telemetry.drives(system), *attitude)
     in_force = parameters[int(stage[-1])] if known else None
     remarks = _remarks(compass, in_force, values, message) if in_force else _unknown(autopilot, message)
     return Instrument(
@@ -426,13 +426,13 @@ def _unknown(autopilot: int | None, message: int) -> Iterator[str]:
         yield "whether readings are raw or corrected is not known for this autopilot: they are as they were sent"
 
 
-def _damage(heard: _Heard, size: int) -> Iterator[str]:
+def _damage(telemetry: _Telemetry, size: int) -> Iterator[str]:
     """What of the file could not be read."""
-    if heard.broken:
-        yield f"{counted(heard.broken, 'packet')} with a wrong check sum left out"
-    if heard.skipped:
-        places = counted(heard.gaps, "place")
-        yield f"{counted(heard.skipped, 'byte')} of {size:,} in {places} belong to no packet: skipped"
+    if telemetry.broken:
+        yield f"{counted(telemetry.broken, 'packet')} with a wrong check sum left out"
+    if telemetry.skipped:
+        places = counted(telemetry.gaps, "place")
+        yield f"{counted(telemetry.skipped, 'byte')} of {size:,} in {places} belong to no packet: skipped"
 
 
 def _packet(content: bytes | mmap.mmap, at: int) -> Packet | None:

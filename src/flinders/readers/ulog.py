@@ -213,8 +213,8 @@ class _Flight:
         topics = {(one.name, one.multi_id): one.data for one in log.data_list}
         initial = [(-np.inf, *each) for each in log.initial_parameters.items()]
         changed = [(1e-6 * stamp, name, value) for stamp, name, value in log.changed_parameters]
-        told = ((since, name, value) for since, name, value in initial + changed if isinstance(value, (int, float)))
-        found = stages(told, ("CAL_MAG", "SENS_BOARD"), source, together=TOGETHER)
+        entries = ((since, name, value) for since, name, value in initial + changed if isinstance(value, (int, float)))
+        found = stages(entries, ("CAL_MAG", "SENS_BOARD"), source, together=TOGETHER)
         return cls(source, log, topics, found, {kind: find(topics) for kind, find in AUXILIARY.items()})
 
     def instances(self, name: str) -> Iterator[tuple[int, Mapping[str, Any]]]:

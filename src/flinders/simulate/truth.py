@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta, Struct
 
-from flinders.core.calibration_file import Count, NotNegative, Positive, Triple, gaps, in_words, lay_out
+from flinders.core.calibration_file import Count, NotNegative, Positive, Triple, gaps, lay_out, understood
 from flinders.core.files import read_bytes, write_text
 from flinders.errors import UnreadableInput, UsageError
 from flinders.simulate.motions import north_and_down
@@ -153,23 +153,7 @@ def read(path: str | os.PathLike[str]) -> Truth:
 
 def loads(text: str | bytes, *, source: str = "truth") -> Truth:
     """Understand the text of such a file; `source` names it in the `UnreadableInput` for what is wrong."""
-    if not text.strip():
-        raise UnreadableInput(f"{source}: holds nothing: need the truth that `flinders simulate` wrote")
-    try:
-        raw = text.encode() if isinstance(text, str) else text
-        content = msgspec.json.decode(raw.removeprefix(b"\xef\xbb\xbf"))  # a mark that some editors add
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise UnreadableInput(
-            f"{source}: cannot be read as JSON ({in_words(error)}): need the truth that `flinders simulate` wrote"
-        ) from None
-    if not (isinstance(content, dict) and content.get("flinders") == "truth"):
-        raise UnreadableInput(f'{source}: is JSON, but not the truth of a recording: lacks "flinders": "truth"')
-    if content.get("schema") != 1:
-        raise UnreadableInput(f"{source}: schema is {content.get('schema')}, this Flinders reads 1")
-    try:
-        return msgspec.convert(content, Truth)
-    except msgspec.ValidationError as error:
-        raise UnreadableInput(f"{source}: {in_words(error)}") from None
+    return understood(text, Truth, source, what="the truth of a recording", refused=UnreadableInput)
 
 
 def dumps(truth: Truth) -> str:

@@ -39,23 +39,31 @@ from flinders.targets._target import MOTORS, followed, in_recorded_axes, single
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-ROTATIONS: Final[tuple[tuple[str, float, float, float], ...]] = (
-    ("NONE", 0, 0, 0), ("YAW_45", 0, 0, 45), ("YAW_90", 0, 0, 90), ("YAW_135", 0, 0, 135),
-    ("YAW_180", 0, 0, 180), ("YAW_225", 0, 0, 225), ("YAW_270", 0, 0, 270), ("YAW_315", 0, 0, 315),
-    ("ROLL_180", 180, 0, 0), ("ROLL_180_YAW_45", 180, 0, 45), ("ROLL_180_YAW_90", 180, 0, 90),
-    ("ROLL_180_YAW_135", 180, 0, 135), ("PITCH_180", 0, 180, 0), ("ROLL_180_YAW_225", 180, 0, 225),
-    ("ROLL_180_YAW_270", 180, 0, 270), ("ROLL_180_YAW_315", 180, 0, 315), ("ROLL_90", 90, 0, 0),
-    ("ROLL_90_YAW_45", 90, 0, 45), ("ROLL_90_YAW_90", 90, 0, 90), ("ROLL_90_YAW_135", 90, 0, 135),
-    ("ROLL_270", 270, 0, 0), ("ROLL_270_YAW_45", 270, 0, 45), ("ROLL_270_YAW_90", 270, 0, 90),
-    ("ROLL_270_YAW_135", 270, 0, 135), ("PITCH_90", 0, 90, 0), ("PITCH_270", 0, 270, 0),
-    ("PITCH_180_YAW_90", 0, 180, 90), ("PITCH_180_YAW_270", 0, 180, 270), ("ROLL_90_PITCH_90", 90, 90, 0),
-    ("ROLL_180_PITCH_90", 180, 90, 0), ("ROLL_270_PITCH_90", 270, 90, 0), ("ROLL_90_PITCH_180", 90, 180, 0),
-    ("ROLL_270_PITCH_180", 270, 180, 0), ("ROLL_90_PITCH_270", 90, 270, 0), ("ROLL_180_PITCH_270", 180, 270, 0),
-    ("ROLL_270_PITCH_270", 270, 270, 0), ("ROLL_90_PITCH_180_YAW_90", 90, 180, 90), ("ROLL_90_YAW_270", 90, 0, 270),
-    ("ROLL_90_PITCH_68_YAW_293", 90, 68, 293), ("PITCH_315", 0, 315, 0), ("ROLL_90_PITCH_315", 90, 315, 0),
-)  # fmt: skip
-"""Name, roll, pitch and yaw in degrees of 0 to 40."""
+ANGLE: Final = re.compile(r"(ROLL|PITCH|YAW)_(\d+)")
 
+
+def mountings(names: str) -> tuple[tuple[str, float, float, float], ...]:
+    """Name, and roll, pitch and yaw in degrees, which the name says, of each mounting.
+
+    >>> mountings("NONE ROLL_180_YAW_45")
+    (('NONE', 0.0, 0.0, 0.0), ('ROLL_180_YAW_45', 180.0, 0.0, 45.0))
+    """
+    angles = {name: dict(ANGLE.findall(name)) for name in names.split()}
+    return tuple(
+        (name, float(one.get("ROLL", 0)), float(one.get("PITCH", 0)), float(one.get("YAW", 0)))
+        for name, one in angles.items()
+    )
+
+
+ROTATIONS: Final = mountings("""
+    NONE YAW_45 YAW_90 YAW_135 YAW_180 YAW_225 YAW_270 YAW_315 ROLL_180 ROLL_180_YAW_45 ROLL_180_YAW_90
+    ROLL_180_YAW_135 PITCH_180 ROLL_180_YAW_225 ROLL_180_YAW_270 ROLL_180_YAW_315 ROLL_90 ROLL_90_YAW_45
+    ROLL_90_YAW_90 ROLL_90_YAW_135 ROLL_270 ROLL_270_YAW_45 ROLL_270_YAW_90 ROLL_270_YAW_135 PITCH_90 PITCH_270
+    PITCH_180_YAW_90 PITCH_180_YAW_270 ROLL_90_PITCH_90 ROLL_180_PITCH_90 ROLL_270_PITCH_90 ROLL_90_PITCH_180
+    ROLL_270_PITCH_180 ROLL_90_PITCH_270 ROLL_180_PITCH_270 ROLL_270_PITCH_270 ROLL_90_PITCH_180_YAW_90
+    ROLL_90_YAW_270 ROLL_90_PITCH_68_YAW_293 PITCH_315 ROLL_90_PITCH_315
+""")
+"""Mountings 0 to 40."""
 MOST_TURN_DEG: Final = 0.05
 """A symmetric matrix cannot turn; a calibration that turns by more is refused."""
 
@@ -196,7 +204,7 @@ class CompassParameters:
         """(3,) µT by which raw readings are off for each A, or at full throttle."""
         raise NotImplementedError
 
-    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
+    def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
         """The calibration that the parameters stand for, without a mounting, with motors if `has_disturbances`.
 
         They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given;
@@ -204,7 +212,7 @@ class CompassParameters:
         readings raises `ArrayError`.
         """
         raw = Unit.of(self.unit)
-        plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, sensor=sensor, frame=self.frame)
+        plain = Calibration(self.matrix, self.centre, field_strength, known, raw=raw, frame=self.frame)
         if not self.has_disturbances:
             return plain
         name = next(name for name, number in MOTORS.items() if number == self.motor_by)

@@ -94,6 +94,16 @@ class Register:
         """``mG`` or ``%``."""
         return "mG" if self.name.startswith("HARD") else "%"
 
+    def as_row(self) -> str:
+        """A line of columns, as `HEADING` names them."""
+        value, address = f"{self.value:+.{1 if self.unit == 'mG' else 3}f} {self.unit}", f"0x{self.address:02X}"
+        return f"{self.name:<17}{self.page:>2}  {address:>7}  {self.code:>6}  0x{self.word:04X}  {value:>9}"
+
+    def as_dict(self) -> dict[str, int | float | str]:
+        """JSON-ready."""
+        more = {"word": self.word, "hex": f"0x{self.word:04X}", "value": self.value, "unit": self.unit}
+        return {**asdict(self), **more}
+
 
 @dataclass(frozen=True, slots=True)
 class Registers:
@@ -108,8 +118,7 @@ class Registers:
         Raises
         ------
         UnitError, NotExportable
-            For a calibration in counts; where a register cannot hold its value: which, what is lost, how far off it
-            would be.
+            For a calibration in counts; where a register cannot hold its value: which, and what is lost.
         """
         if calibration.unit != MICROTESLA:
             raise UnitError(
@@ -163,7 +172,7 @@ class Registers:
         corrected: Floats = vectors(field, finite=False) @ (np.eye(3) + self.soft_iron).T + self.hard_iron
         return corrected
 
-    def to_calibration(self, field_strength: float, *, known: bool = False, sensor: str | None = None) -> Calibration:
+    def to_calibration(self, field_strength: float, *, known: bool = False) -> Calibration:
         """The calibration that the codes stand for, in the axes of the device.
 
         They do not hold the length of corrected readings, `field_strength` in µT, which is `known` where it was given.
@@ -175,7 +184,7 @@ class Registers:
         except np.linalg.LinAlgError:
             raise ArrayError(f"(I + S) of the codes {self.codes} is singular: it cannot be undone") from None
         rotation: Rotation = "symmetric" if np.array_equal(matrix, matrix.T) else "composed"
-        return Calibration(matrix, offset, field_strength, known, rotation, raw=Unit.of("mG"), sensor=sensor)
+        return Calibration(matrix, offset, field_strength, known, rotation, raw=Unit.of("mG"))
 
 
 def _wanted(calibration: Calibration) -> Floats:
@@ -230,42 +239,22 @@ def _advice(calibration: Calibration) -> str:
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the twelve registers; raises as `Registers.of`, and for steps that are too coarse."""
     registers = Registers.of(calibration)
-    decoded = _decoded(registers, calibration.field_strength)
-    values: dict[str, Any] = {
-        "hard_iron_step_mG": HARD_IRON_STEP_MG,
-        "soft_iron_step": SOFT_IRON_STEP,
-        "registers": [_as_dict(register) for register in registers.rows],
-        "decoded": {"matrix": decoded.matrix, "offset_mG": decoded.offset / MG},
-    }
-    body = ["#", HEADING, *map(_row, registers.rows)]
-    return Written(registers.apply, body, values, ["for readings recorded with these registers at 0"])
-
-
-def _decoded(registers: Registers, strength: float) -> Calibration:
-    """What the codes stand for; codes that lose a direction of the field are refused."""
     try:
-        return registers.to_calibration(strength)
+        decoded = registers.to_calibration(calibration.field_strength)
     except ArrayError:
         raise NotExportable(
             "rounded to the steps of the registers, all readings would lie in a plane: check the unit of the "
             "recording, and --field-strength where it was given",
             beyond=(),
         ) from None
-
-
-def _row(register: Register) -> str:
-    """One register as a line of columns."""
-    value = f"{register.value:+.{1 if register.unit == 'mG' else 3}f} {register.unit}"
-    return (
-        f"{register.name:<17}{register.page:>2}  {f'0x{register.address:02X}':>7}  {register.code:>6}  "
-        f"0x{register.word:04X}  {value:>9}"
-    )
-
-
-def _as_dict(register: Register) -> dict[str, int | float | str]:
-    """One register for programs."""
-    more = {"word": register.word, "hex": f"0x{register.word:04X}", "value": register.value, "unit": register.unit}
-    return {**asdict(register), **more}
+    values: dict[str, Any] = {
+        "hard_iron_step_mG": HARD_IRON_STEP_MG,
+        "soft_iron_step": SOFT_IRON_STEP,
+        "registers": [register.as_dict() for register in registers.rows],
+        "decoded": {"matrix": decoded.matrix, "offset_mG": decoded.offset / MG},
+    }
+    body = ["#", HEADING, *(register.as_row() for register in registers.rows)]
+    return Written(registers.apply, body, values, ["for readings recorded with these registers at 0"])
 
 
 ADIS16480: Final = Target(

@@ -46,6 +46,7 @@ from flinders.targets._autopilot import (
     in_words,
     listed,
     motor_kind,
+    mountings,
     of_six,
     refuse_values,
     turn_of,
@@ -363,9 +364,7 @@ ORIENTATIONS: Final = (
     *ROTATIONS[:38],
     (ROTATIONS[38][0], *EXACT_38),
     *ROTATIONS[39:],
-    ("PITCH_7", 0, 7, 0),
-    ("ROLL_45", 45, 0, 0),
-    ("ROLL_315", 315, 0, 0),
+    *mountings("PITCH_7 ROLL_45 ROLL_315"),
 )
 """Name, roll, pitch and yaw in degrees of COMPASS_ORIENT 0 to 43."""
 

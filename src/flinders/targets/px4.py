@@ -49,6 +49,7 @@ from flinders.targets._autopilot import (
     in_words,
     listed,
     motor_kind,
+    mountings,
     refuse_values,
     turn_of,
 )
@@ -81,12 +82,10 @@ LEAST_SCALE, MOST_SCALE = 0.1, 3.0
 INTERNAL: Final = -1
 """CAL_MAGn_ROT of a compass on the board: it is turned as the board is."""
 
-MOUNTINGS: Final = (
-    *ROTATIONS,
-    ("ROLL_270_YAW_180", 270.0, 0.0, 180.0), ("ROLL_270_YAW_270", 270.0, 0.0, 270.0),
-    ("PITCH_90_YAW_180", 0.0, 90.0, 180.0), ("PITCH_9_YAW_180", 0.0, 9.0, 180.0), ("PITCH_45", 0.0, 45.0, 0.0),
-    ("ROLL_270_YAW_225", 270.0, 0.0, 225.0), ("ROLL_270_YAW_315", 270.0, 0.0, 315.0),
-)  # fmt: skip
+MOUNTINGS: Final = ROTATIONS + mountings("""
+    ROLL_270_YAW_180 ROLL_270_YAW_270 PITCH_90_YAW_180 PITCH_9_YAW_180 PITCH_45 ROLL_270_YAW_225
+    ROLL_270_YAW_315
+""")
 """Name, roll, pitch and yaw in degrees of CAL_MAGn_ROT and SENS_BOARD_ROT 0 to 47; older versions end at 40."""
 
 

@@ -1,0 +1,87 @@
+"""The recipe for two axes on a simulated swing: what it finds, and what is true.
+
+>>> from flinders.simulate import TwoAxis
+>>> found = recover(TwoAxis((1.2, 0.9), (12.0, -8.0), skew_deg=5.0, noise=0.25), seed=1)
+>>> found.verdict, round(found.estimate.skew_deg, 1)
+('limited', 4.8)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flinders.fitting.calibrate import fit
+from flinders.fitting.result import Refused
+from flinders.simulate import TwoAxis, swing
+from flinders.simulate.two_axis import Polar
+
+if TYPE_CHECKING:
+    from flinders.simulate import Simulated
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recovery:
+    """A swing of a simulated compass, and what a calibration makes of it.
+
+    Attributes
+    ----------
+    true, estimate : TwoAxis
+    swung : Simulated
+        The recording.
+    polar : Polar
+        The recording around the compass rose, before and after correction.
+    refusal : Refused, optional
+        Why it would be no calibration to use.
+    """
+
+    true: TwoAxis
+    estimate: TwoAxis
+    swung: Simulated
+    polar: Polar
+    refusal: Refused | None = None
+
+    @property
+    def verdict(self) -> str:
+        """A swing of two axes is never better than limited."""
+        return "limited" if self.refusal is None else "refused"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        numbers = {
+            "scale_x": (self.true.scale[0], self.estimate.scale[0]),
+            "scale_y": (self.true.scale[1], self.estimate.scale[1]),
+            "offset_x": (self.true.offset[0], self.estimate.offset[0]),
+            "offset_y": (self.true.offset[1], self.estimate.offset[1]),
+            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),
+            "noise": (self.true.noise, self.estimate.noise),
+        }
+        pairs = {name: {"true": true, "found": estimate} for name, (true, estimate) in numbers.items()}
+        return {"verdict": self.verdict, "recovery": pairs, "polar": self.polar.as_dict(), "unit": "uT"}
+
+
+def recover(
+    compass: TwoAxis, *, seed: int = 0, points: int = 36, field_strength: float = 50.0, dip_deg: float = 60.0
+) -> Recovery:
+    """Swing a compass around, calibrate it by the method ``level``, and state what was found in its own terms.
+
+    Raises
+    ------
+    FitError
+        Where there is no calibration at all.
+    """
+    swung = swing(compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
+    refusal = None
+    try:
+        result = fit(swung.samples, method="level", field_strength=field_strength, dip_deg=dip_deg)
+    except Refused as refused:
+        result, refusal = refused.fit, refused
+    calibration, dip = result.calibration, math.radians(dip_deg)
+    shape = field_strength * np.linalg.inv(calibration.matrix)
+    centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
+    horizontal = field_strength * math.cos(dip)
+    estimate = TwoAxis.from_ellipse(centre, math.cos(dip) * shape[:2, :2], horizontal, noise=result.noise or 0.0)
+    return Recovery(compass, estimate, swung, Polar.of(swung, calibration.matrix, calibration.offset), refusal)

@@ -1,0 +1,74 @@
+"""A page of HTML as PDF, printed by a browser that is installed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from flinders.errors import OutputError
+
+BROWSERS: Final = (
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge",
+    "microsoft-edge-stable", "msedge", "brave-browser",
+)  # fmt: skip
+"""Programs that print a page without a window."""
+
+PATIENCE_S: Final = 120.0
+BY_HAND: Final = "Open the HTML report in a browser and print it"
+
+
+def browser() -> str:
+    """Find a browser that prints without a window.
+
+    Raises
+    ------
+    OutputError
+        Where there is none.
+    """
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        raise OutputError(
+            f"a PDF is printed by a browser, and none of {', '.join(BROWSERS[:3])}, chrome, microsoft-edge is on the "
+            "PATH: install one, or open the HTML report in any browser and print it"
+        )
+    return program
+
+
+def printed(page: str, program: str) -> bytes:
+    """The pages that a browser prints of a report, as PDF.
+
+    Raises
+    ------
+    OutputError
+        Where the browser does not get it done.
+    """
+    with tempfile.TemporaryDirectory(prefix="flinders-report-") as folder:
+        source, target = Path(folder, "report.html"), Path(folder, "report.pdf")
+        source.write_text(page, encoding="utf-8")
+        command = [
+            program, "--headless", "--disable-gpu", "--disable-extensions", "--no-first-run",
+            "--no-default-browser-check", "--disable-background-networking", "--disable-component-update",
+            "--disable-sync", f"--user-data-dir={Path(folder, 'profile')}", "--no-pdf-header-footer",
+            f"--print-to-pdf={target}", *_without_sandbox(), source.as_uri(),
+        ]  # fmt: skip
+        try:
+            done = subprocess.run(
+                command, check=False, stdin=subprocess.DEVNULL, capture_output=True, timeout=PATIENCE_S
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise OutputError(f"{program} did not print the report: {error}. {BY_HAND}") from None
+        if not target.is_file():
+            last = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+            raise OutputError(f"{program} did not print the report: {''.join(last) or 'it said nothing'}. {BY_HAND}")
+        return target.read_bytes()
+
+
+def _without_sandbox() -> list[str]:
+    """Root has no sandbox in these browsers, and they refuse to start with one; the page is ours, and runs nothing."""
+    is_root = sys.platform != "win32" and os.geteuid() == 0
+    return ["--no-sandbox"] if is_root else []
