@@ -7,11 +7,12 @@ import pytest
 
 from flinders.live.transcript import escaped
 from flinders.readers._columns import _cut_digits
-from flinders.readers._instruments import ColumnGroup, advice, likeness
+from flinders.readers._layout import _with_sensors, ranges
+from flinders.readers._likeness import ColumnGroup, advice, likeness
 from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
-from flinders.readers._sniff import _with_sensors, ranges
-from flinders.readers._tokenizer import STAMP, cut, decimal, like, names_of, pattern_of, seconds_of
+from flinders.readers._tokenizer import cut, decimal, like, names_of, pattern_of
 from flinders.readers.dialects.json_records import flat
+from flinders.readers.dialects.wrapped import STAMP, seconds_of
 
 
 def test_columns_of_single_motors_are_recognised() -> None:

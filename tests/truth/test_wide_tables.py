@@ -18,7 +18,7 @@ import flinders
 from flinders.cli import main
 from flinders.errors import FlindersError, NoMagnetometer
 from flinders.readers._columns import by_name
-from flinders.readers._instruments import advice, groups, likeness
+from flinders.readers._likeness import advice, groups, likeness
 
 if TYPE_CHECKING:
     from collections.abc import Callable

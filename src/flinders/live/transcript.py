@@ -20,13 +20,14 @@ The readings are those that `flinders.read` makes of the text.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections import Counter, deque
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -36,24 +37,21 @@ from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
-from flinders.readers._lines import shown
-from flinders.readers._names import is_unit, meaning
-from flinders.readers._numbers import SPACES, Grid, number, row_of, rows_of, split
-from flinders.readers._sniff import COMMENTS, SPOKEN, TextLayout, sniff
-from flinders.readers.dialects import guess, marked, recognise
-from flinders.readers.dialects.pattern import Pattern
+from flinders.readers._layout import COMMENTS, SPOKEN, Cells, Dialect, TextLayout, sniff
+from flinders.readers._names import is_unit
+from flinders.readers._tokenizer import number, quoted, rows_of, shown, split
+from flinders.readers.dialects import recognise_layout
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
     from flinders.live.feeds import Kind
-    from flinders.readers._tokenizer import Dialect
 
 SETTLE_S: Final = 0.9
-"""Seconds that the first lines wait until their layout is recognised; less than a second, which a crash may
+"""Seconds that the first lines wait until it is recognised how they are written; less than a second, which a crash may
 cost."""
 ENOUGH: Final = 20  # Lines that settle it at once
 LONGEST: Final = 4096  # Bytes in a line; a longer one is none
@@ -69,32 +67,38 @@ SEVERAL: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How a source writes its lines."""
+    """How a source writes its lines, and the table that is made of them."""
 
-    words: str  # for people
-    header: str  # what stands above the rows; empty where that is nothing
-    take: Callable[[str], str | None]  # line to row without a time; nothing for a part of a reading, None where unknown
-    delimiter: str
-    decimal: str
+    dialect: Dialect
+    layout: TextLayout  # of the lines, or of those that the dialect makes of them
+    names: tuple[str, ...]  # of the columns; none where the source names nothing and has a time
     is_timed: bool  # the lines have a time of their own
-    printed: str  # the header as the source prints it
+
+    @property
+    def header(self) -> str:
+        """The line above the rows; empty where that is none."""
+        return ",".join(map(quoted, self.names))
 
     def is_heading(self, line: str) -> bool:
         """Tell whether a line is the header come again, or a row of units below it."""
-        cells = split(line.strip(), SPACES if self.delimiter.isspace() else self.delimiter)
-        return line.strip() in (self.printed, self.header) or all(is_unit(cell.strip(" []()")) for cell in cells)
+        cells = split(line.strip(), self.layout.grid.delimiter)
+        is_header = line.strip() in (self.layout.header_text.strip(), self.header)
+        return is_header or all(is_unit(cell.strip(" []()")) for cell in cells)
 
     def row(self, line: str, arrived: float) -> str | None:
         """Make a row of a line that arrived so many seconds after the start; None where it is not understood."""
-        text = self.take(line)
-        return f"{self._time(arrived)}{self.delimiter}{text}" if text and not self.is_timed else text
+        cells = self.dialect.row(line)
+        if cells and not self.is_timed:
+            cells = (f"{arrived:.4f}", *cells)
+        return None if cells is None else ",".join(cells)
 
-    def _time(self, arrived: float) -> str:
-        written = f"{arrived:.4f}".replace(".", self.decimal)
-        return f'"{written}"' if self.delimiter == self.decimal else written
+    def rows(self, lines: Sequence[str]) -> list[str]:
+        """Make the rows of some lines, which are not taken yet."""
+        trial = replace(self, dialect=deepcopy(self.dialect))  # it remembers parts of a reading
+        return [row for line in lines if (row := trial.row(line, 0.0))]
 
     def __str__(self) -> str:
-        return self.words
+        return self.dialect.words
 
 
 def settle(lines: list[str], pattern: str | None = None) -> Form | None:
@@ -106,98 +110,50 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     >>> form.row("X: 21.5 Y: 0.3 Z: -58.5 uT", 0.25), form.row("low battery", 0.26)
     ('0.2500,21.5,0.3,-58.5', None)
     """
-    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
-    layout = None if dialect else _layout(lines)
-    if dialect := dialect or (None if layout else guess(lines)):
-        return _transcribed(lines, dialect)
-    layout = layout or _unclear(lines)
-    return _form(layout, lines, partial(_as_it_is, layout.grid)) if layout else None
+    for lay_out in (partial(sniff, ""), _unclear):
+        with contextlib.suppress(FlindersError):
+            dialect, layout = recognise_layout("", lines, lay_out, pattern)
+            words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
+            return _form(dialect or Cells.of(layout, words), layout, lines)
+    return None
+
+
+def _form(dialect: Dialect, layout: TextLayout, lines: list[str]) -> Form:
+    """Put together how lines are recorded; columns without names and a time get some."""
+    form = Form(dialect, layout, dialect.names, is_timed=True)
+    rows = [split(row, ",") for row in form.rows(lines)]
+    if (time := layout.columns.time) and _runs([row[time.cells[0]] for row in rows if len(row) > time.cells[0]]):
+        return form
+    width = layout.grid.width or max(map(len, rows), default=0)
+    nameless = PLAIN if width == len(PLAIN) else tuple(f"c{place + 1}" for place in range(width))
+    return replace(form, names=(TIME, *(dialect.names or nameless)), is_timed=False)
+
+
+def _runs(column: Sequence[str]) -> bool:
+    """Tell whether a column does what time does; ``T_C`` may be a temperature."""
+    times = [time for cell in column if (time := number(cell, ".")) is not None]
+    return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
+
+
+def _unclear(lines: list[str], header: Sequence[str] = ()) -> TextLayout:
+    """Lay out a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
+    layout = sniff("", lines, "1,2,3", header)
+    sign, decimal = layout.grid.delimiter, layout.grid.decimal
+    rows = [split(line, sign) for line in lines]
+    numeric = Counter(
+        tuple(place for place, cell in enumerate(row) if cell.strip() and number(cell, decimal) is not None)
+        for row in rows
+    )
+    places, count = numeric.most_common(1)[0]
+    if len(places) < len(PLAIN) or count < max(SEVERAL, len(rows) / 2):
+        return layout
+    cells = places[: len(PLAIN)]
+    return replace(layout, grid=replace(layout.grid, cells=cells, needed=frozenset(cells)))
 
 
 def is_marked(line: str) -> bool:
-    """Tell whether a line shows by its start that nothing of it is missing there; ``17,4,-586`` may have been 217."""
-    if line.lstrip().startswith(("{", "[", "|", "(")) or marked.is_marked(line):
-        return True
+    """Tell whether a line shows by its words that its start is not missing; ``17,4,-586`` may have been 217."""
     return not all(number(cell, ".") is not None for cell in re.split(r"[\s,;]+", line.strip()))
-
-
-def _transcribed(lines: list[str], dialect: Dialect) -> Form | None:
-    """Lay out lines in a dialect as the table that they stand for."""
-    first = partial(_joined, deepcopy(dialect))  # a dialect remembers parts of a reading
-    rows = [row for row in map(first, lines) if row]
-    layout = _layout(rows, names=dialect.names) or _unclear(rows, dialect.names)
-    return None if layout is None else _form(layout, rows, partial(_joined, dialect), dialect.words, dialect.names)
-
-
-def _layout(lines: list[str], columns: str | None = None, names: Sequence[str] = ()) -> TextLayout | None:
-    """Recognise lines of numbers as a file with them would be; None where it is not clear what they are."""
-    try:
-        return sniff("", lines, columns, names)
-    except FlindersError:
-        return None
-
-
-def _unclear(lines: list[str], names: Sequence[str] = ()) -> TextLayout | None:
-    """Recognise a table of which all is recorded, as it is not clear what is the magnetometer: by three numbers."""
-    layout = _layout(lines, "1,2,3", names)
-    if layout is None:
-        return None
-    grid = layout.grid
-    rows = [split(line, grid.delimiter) for line in lines]
-    numeric = Counter(
-        tuple(place for place, cell in enumerate(cells, 1) if cell.strip() and number(cell, grid.decimal) is not None)
-        for cells in rows
-    )
-    places, count = numeric.most_common(1)[0]
-    if len(places) >= len(PLAIN) and count >= max(SEVERAL, len(rows) / 2):
-        return _layout(lines, ",".join(map(str, places[: len(PLAIN)])), names) or layout
-    return layout
-
-
-def _joined(dialect: Dialect, line: str) -> str | None:
-    """Take a line in a dialect as a row."""
-    cells = dialect.row(line)
-    return None if cells is None else ",".join(cells)
-
-
-def _as_it_is(grid: Grid, line: str) -> str | None:
-    """Take a line of a table as it is, where its numbers are there."""
-    text = line.strip(" ")
-    return None if text.startswith(COMMENTS) or row_of(split(text, grid.delimiter), grid) is None else text
-
-
-def _form(
-    layout: TextLayout, lines: list[str], take: Callable[[str], str | None], words: str = "", names: Sequence[str] = ()
-) -> Form:
-    """Put together how lines are recorded; columns without names get some."""
-    grid, sign, time = layout.grid, layout.grid.delimiter, layout.columns.time
-    is_timed = time is not None and _runs(lines, grid, time.cells[0])
-    title = sign.join(names) or _title(layout)
-    if not title and not is_timed:
-        width = grid.width or len(split(lines[-1], sign))
-        title = sign.join(PLAIN if width == len(PLAIN) else [f"c{place + 1}" for place in range(width)])
-    header = title if is_timed or not title else f"{TIME}{sign}{title}"
-    words = words or f"lines of numbers, {SPOKEN[sign]}-separated"
-    return Form(
-        words, header, take, " " if sign == SPACES else sign, grid.decimal, is_timed, layout.header_text.strip()
-    )
-
-
-def _title(layout: TextLayout) -> str:
-    """Write the header of a table with the units, and the sensors, that stand in lines of their own."""
-    title, sign = layout.header_text.strip().lstrip("#%/ "), layout.grid.delimiter
-    named = zip_longest(layout.header, layout.units, fillvalue="")
-    names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
-    is_whole = all(name in title for name in names)
-    is_cuttable = not any(sign in name for name in names)
-    return sign.join(names) if names and not is_whole and is_cuttable else title
-
-
-def _runs(lines: list[str], grid: Grid, cell: int) -> bool:
-    """Tell whether a column does what time does; ``T_C`` may be a temperature."""
-    rows = [cells for line in lines if len(cells := split(line, grid.delimiter)) > cell]
-    times = [time for row in rows if (time := number(row[cell], grid.decimal)) is not None]
-    return all(b >= a for a, b in pairwise(times)) and (len(times) < 2 or times[-1] > times[0])
 
 
 @dataclass(slots=True)
@@ -292,11 +248,11 @@ class Taken:
 
 
 class _WaitingLine(NamedTuple):
-    """A line that waits to be written: when it came, its bytes, and whether it is a piece of one that is too long."""
+    """A line that waits to be written."""
 
-    at: float
+    at: float  # when it came
     content: bytes
-    piece: int = 0
+    piece: int = 0  # of one that is too long, counted from 1
 
 
 class Transcript:
@@ -325,13 +281,11 @@ class Transcript:
         self._columns, self._unit, self._scale, self._pattern = columns, unit, scale, pattern
         self._header, self._rows = header, rows
         self._read: tuple[TextLayout, Unit] | None = None
-        self._rest = b""
+        self._rest, self._pieces = b"", 0  # of a line whose end has not come
         self._waiting: list[_WaitingLine] = []
-        self._before: deque[str] = deque(maxlen=ENOUGH)
-        self._pieces = 0
+        self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
         self._last: float | None = None
-        self._is_cut = not is_framed
-        self._is_advised = False
+        self._is_cut, self._is_advised = not is_framed, False
         self._unlike = 0
         self._events: list[FeedEvent] = []
 
@@ -346,19 +300,18 @@ class Transcript:
         self.statistics.received += len(content)
         if content:
             self._cut(content, at)
-        is_ready = self._waiting and (self.statistics.form or self._is_enough(at))
-        text, rows = self._flush() if is_ready else ("", [])
+        taken = self._flush() if self._waiting and (self.statistics.form or self._is_enough(at)) else Taken()
         if not self._is_advised and not self.statistics.readings and at >= SILENT_S:
             self._is_advised = True
-            self._tell("nothing", self.nothing())
-        return self._taken(text, rows)
+            taken.events.append(FeedEvent("nothing", at, self.nothing()))
+        return taken
 
     def lost(self, at: float) -> Taken:
         """Note that the other end went away; what came before is let go."""
         ended = self.end(at)
         self.statistics.losses += 1
         self._is_cut = not self._is_framed
-        return Taken(f"{ended.text}# lost at {at:.4f} s\n", ended.readings, ended.events)
+        return replace(ended, text=f"{ended.text}# lost at {at:.4f} s\n")
 
     def back(self, at: float) -> Taken:
         """Note that it is there again."""
@@ -368,12 +321,12 @@ class Transcript:
     def end(self, at: float) -> Taken:
         """Let go of what waits, and of the start of a line that will have no end."""
         self.statistics.seconds = at
-        text, rows = self._flush()
+        taken = self._flush()
         if self._rest.strip() and not self.is_full:
-            text += f"# cut off: {escaped(self._rest)}\n"
+            taken = replace(taken, text=f"{taken.text}# cut off: {escaped(self._rest)}\n")
             self.statistics.first_unknown = self.statistics.first_unknown or shown(_text(self._rest))
         self._rest, self._pieces = b"", 0
-        return self._taken(text, rows)
+        return taken
 
     def nothing(self) -> str:
         """Say why there is no reading, and what to do."""
@@ -398,8 +351,7 @@ class Transcript:
         *whole, self._rest = ENDS.split(self._rest + content + b"\n" * self._is_framed)
         for line in whole:
             if self._pieces or len(line) > LONGEST:
-                self._pieces += 1
-                self._waiting.append(_WaitingLine(at, line, self._pieces))
+                self._waiting.append(_WaitingLine(at, line, self._pieces + 1))
                 self._pieces = 0
             elif line.strip():
                 self._waiting.append(_WaitingLine(at, line))
@@ -409,13 +361,12 @@ class Transcript:
             self._rest = b""
 
     def _is_enough(self, at: float) -> bool:
-        """Tell whether the layout can be recognised: many lines, or old ones, or all rows that are asked for."""
+        """Tell whether it can be recognised how lines are written: by many, or old ones, or all that are asked for."""
         is_late = len(self._waiting) >= ENOUGH or at - self._waiting[0].at >= SETTLE_S
         if is_late or self._most is None:
             return is_late
-        texts = self._texts()
-        form = settle(texts, self._pattern)
-        return form is not None and len(_rows(form, texts)) >= self._most
+        form = settle(self._texts(), self._pattern)
+        return form is not None and len(form.rows(self._texts())) >= self._most
 
     def _texts(self) -> list[str]:
         """What is line, without a first line that may be cut."""
@@ -424,9 +375,8 @@ class Transcript:
 
     def _settle(self) -> None:
         """Recognise how the lines are written; a header may have come long before, OutputError where it is another."""
-        texts = self._texts()
-        form = settle([*self._before, *texts], self._pattern)
-        rows = _rows(deepcopy(form), texts) if form else []
+        form = settle([*self._before, *self._texts()], self._pattern)
+        rows = form.rows(self._texts()) if form else []
         if form is None or not rows:
             return
         if self._header not in (None, form.header):
@@ -435,49 +385,47 @@ class Transcript:
                 f"{self._header or 'no header'}: begin another recording"
             )
         self.statistics.form = form
-        self._read = self._recognised([form.header, *self._rows, *rows])
-        self.statistics.unit = label(self._read[1].inside) if self._read else ""
-        columns = f": {self._read[0].columns.describe(self.statistics.unit)}" if self._read else ""
+        columns = ""
+        with contextlib.suppress(FlindersError):  # of what needs options to be read
+            layout = sniff(self._name, [form.header, *self._rows, *rows], self._named(form))
+            self._read = layout, unit_of(layout.columns, self._name, self._unit, self._scale)
+            self.statistics.unit = label(self._read[1].inside)
+            columns = f": {layout.columns.describe(self.statistics.unit)}"
         self._tell("settled", f"{form}{columns}")
 
-    def _recognised(self, lines: list[str]) -> tuple[TextLayout, Unit] | None:
-        """How `flinders.read` will read the text; None where it needs options."""
-        try:
-            layout = sniff(self._name, lines, self._named())
-            return layout, unit_of(layout.columns, self._name, self._unit, self._scale)
-        except FlindersError:
-            return None
-
-    def _named(self) -> str | None:
+    def _named(self, form: Form) -> str | None:
         """The columns that were asked for: numbers count what is printed, before which the recording has a time."""
-        form, columns = self.statistics.form, (self._columns or "").split(",")
-        if form is None or form.is_timed or not all(one.strip().isdigit() for one in columns):
-            return self._columns
-        names = form.header.split(form.delimiter)
-        return ",".join(names[int(one)] for one in columns) if max(map(int, columns)) < len(names) else self._columns
+        asked = (self._columns or "").split(",")
+        places = [] if form.is_timed or not all(one.strip().isdigit() for one in asked) else list(map(int, asked))
+        is_there = bool(places) and max(places) < len(form.names)
+        return ",".join(form.names[place] for place in places) if is_there else self._columns
 
-    def _flush(self) -> tuple[str, list[str]]:
-        """Turn the waiting lines into text and its rows."""
+    def _flush(self) -> Taken:
+        """Turn the waiting lines into text and readings."""
         rows: list[str] = []
         text = ""
         if self._waiting and self.statistics.form is None and not self.is_full:
             self._settle()
         while self._waiting and not self.is_full:
             text += self._written(self._waiting.pop(0), rows)
-        return text, rows
+        events, self._events = self._events, []
+        return Taken(text, self._readings(rows), events)
 
     def _written(self, line: _WaitingLine, rows: list[str]) -> str:
         """One line as it goes into the recording."""
-        if line.piece:
-            return self._too_long(line)
         form, text = self.statistics.form, _text(line.content)
-        self.statistics.lines += 1
+        self.statistics.lines += line.piece < 2
+        if line.piece:
+            self._is_cut = False
+            if line.piece == 1:  # it counts for all
+                self._count_unknown(text)
+            return f"# too long: {escaped(line.content)}\n"
         cut, self._is_cut = self._is_cut and not is_marked(text), False
         at = line.at if self._last is None else max(line.at, self._last + STEP_S)
-        row = None if cut or form is None else form.row(text, at)
+        row = form.row(text, at) if form and not cut else None
         if form is None or not row:
-            if row is None:
-                self._note(text, form, cut=cut)
+            if row is None and not cut:
+                self._note(text)
             return f"# {'cut off: ' * cut}{escaped(line.content)}\n"
         self._last, self._unlike = at, 0
         self.statistics.count_row(at)
@@ -486,39 +434,27 @@ class Transcript:
         self._header = form.header
         return f"{header}{row}\n"
 
-    def _too_long(self, line: _WaitingLine) -> str:
-        """A piece of a line that is too long; the first counts for all."""
-        self._is_cut = False
-        if line.piece == 1:
-            self.statistics.lines += 1
-            self._count_unknown(_text(line.content), self.statistics.form)
-        return f"# too long: {escaped(line.content)}\n"
-
-    def _note(self, text: str, form: Form | None, *, cut: bool) -> None:
+    def _note(self, text: str) -> None:
         """Count what is not understood, but no comment of the sensor's own, header, or line without a reading."""
-        if form is None and not cut:
+        form = self.statistics.form
+        if form is None:
             self._before.append(text)
-        if cut or text.lstrip().startswith(COMMENTS) or (form and form.is_heading(text)):
-            return
-        self._count_unknown(text, form)
+        if not (text.lstrip().startswith(COMMENTS) or (form and form.is_heading(text))):
+            self._count_unknown(text)
 
-    def _count_unknown(self, text: str, form: Form | None) -> None:
+    def _count_unknown(self, text: str) -> None:
         self.statistics.unknown += 1
         self.statistics.first_unknown = self.statistics.first_unknown or shown(text)
-        self._unlike += form is not None
+        self._unlike += self.statistics.form is not None
         if self._unlike == UNLIKE:
             self._tell(
                 "garbage",
-                f"the last {UNLIKE} lines are not like the first ones ({form}) and are kept as comments: the "
-                f"latest is {shown(text)!r}; stop, and record again",
+                f"the last {UNLIKE} lines are not like the first ones ({self.statistics.form}) and are kept as "
+                f"comments: the latest is {shown(text)!r}; stop, and record again",
             )
 
     def _tell(self, kind: Kind, words: str) -> None:
         self._events.append(FeedEvent(kind, self.statistics.seconds, words))
-
-    def _taken(self, text: str, rows: list[str]) -> Taken:
-        events, self._events = self._events, []
-        return Taken(text, self._readings(rows), events)
 
     def _readings(self, rows: list[str]) -> Samples | None:
         if not rows or self._read is None:
@@ -528,11 +464,6 @@ class Transcript:
         readings = layout.columns.samples(values, unit=unit, axes=Axes(), source=self._name)
         self.statistics.measure(readings.field)
         return readings if len(readings) else None
-
-
-def _rows(form: Form, texts: list[str]) -> list[str]:
-    """The rows that these lines make."""
-    return [row for text in texts if (row := form.row(text, 0.0))]
 
 
 def escaped(line: bytes) -> str:

@@ -34,8 +34,7 @@ from flinders.core.samples import Joined, Recording, Samples, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
-from flinders.readers._reader import Reader
-from flinders.readers._recognition import foreign_kind
+from flinders.readers._reader import Reader, foreign_kind
 from flinders.readers._selection import FIRST, Choice, TimeSpan, added
 from flinders.readers._source import File, Progress, Source, find, on_disk
 from flinders.readers._table import TableRecording
@@ -394,7 +393,8 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
                 f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave --{option} out"
             )
     disk = on_disk(file)
-    log = reader.log(disk, **({"unit": asked.unit} if reader.takes_unit else {}))  # type: ignore[misc]
+    assert reader.log is not None
+    log: Log = reader.log(disk, **({"unit": asked.unit} if reader.takes_unit else {}))
     if not log.instruments:
         raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
     beginning = np.nan if asked.span.is_all else _beginning(log)

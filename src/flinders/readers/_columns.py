@@ -8,10 +8,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
-from itertools import zip_longest
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from flinders.core.samples import Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UsageError
 from flinders.geometry import quaternions
-from flinders.readers._instruments import Vector, advice, ascends, companion, groups, instruments, passed_over, vectors
+from flinders.readers._likeness import advice, ascends, groups
 from flinders.readers._names import (
     ACCELERATION,
     ATTITUDE,
@@ -35,16 +34,21 @@ from flinders.readers._names import (
     THROTTLES,
     TIME,
     Meaning,
+    Vector,
+    companion,
+    instruments,
     kind_of_chip,
     label,
     meaning,
+    passed_over,
     tells_nothing,
+    vectors,
 )
 from flinders.readers._resample import shares
 from flinders.readers._selection import FIRST, Choice, numbered
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
@@ -87,7 +91,6 @@ class Columns:
 
     field: Column  # the magnetometer
     unit: str = ""  # its unit as the header states it, or as the format has it by convention
-    scale: float | None = None  # µT in a count, where that is known
     stated: bool = False  # the unit is in the header, and must not be contradicted
     auxiliary: tuple[Column, ...] = ()  # at most one of each other kind
     left_out: tuple[str, ...] = ()  # columns that were recognised and cannot be used, each with the reason
@@ -178,16 +181,14 @@ class Columns:
         return VALID[kind](taken) if kind in VALID else taken
 
 
-def names_magnetometer(names: Sequence[str]) -> bool:
-    """Tell whether three of these names are those of a magnetometer."""
-    return bool(vectors(names, [meaning(name) for name in names], FIELD))
-
-
 def by_name(
     names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
 ) -> Columns | None:
     """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it."""
-    meanings = [_meaning(*column) for column in zip_longest(names, units[: len(names)], fillvalue="")]
+    meanings = [meaning(name) for name in names]
+    for place, unit in enumerate(units[: len(names)]):  # in a row below the header
+        if unit and not meanings[place].unit:
+            meanings[place] = meaning(f"{names[place]} ({unit})")
     sensors = vectors(names, meanings, FIELD)
     fields = instruments(sensors)
     free = [Meaning("") if place in wanted else known for place, known in enumerate(meanings)]
@@ -197,18 +198,19 @@ def by_name(
         own = next((each for each in sensors if set(wanted) <= set(each.cells)), Vector(tuple(wanted), 0, (), ""))
         name = own.name if own in fields else own.whole
         return replace(header.around(own._replace(cells=tuple(wanted))), name=name if len(fields) > 1 else "")
+    if not fields:
+        return None
     read = {place for field in fields for place in field.cells}
-    unread = [place for place, name in enumerate(names) if fields and place not in read and tells_nothing(name)]
+    unread = [place for place, name in enumerate(names) if place not in read and tells_nothing(name)]
     recognised = [str(group) for group in groups(values, unread, names) if group.is_known] if len(unread) > 2 else []
     others = (*passed_over(sensors, fields), *recognised)
-    made = [replace(header.around(field), passed_over=others) for field in fields]
-    if len(made) < 2:
-        return made[0] if made else None
-    named = tuple(replace(columns, name=field.name) for columns, field in zip(made, fields, strict=True))
-    return replace(named[0], magnetometers=named)
+    several = len(fields) > 1
+    made = [replace(header.around(each), passed_over=others, name=each.name if several else "") for each in fields]
+    return replace(made[0], magnetometers=tuple(made)) if several else made[0]
 
 
-class _Header(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class _Header:
     """A header, what its names mean, and the first rows below it."""
 
     names: Sequence[str]
@@ -216,38 +218,40 @@ class _Header(NamedTuple):
     values: Floats
     fields: Sequence[Vector]  # magnetometers
     triples: Mapping[str, Sequence[Vector]]  # accelerometers and gyros
+    left_out: list[str] = field(default_factory=list)  # columns that cannot be used, each with the reason
 
-    def around(self, field: Vector) -> Columns:
+    def around(self, sensor: Vector) -> Columns:
         """Collect the columns that are read for one of the magnetometers."""
-        free = [Meaning("") if place in field.cells else known for place, known in enumerate(self.meanings)]
-        stated = {self.meanings[cell].unit for cell in field.cells if self.meanings[cell].kind == FIELD}
+        stated = {self.meanings[cell].unit for cell in sensor.cells if self.meanings[cell].kind == FIELD}
         unit = stated.pop() if len(stated) == 1 else ""
-        columns, left_out = self._replace(meanings=free).besides(field)
+        free = [Meaning("") if place in sensor.cells else known for place, known in enumerate(self.meanings)]
+        others = replace(self, meanings=free, left_out=[])
+        auxiliary = tuple(others.auxiliary(sensor))
         return Columns(
-            field=_column(FIELD, field.cells, self.names),
-            unit=unit or _by_convention(self.names, field.cells),
+            field=_column(FIELD, sensor.cells, self.names),
+            unit=unit or _by_convention(self.names, sensor.cells),
             stated=bool(unit),
-            auxiliary=columns,
-            left_out=left_out,
+            auxiliary=auxiliary,
+            left_out=tuple(others.left_out),
         )
 
-    def besides(self, field: Vector) -> tuple[tuple[Column, ...], tuple[str, ...]]:
-        """Find what stands beside a magnetometer, and what has to be left out."""
-        own = {kind: companion(each, field, self.fields) for kind, each in self.triples.items()}
-        columns = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
+    def auxiliary(self, sensor: Vector) -> Iterator[Column]:
+        """Yield the other columns that are read with a magnetometer."""
+        own = {kind: companion(each, sensor, self.fields) for kind, each in self.triples.items()}
         turned = {known.axis: place for place, known in enumerate(self.meanings) if known.kind == ATTITUDE}
-        if len(turned) == 4:
-            columns.append(_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names))
-        left_out: list[str] = []
-        scalars = [self.scalar(kind) for kind in (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)]
-        for column, reasons in (*scalars, *map(self.motors, OF_MOTORS)):
-            columns += [column] if column else []
-            left_out += reasons
-        unclear = [column for column in columns if column.kind == RATE and not self.meanings[column.cells[0]].unit]
-        left_out += [f"{', '.join(column.names)} (neither deg/s nor rad/s in the names)" for column in unclear]
-        unread = [one for kind, each in self.triples.items() if not own[kind] for one in each if one.instead]
-        left_out += [f"{one.whole} ({one.instead})" for one in unread]
-        return tuple(self.scaled(column) for column in columns if column not in unclear), tuple(left_out)
+        columns = [_column(kind, each.cells, self.names) for kind, each in own.items() if each]
+        columns += [_column(ATTITUDE, [turned[axis] for axis in "wxyz"], self.names)] if len(turned) == 4 else []
+        columns += filter(None, map(self.scalar, (TIME, TEMPERATURE, CURRENT, STRENGTH, THROTTLE)))
+        columns += filter(None, map(self.motors, OF_MOTORS))
+        for column in columns:
+            if column.kind == RATE and not self.meanings[column.cells[0]].unit:
+                self._leave_out(", ".join(column.names), "neither deg/s nor rad/s in the names")
+            else:
+                yield self.scaled(column)
+        for kind, each in self.triples.items():
+            for other in each:
+                if other.instead and not own[kind]:
+                    self._leave_out(other.whole, other.instead)
 
     def scaled(self, column: Column) -> Column:
         """Give a column the factor and start of its unit."""
@@ -259,24 +263,22 @@ class _Header(NamedTuple):
         start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
         return replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else "")
 
-    def scalar(self, kind: str) -> tuple[Column | None, list[str]]:
-        """Find the best usable column of a kind without axes, and those before it with the reason against each."""
+    def scalar(self, kind: str) -> Column | None:
+        """Find the best usable column of a kind without axes."""
         places = [place for place, known in enumerate(self.meanings) if known.kind == kind and not known.axis]
-        left_out: list[str] = []
-        parted = {place + 1: place for place in places if self._is_parted(place)} if kind == TIME else {}
-        for place in sorted({*places, *parted}, key=lambda place: self.meanings[place].rank):
-            values = self.values[:, place]
-            if place in parted.values():
-                return _column(kind, [place, place + 1], self.names), left_out
+        parted = {place for place in places if kind == TIME and self._is_parted(place)}
+        for place in sorted(places, key=lambda place: self.meanings[place].rank):
             if place in parted:
+                return _column(kind, [place, place + 1], self.names)
+            if place - 1 in parted:
                 continue
-            reason = "" if _numeric(values) else "not numbers"
+            reason = "" if _numeric(self.values[:, place]) else "not numbers"
             if kind == TIME and not reason:
-                reason = _cut_digits(values, self.meanings[place].unit)
+                reason = _cut_digits(self.values[:, place], self.meanings[place].unit)
             if not reason:
-                return _column(kind, [place], self.names), left_out
-            left_out.append(f"{self.names[place].strip()} ({reason})")
-        return None, left_out
+                return _column(kind, [place], self.names)
+            self._leave_out(self.names[place].strip(), reason)
+        return None
 
     def _is_parted(self, place: int) -> bool:
         """Tell whether a column is of whole seconds, and the next of the nanoseconds that belong to them."""
@@ -288,11 +290,11 @@ class _Header(NamedTuple):
         is_under_heading = not stem and own.endswith(f" {seconds}".casefold())
         return is_under_heading or own == f"{stem}{seconds}{rest}".casefold()
 
-    def motors(self, kind: str) -> tuple[Column | None, list[str]]:
-        """Find the columns of single motors, from the first motor on, or the reason against them."""
+    def motors(self, kind: str) -> Column | None:
+        """Find the columns of single motors, from the first motor on."""
         cells = {int(known.axis): place for place, known in enumerate(self.meanings) if known.kind == kind}
         if not cells:
-            return None, []
+            return None
         numbers = sorted(cells)
         column = _column(kind, [cells[number] for number in numbers], self.names)
         units = {self.meanings[cell].unit for cell in column.cells}
@@ -305,8 +307,12 @@ class _Header(NamedTuple):
         elif kind == THROTTLES and units == {""} and not _are_pulses(self.values[:, column.cells]):
             reason = "neither shares nor µs: say so in the names, as throttle1_share"
         else:
-            return column, []
-        return None, [f"{', '.join(column.names)} ({reason})"]
+            return column
+        self._leave_out(", ".join(column.names), reason)
+        return None
+
+    def _leave_out(self, what: str, reason: str) -> None:
+        self.left_out.append(f"{what} ({reason})")
 
 
 def _column(kind: str, cells: Sequence[int], names: Sequence[str]) -> Column:
@@ -340,17 +346,18 @@ def choose(
     width = values.shape[1]
     if flat is not None and asked is None and width == 2:
         asked = "1,2"
-    wanted = () if asked is None else wanted_places(asked, names, width, flat=flat is not None)
+    if asked is None:
+        chosen = by_name(names, values, units=units) if names else by_place(values)
+        is_bare = chosen is not None and not chosen.stated and meaning(chosen.field.names[0]).is_bare
+        if chosen is None or (is_bare and (chosen.magnetometers or "w" in [name.strip().casefold() for name in names])):
+            _refuse_unclear(names, values, source, quoted)
+        return chosen and _chosen(chosen, choice, source)
+    wanted = wanted_places(asked, names, width, flat=flat is not None)
     chosen = by_name(names, values, wanted, units) if names else by_place(values, wanted)
-    if asked is None and (chosen is None or _is_unclear(chosen, names)):
-        _refuse_unclear(names, values, source, quoted)
     if chosen is None:
         return None
-    if asked is None:
-        chosen = _chosen(chosen, choice, source)
-    else:
-        every = by_name(names, values, units=units)
-        chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
+    every = by_name(names, values, units=units)
+    chosen = _named(chosen, every.magnetometers if every else (), choice, asked, source)
     if flat is None or len(wanted) != 2:
         return chosen
     return replace(chosen, field=replace(chosen.field, axes=tuple(map("xyz".index, flat))))
@@ -372,12 +379,6 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: s
         nameless = f"{source} has {width} columns and no header{quoted}: need three, x y z, or four with the time first"
         what = f"names do not tell which columns of {source} are the magnetometer" if names else nameless
         raise NoMagnetometer(f"{what}; {advice(judged)}")
-
-
-def _is_unclear(columns: Columns, names: Sequence[str]) -> bool:
-    """Tell whether columns are named x, y, z and nothing else, and are one of several such triples or have a w."""
-    is_bare = not columns.stated and meaning(columns.field.names[0]).is_bare
-    return is_bare and (len(columns.magnetometers) > 1 or "w" in [name.strip().casefold() for name in names])
 
 
 def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, asked: str, source: str) -> Columns:
@@ -405,9 +406,9 @@ def _chosen(columns: Columns, choice: Choice, source: str) -> Columns:
         choice.refuse_alone(source)
         return columns
     names = [each.name for each in columns.magnetometers]
-    place = choice.among(names, source)
+    chosen = columns.magnetometers[choice.among(names, source)]
     others = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2)) if choice.is_open else ()
-    return replace(columns.magnetometers[place], magnetometers=columns.magnetometers, others=others)
+    return replace(chosen, magnetometers=columns.magnetometers, others=others)
 
 
 def asked_columns(columns: str, *, flat: bool = False) -> list[str]:
@@ -441,12 +442,6 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
         raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see --columns")
     others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)
     return replace(columns, auxiliary=(*others, own))
-
-
-def _meaning(name: str, unit: str) -> Meaning:
-    """Tell what a name says, together with the unit that stands below it."""
-    own = meaning(name)
-    return own if own.unit or not unit else meaning(f"{name} ({unit})")
 
 
 def _place(asked: str, names: list[str], width: int) -> int:
@@ -578,8 +573,7 @@ class ColumnsRecording:
         parts += [f"axes {self.axes}"] * (not self.axes.is_identity) + [str(self.span)] * (not self.span.is_all)
         return "; ".join(parts + self.columns.remarks())
 
-    def __str__(self) -> str:
-        return self.describe()
+    __str__ = describe
 
 
 def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) -> Unit:
@@ -594,4 +588,4 @@ def unit_of(columns: Columns, name: str, unit: str | None, scale: float | None) 
         return chosen
     if scale is not None:
         return Unit.of(columns.unit if columns.stated else COUNTS, scale)
-    return Unit.of(columns.unit or COUNTS, columns.scale)
+    return Unit.of(columns.unit or COUNTS)

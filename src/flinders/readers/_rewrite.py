@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._numbers import SPACES, unglued
+from flinders.readers._tokenizer import SPACES, quoted, unglued
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.readers._lines import Lines
-    from flinders.readers._numbers import NumberRows
-    from flinders.readers._sniff import TextLayout
+    from flinders.readers._layout import TextLayout
+    from flinders.readers._tokenizer import Lines, NumberRows
 
 WRITTEN: Final = "%.9g"  # Nine significant digits: as many as a float32 has
 SUFFIX: Final = "_cal"
@@ -33,7 +32,7 @@ class Rewriter:
         """Yield a header, where the recording has names and no line that says them."""
         header = self._layout.header
         if header and not self._layout.header_line:
-            yield self._named(",".join(f'"{name}"' if "," in name else name for name in header)) + self._layout.newline
+            yield self._named(",".join(map(quoted, header))) + self._layout.newline
 
     def lines(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
         """Yield these lines with their ends; `field` is (len(rows.lines), 3), in the unit of the recording."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from flinders.core.samples import Skipped
 from flinders.errors import UnreadableInput, UsageError, figures
-from flinders.readers._lines import shown
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.core.samples import Samples
-    from flinders.readers._lines import Lines
-    from flinders.readers._numbers import NumberRows
+    from flinders.readers._tokenizer import Lines, NumberRows
 
 UNREADABLE: Final = "unreadable"
 NOT_FINITE: Final = "not finite"

@@ -34,9 +34,8 @@ from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 from flinders.core.files import REASONS, reason
 from flinders.errors import UnreadableInput, UsageError
-from flinders.readers._lines import EndsEarly, Lines, encoding_of, lines_of, shown
-from flinders.readers._recognition import GZIP, foreign_kind, may_be_log
-from flinders.readers._tokenizer import cut
+from flinders.readers._reader import GZIP, foreign_kind, may_be_log
+from flinders.readers._tokenizer import EndsEarly, Lines, cut, encoding_of, lines_of, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator

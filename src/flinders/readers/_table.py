@@ -28,10 +28,10 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
-from flinders.readers._lines import shown
+from flinders.readers._layout import ranges
 from flinders.readers._resample import numbered
 from flinders.readers._selection import FIRST, Choice, TimeSpan, added
-from flinders.readers._sniff import ranges
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -43,52 +43,27 @@ if TYPE_CHECKING:
     from flinders.core.units import Unit
     from flinders.readers._source import Progress, Source
 
-SAMPLED: Final = 200
-"""Rows looked at to tell times from other numbers."""
-MOST_NAMED: Final = 24
-"""Columns named in a message; a table may have thousands."""
-WIDEST: Final = 512
-"""Columns of an array that are told apart; a wider one is no list of readings."""
+SAMPLED: Final = 200  # Rows looked at to tell times from other numbers
+MOST_NAMED: Final = 24  # Columns named in a message; a table may have thousands
+WIDEST: Final = 512  # Columns of an array; a wider one is no list of readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Columns of numbers, and how to go through them.
+    """Columns of numbers, and how to go through them."""
 
-    Attributes
-    ----------
-    kind : str
-        What it is, for people: ``Parquet``, ``named arrays``.
-    names : tuple of str
-        Of the columns; empty where they have none.
-    width, length : int
-        Columns and rows.
-    rows : callable
-        Yields (N, K) blocks of the columns at these places, in this order, each time it is called.
-    """
-
-    kind: str
-    names: tuple[str, ...]
-    width: int
-    length: int
-    rows: Callable[[Sequence[int]], Iterator[Floats]]
+    kind: str  # what it is, for people: ``Parquet``, ``named arrays``
+    names: tuple[str, ...]  # of the columns; empty where they have none
+    width: int  # columns
+    length: int  # rows
+    rows: Callable[[Sequence[int]], Iterator[Floats]]  # (N, K) blocks of the columns at these places, in this order
 
     @classmethod
     def of_arrays(cls, source: str, kind: str, arrays: Mapping[str, NDArray[Any]]) -> Table:
         """Lay arrays side by side: those as long as most of them are, an (N, 3) one as three columns.
 
-        Parameters
-        ----------
-        source : str
-            For messages.
-        kind : str
-        arrays : mapping of name to (N,), (N, K) or (K, N) array
-            Of numbers or dates, or records of them; what is neither is left out. A name may be empty.
-
-        Raises
-        ------
-        NoMagnetometer
-            Where none of them is a column of numbers.
+        Arrays are (N,), (N, K) or (K, N) of numbers or dates, or records of them; what is neither is left out, and
+        NoMagnetometer where nothing is left. A name may be empty.
         """
         columns = [column for name, array in arrays.items() for column in _columns_of(name, array)]
         if not columns:
@@ -111,38 +86,17 @@ class Table:
 
 @dataclass(slots=True, eq=False)
 class TableRecording(ColumnsRecording):
-    """A table that yields its readings in bounded memory, again and again.
+    """A table that yields its readings in bounded memory, again and again."""
 
-    Attributes
-    ----------
-    file : Source
-        The bytes it was read from, as they lie on the disk.
-    table : Table
-    columns : Columns
-        Which column is what.
-    unit : Unit
-        What the magnetometer's columns are written in.
-    axes : Axes
-        How the recorded axes are turned.
-    progress : callable, optional
-        Called once a block with the bytes read so far, by the share of rows, and those there are.
-    span : TimeSpan
-        Which part of it is read.
-    skipped : tuple of Skipped
-        What the last pass has left out so far.
-    temporary_files : tuple of Source
-        Temporary files that it needs.
-    """
-
-    file: Source
+    file: Source  # the bytes it was read from, as they lie on the disk
     table: Table
     columns: Columns
-    unit: Unit
-    axes: Axes = field(default_factory=Axes)
-    progress: Progress | None = None
-    span: TimeSpan = field(default_factory=TimeSpan)
-    skipped: tuple[Skipped, ...] = field(default=(), init=False)
-    temporary_files: tuple[Source, ...] = field(default=(), init=False)
+    unit: Unit  # of the magnetometer's columns
+    axes: Axes = field(default_factory=Axes)  # how the recorded axes are turned
+    progress: Progress | None = None  # called with the bytes read so far, by the share of rows
+    span: TimeSpan = field(default_factory=TimeSpan)  # which part of it is read
+    skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
+    temporary_files: tuple[Source, ...] = field(default=(), init=False)  # that it needs
 
     @property
     def readings(self) -> int:

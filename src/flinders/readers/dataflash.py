@@ -44,7 +44,6 @@ from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
 from flinders.readers._fmt import HEADER, INSTANCE, WHOLE, Messages, Table, read_listed, read_packed
-from flinders.readers._lines import encoding_of
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
 from flinders.readers._parameters import (
@@ -60,6 +59,7 @@ from flinders.readers._parameters import (
 from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled
 from flinders.readers._source import refusal
+from flinders.readers._tokenizer import encoding_of
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters
 
 if TYPE_CHECKING:

@@ -36,13 +36,12 @@ import numpy as np
 
 from flinders.core.samples import BLOCK
 from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._columns import names_magnetometer
 from flinders.readers._extras import needs, reading
-from flinders.readers._lines import shown
-from flinders.readers._reader import Reader
-from flinders.readers._recognition import MATLAB_7_3, is_hdf5
+from flinders.readers._names import names_magnetometer
+from flinders.readers._reader import MATLAB_7_3, Reader, is_hdf5
 from flinders.readers._source import is_bomb, too_much
 from flinders.readers._table import MOST_NAMED, WIDEST, Table, TableRecording, named_part, open_table
+from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

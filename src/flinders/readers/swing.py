@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UnreadableInput
-from flinders.readers._lines import encoding_of, shown
-from flinders.readers._numbers import number
-from flinders.readers._recognition import foreign_kind
+from flinders.readers._reader import foreign_kind
 from flinders.readers._source import HEAD, find
+from flinders.readers._tokenizer import encoding_of, number, shown
 
 if TYPE_CHECKING:
     import os
@@ -49,21 +48,12 @@ NEED: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwingTable:
-    """Columns of a swing.
+    """Columns of a swing."""
 
-    Attributes
-    ----------
-    source : str
-        Name of the file.
-    columns : mapping of str to (N,) float, degrees
-        Two of ``compass``, ``magnetic``, ``true`` and ``deviation``, and ``sigma`` where it is there.
-    lines : tuple of int
-        Where they stand, counted from 1.
-    """
-
-    source: str
+    source: str  #: name of the file
+    #: two of ``compass``, ``magnetic``, ``true`` and ``deviation``, and ``sigma`` where it is there: (N,), degrees
     columns: Mapping[str, Floats]
-    lines: tuple[int, ...]
+    lines: tuple[int, ...]  #: where they stand, counted from 1
 
 
 def read_swing(path: str | os.PathLike[str]) -> SwingTable:
@@ -93,13 +83,7 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
 
 
 def _text_of(path: str | os.PathLike[str]) -> tuple[str, str]:
-    """Name and content of a small text file, or of standard input.
-
-    Raises
-    ------
-    UnreadableInput
-        For a file that is not there, no text, or too large.
-    """
+    """Name and content of a small text file, or of standard input."""
     source = find(path, once=False)
     head = source.head()
     if kind := foreign_kind(head):
@@ -121,13 +105,7 @@ def _cells(line: str) -> list[str]:
 
 
 def _columns(name: str, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, int], list[tuple[int, list[str]]]]:
-    """Which cell is what, and the lines below the header.
-
-    Raises
-    ------
-    UnreadableInput
-        Where that is not clear.
-    """
+    """Which cell is what, and the lines below the header."""
     line, first = rows[0]
     if all(_number(cell) is not None for cell in first):
         if len(first) != 2:
@@ -155,13 +133,7 @@ def _kind(name: str) -> str:
 
 
 def _degrees(name: str, line: int, cells: Sequence[str], place: int) -> float:
-    """One number of a line.
-
-    Raises
-    ------
-    UnreadableInput
-        Naming the line.
-    """
+    """One number of a line; UnreadableInput, which names the line, where there is none."""
     value = _number(cells[place]) if place < len(cells) else None
     if value is None or not np.isfinite(value):
         raise UnreadableInput(

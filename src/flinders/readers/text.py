@@ -24,21 +24,24 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import NoMagnetometer, UnreadableInput
+from flinders.errors import UnreadableInput
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration
-from flinders.readers._lines import Lines, encoding_of, newline_of
+from flinders.readers._layout import COMMENTS, TextLayout, is_plain, sniff
 from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
-from flinders.readers._numbers import BLOCKS_AT_ONCE, LEAST_FOR_ARROW, NumberRows, parser_of, rows_of
-from flinders.readers._reader import Reader
-from flinders.readers._recognition import foreign_kind
+from flinders.readers._reader import Reader, foreign_kind
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._selection import FIRST, Choice, Tally, TimeSpan, added, left_out_of
-from flinders.readers._sniff import COMMENTS, TextLayout, is_plain, sniff
-from flinders.readers._source import File, Progress, derived
-from flinders.readers.dialects import Transcription, guess, recognise
-from flinders.readers.dialects.json_records import is_document, table_of
-from flinders.readers.dialects.marked import are_glued, one_a_line
-from flinders.readers.dialects.pattern import Pattern
+from flinders.readers._source import File, Progress
+from flinders.readers._tokenizer import (
+    BLOCKS_AT_ONCE,
+    LEAST_FOR_ARROW,
+    Lines,
+    NumberRows,
+    encoding_of,
+    parser_of,
+    rows_of,
+)
+from flinders.readers.dialects import Transcription, recognise_layout, split_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -48,9 +51,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples, Skipped
     from flinders.readers._columns import Columns
-    from flinders.readers._numbers import Grid, Parse
     from flinders.readers._source import Source
-    from flinders.readers._tokenizer import Dialect
+    from flinders.readers._tokenizer import Grid, Parse
 
 _CALIBRATION: Final = re.compile(
     r'^\W*(mag_?(?:calibration|zero|gain)(?:_[xyz]|\[[012]\])?)"?\s*[,;:=\t]\s*"?'
@@ -123,7 +125,14 @@ class TextRecording(ColumnsRecording):
     def corrected_lines(
         self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
     ) -> Iterator[str]:
-        """Yield the lines of the file with corrected readings in place of the recorded ones.
+        """Yield the lines of `corrected_blocks`, one by one."""
+        for lines in self.corrected_blocks(correct, add=add, with_disturbances=with_disturbances):
+            yield from lines
+
+    def corrected_blocks(
+        self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
+    ) -> Iterator[list[str]]:
+        """Yield the lines of the file with corrected readings, those that were read, or arrived, together at a time.
 
         All else stays: other columns, delimiter, decimal sign, header, comments, quotes, line ends. Lines that
         cannot be read are left out and counted in `skipped`; a reading that is not finite becomes ``nan``. JSON
@@ -144,13 +153,6 @@ class TextRecording(ColumnsRecording):
         UnreadableInput
             As `blocks`.
         """
-        for lines in self.corrected_blocks(correct, add=add, with_disturbances=with_disturbances):
-            yield from lines
-
-    def corrected_blocks(
-        self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False
-    ) -> Iterator[list[str]]:
-        """Yield the lines of `corrected_lines`, those that were read together, or arrived together, at a time."""
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())
         kinds = (TIME, CURRENT, THROTTLE, TEMPERATURE, CURRENTS, THROTTLES) if with_disturbances else ()
@@ -159,9 +161,8 @@ class TextRecording(ColumnsRecording):
             corrected = np.full((len(usable), 3), np.nan)
             if usable.any():
                 samples = self._samples_of(columns, rows.values[usable])
-                corrected[usable] = (
-                    correct(samples if with_disturbances else samples.field) / self.unit.scale + 0.0
-                )  # no −0
+                given = samples if with_disturbances else samples.field
+                corrected[usable] = correct(given) / self.unit.scale + 0.0  # no −0
             yield list(rewriter.lines(lines, rows, corrected))
 
     def written(self) -> str:
@@ -188,12 +189,10 @@ class TextRecording(ColumnsRecording):
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
         file, encoding = self.file, self.layout.encoding
-        if not isinstance(file, File) or file.size < LEAST_FOR_ARROW or (parse := parser_of(grid)) is None:
-            for lines in file.lines(encoding):
-                rows = self._rows(lines, grid)
-                yield lines, rows, self._usable(rows, columns)
-            return
-        for stretch in file.lines(encoding, blocks=BLOCKS_AT_ONCE):
+        parse, stretches = None, file.lines(encoding)
+        if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
+            stretches = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
+        for stretch in stretches:
             if (whole := self._parsed(stretch, parse)) and (usable := self._usable(whole, columns)).all():
                 yield stretch, whole, usable
                 continue
@@ -201,18 +200,19 @@ class TextRecording(ColumnsRecording):
                 rows = self._parsed(lines, parse) or self._rows(lines, grid)
                 yield lines, rows, self._usable(rows, columns)
 
-    def _parsed(self, lines: Lines, parse: Parse) -> NumberRows | None:
-        """Read a stretch by pyarrow, where it holds nothing but readings."""
-        values = parse(lines) if self._is_all_readings(lines) else None
+    def _parsed(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
+        """Read a stretch by pyarrow, where it is used and there is nothing but readings."""
+        values = parse(lines) if parse and self._is_all_readings(lines) else None
         return None if values is None else NumberRows(values, lines.numbers, [])
 
     def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
-        """Read a stretch: whole where it holds nothing but readings, else what `TextLayout.select` picks."""
-        if self._is_all_readings(lines):
-            texts = lines.texts
-            if all(map(str.strip, texts)):
-                return rows_of(texts, lines.numbers, grid)
-        return rows_of(*self.layout.select(lines.first, lines.texts), grid)
+        """Read the lines of a stretch that should be readings."""
+        texts, first = lines.texts, lines.first
+        if self._is_all_readings(lines) and all(map(str.strip, texts)):
+            return rows_of(texts, lines.numbers, grid)
+        after = max(self.layout.start - first, 0)
+        places = [place for place, text in enumerate(texts) if place >= after and self.layout.is_reading(text)]
+        return rows_of([texts[place] for place in places], [first + place for place in places], grid)
 
     def _is_all_readings(self, lines: Lines) -> bool:
         """Tell whether a stretch is below the header and holds neither that nor a comment; blank lines it may hold."""
@@ -266,22 +266,15 @@ def open_text(
     head = file.head()
     if kind := foreign_kind(head):
         raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
-    chosen = partial(sniff, file.name, columns=columns, flat=flat, choice=choice)
-    table, layout = _laid_out(file, head, chosen, pattern)
-    if layout.is_blackbox:
-        layout = replace(layout, in_force=calibration_in_force(table.opening[: layout.start - 1]))
+    laid_out = _laid_out(file, head, partial(sniff, file.name, columns=columns, flat=flat, choice=choice), pattern)
+    table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
+    frame = transcription.frame if transcription else "sensor"
     recording = TextRecording(
-        table.file,
-        layout,
-        Unit.of(COUNTS),
-        axes,
-        table.dialect.frame if table.dialect else "sensor",
-        transcription=table.transcription,
-        original=file,
+        table, layout, Unit.of(COUNTS), axes, frame, transcription=transcription, original=file
     ).with_columns(layout.columns, unit, scale)
     if layout.in_force and columns is None:
         raise _not_raw(file.name, layout)
-    if table.is_all and not layout.columns.magnetometers:  # one of several may be dead
+    if laid_out.is_all and not layout.columns.magnetometers:  # one of several may be dead
         for _ in recording.blocks():  # what is wrong surfaces here, where that costs no more than a block
             pass
     recording.progress = progress
@@ -289,62 +282,34 @@ def open_text(
     return recording
 
 
-class _Table(NamedTuple):
-    """A file as a table, or what was made one of it."""
+class _LaidOut(NamedTuple):
+    """A table, which a file is or which was made of it, and how it is laid out."""
 
-    file: Source
-    encoding: str
-    opening: list[str]  # its first lines
-    is_all: bool  # they are all
-    dialect: Dialect | None = None  # of the file, where it is no table
-    transcription: Transcription | None = None
+    table: Source
+    layout: TextLayout
+    is_all: bool  # its first lines are all there are
+    transcription: Transcription | None = None  # of a file in a dialect
 
 
-def _laid_out(
-    file: Source, head: bytes, chosen: Callable[..., TextLayout], pattern: str | None
-) -> tuple[_Table, TextLayout]:
+def _laid_out(file: Source, head: bytes, lay_out: Callable[..., TextLayout], pattern: str | None) -> _LaidOut:
     """Find how the lines of a file are written; what is no table becomes one."""
     encoding = encoding_of(head)
-    table = _table_of(file, encoding, head.decode(encoding, "replace").removeprefix("\ufeff"), pattern)
-    try:
-        layout = _layout_of(table, chosen)
-    except (NoMagnetometer, UnreadableInput):
-        dialect = None if table.dialect else recognise(table.opening) or guess(table.opening)
-        if dialect is None:
-            raise
-        table = _transcribed(file, encoding, dialect)
-        layout = _layout_of(table, chosen)
-    return table, layout if table.dialect else replace(layout, encoding=encoding, newline=newline_of(head))
-
-
-def _table_of(file: Source, encoding: str, beginning: str, pattern: str | None) -> _Table:
-    """Make a table of a file whose beginning shows that it is none."""
-    if pattern is not None:
-        return _transcribed(file, encoding, Pattern.of(pattern))
-    if is_document(beginning):
-        table, records = table_of(file, encoding)
-        return _Table(table, "utf-8", *table.opening("utf-8"), records)
-    if are_glued(beginning):
-        file, encoding = derived(file, one_a_line(file)), "utf-8"
+    beginning = head.decode(encoding, "replace").removeprefix("\ufeff")
+    may_be_glued = beginning.lstrip().startswith(("[", "{")) or "*" in beginning
+    if pattern is None and may_be_glued and (apart := split_records(file, encoding, beginning)):
+        file, encoding = apart, "utf-8"
     opening, is_all = file.opening(encoding)
-    dialect = None if is_plain(opening) else recognise(opening)
-    return _transcribed(file, encoding, dialect) if dialect else _Table(file, encoding, opening, is_all)
-
-
-def _transcribed(file: Source, encoding: str, dialect: Dialect) -> _Table:
-    """Make a table of a file in a dialect."""
-    transcription = Transcription(file, dialect, encoding)
-    table = transcription.table
-    return _Table(table, "utf-8", *table.opening("utf-8"), dialect, transcription)
-
-
-def _layout_of(table: _Table, chosen: Callable[..., TextLayout]) -> TextLayout:
-    """Recognise how a table is laid out; of one that was made of a dialect the names are known."""
-    if table.dialect is None:
-        return chosen(table.opening)
-    if not any(map(str.strip, table.opening)):
-        raise NoMagnetometer(f"{table.file.name} is a {table.dialect.words} without a line of a magnetometer")
-    return replace(chosen(table.opening, header=table.dialect.names), words=table.dialect.words)
+    if pattern is None and is_plain(opening):
+        dialect, layout = None, lay_out(opening)
+    else:
+        dialect, layout = recognise_layout(file.name, opening, lay_out, pattern)
+    if dialect is not None:
+        transcription = Transcription(file, dialect, encoding)
+        return _LaidOut(transcription.table, layout, is_all, transcription)
+    if layout.is_blackbox:
+        layout = replace(layout, in_force=calibration_in_force(opening[: layout.start - 1]))
+    end = re.search("\r\n|\n|\r", beginning)
+    return _LaidOut(file, replace(layout, encoding=encoding, newline=end[0] if end else "\n"), is_all)
 
 
 def calibration_in_force(above: Sequence[str]) -> str:

@@ -16,7 +16,7 @@ from flinders.core.units import COUNTS, EARTH_WITH_ROOM_UT, label, unit_of_the_e
 from flinders.diagnostics.unmoved import require_moved
 from flinders.errors import FitError, InputError, Unmoved, counted, figures
 from flinders.fitting.calibrate import fit
-from flinders.readers._instruments import likeness
+from flinders.readers._likeness import likeness
 from flinders.readers._names import meaning
 from flinders.report.formatting import written_time
 from flinders.report.terminal import facts, page

@@ -1,6 +1,6 @@
 r"""JSON: a record in each line, other lines between, or one document with a list of records.
 
-A record is an object, or a list of numbers; a document becomes a table.
+A record is an object, or a list of numbers.
 
 >>> dialect = recognise(["ready", '{"t": 0.1, "mag": {"x": 21.70, "y": 0.4, "z": -58.6}}'])
 >>> dialect.names, dialect.row('{"mag": {"x": 1, "y": 2, "z": 3}, "t": 0.20}')
@@ -12,8 +12,6 @@ A record is an object, or a list of numbers; a document becomes a table.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import re
 from collections import Counter
@@ -21,19 +19,23 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput
-from flinders.readers._columns import names_magnetometer
-from flinders.readers._lines import shown
-from flinders.readers._numbers import number
-from flinders.readers._source import Source, derived, unpacked
-from flinders.readers._tokenizer import Dialect
+from flinders.readers._layout import Dialect
+from flinders.readers._names import names_magnetometer
+from flinders.readers._source import unpacked
+from flinders.readers._tokenizer import number, quoted, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from flinders.readers._source import Source
+
 _load = partial(json.loads, parse_float=str, parse_int=str)  # numbers stay as they are written
 LEAST: Final = 3  # Numbers in a record with a reading
+LARGEST: Final = 256 << 20  # Bytes of a document that are still read; JSON lines may be of any length
+# How JSON with readings in it begins; ``[INFO] …`` is a line of a log.
+OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
+MARK: Final = "flinders"  # the key by which files that Flinders itself writes are known
 
 
 @dataclass(slots=True)
@@ -42,41 +44,22 @@ class JsonLines(Dialect):
 
     def row(self, line: str) -> list[str] | None:
         """Bring the record of a line into the order of the columns, numbers as they are written."""
-        return self.cells(parsed(line))
-
-    def cells(self, record: object) -> list[str] | None:
-        """Bring one record into the order of the columns; None for what is no such record."""
+        record = _record(line)
         if isinstance(record, dict) and self.names:
-            values = flat(record)
-            return [_cell(values.get(name)) for name in self.names] if values.keys() & set(self.names) else None
-        return [_cell(value) for value in record] if isinstance(record, list) and not self.names else None
+            leaves = flat(record)
+            values = [leaves.get(name) for name in self.names] if leaves.keys() & set(self.names) else []
+        else:
+            values = record if isinstance(record, list) and not self.names else []
+        return ["" if value is None else quoted(str(value)) for value in values] or None
 
 
 def recognise(lines: list[str]) -> JsonLines | None:
     """Find records with three numbers; of those with different keys, the most frequent that have a magnetometer's."""
-    records = [record for record in map(parsed, lines) if record is not None and _numbers(record) >= LEAST]
+    records = [record for record in map(_record, lines) if record is not None and _numbers(record) >= LEAST]
     keys = Counter(tuple(flat(record)) if isinstance(record, dict) else () for record in records)
     if not keys:
         return None
-    return JsonLines("JSON lines", max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
-
-
-def parsed(line: str) -> dict[str, object] | list[object] | None:
-    """Parse an object or a list of plain values; numbers stay as they are written."""
-    if not line.lstrip().startswith(("{", "[")):
-        return None
-    record = _loaded(line)
-    if isinstance(record, list) and any(isinstance(value, (list, dict)) for value in record):
-        return None
-    return record if isinstance(record, (dict, list)) else None
-
-
-def _loaded(text: str) -> object:
-    """Load JSON, numbers as they are written; None where it is broken."""
-    try:
-        return _load(text)
-    except (ValueError, RecursionError):
-        return None
+    return JsonLines("JSON", max(keys, key=lambda names: (names_magnetometer(names), keys[names])))
 
 
 def flat(record: dict[str, object]) -> dict[str, object]:
@@ -91,56 +74,41 @@ def flat(record: dict[str, object]) -> dict[str, object]:
     return leaves
 
 
-def _numbers(record: dict[str, object] | list[object]) -> int:
-    """Count the numbers of a record."""
-    values = flat(record).values() if isinstance(record, dict) else record
-    return sum(isinstance(value, str) and bool(value) and number(value, ".") is not None for value in values)
-
-
-def _cell(value: object) -> str:
-    """Write one value as a cell; text in quotes where it needs them."""
-    if value is None:
-        return ""
-    page = io.StringIO()
-    csv.writer(page, lineterminator="").writerow([value])
-    return page.getvalue()
-
-
-LARGEST: Final = 256 << 20  # Bytes of a document that are still read; JSON lines may be of any length
-# How JSON with readings in it begins; ``[INFO] …`` is a line of a log.
-OPENING: Final = re.compile(r"\[\s*(?:[\[{\]]|-?[\d.]+(?:[eE][-+]?\d+)?\s*,|$)|\{\s*(?:\"|\}|$)")
-MARK: Final = "flinders"  # the key by which files that Flinders itself writes are known
-
-
 def is_document(text: str) -> bool:
     """Tell a JSON document from JSON lines, and from lines such as ``[1, 2, 3] uT``, by how it begins."""
     first, _, more = text.lstrip().partition("\n")
     if not OPENING.match(first):
         return False
-    record = parsed(first)
+    record = _record(first)
     if isinstance(record, dict):
         return MARK in record or (not more.strip() and any(isinstance(value, list) for value in record.values()))
     is_closed = sum(map(first.count, "[{")) == sum(map(first.count, "]}"))
     return record in (None, []) and not (is_closed and _loaded(first) is None)
 
 
-def table_of(source: Source, encoding: str) -> tuple[Source, JsonLines]:
-    """Turn the records of a document into a table without a header; names are the keys of its first object."""
-    records = _records(source, encoding)
-    names = next((tuple(flat(record)) for record in records if isinstance(record, dict)), ())
-    dialect = JsonLines("JSON", names)
-    return derived(source, _rows(records, dialect)), dialect
+def _record(line: str) -> dict[str, object] | list[object] | None:
+    """Parse an object or a list of plain values; numbers stay as they are written."""
+    record = _loaded(line) if line.lstrip().startswith(("{", "[")) else None
+    is_plain = isinstance(record, list) and not any(isinstance(value, (list, dict)) for value in record)
+    return record if is_plain or isinstance(record, dict) else None  # type: ignore[return-value]
 
 
-def _rows(records: list[object], dialect: JsonLines) -> Iterator[bytes]:
-    """Write records as lines of a table, those that have no such keys as they are."""
-    for start in range(0, len(records), BLOCK):
-        rows = (dialect.cells(record) or [shown(str(record))] for record in records[start : start + BLOCK])
-        yield "".join(f"{','.join(row)}\n" for row in rows).encode()
+def _loaded(text: str) -> object:
+    """Load JSON, numbers as they are written; None where it is broken."""
+    try:
+        return _load(text)
+    except (ValueError, RecursionError):
+        return None
 
 
-def _records(source: Source, encoding: str) -> list[object]:
-    """Load the records of a document."""
+def _numbers(record: dict[str, object] | list[object]) -> int:
+    """Count the numbers of a record."""
+    values = flat(record).values() if isinstance(record, dict) else record
+    return sum(isinstance(value, str) and bool(value) and number(value, ".") is not None for value in values)
+
+
+def records_as_lines(source: Source, encoding: str) -> Iterator[bytes]:
+    """Yield the records of a document as JSON lines."""
     content = bytearray()
     for chunk in unpacked(source):
         content += chunk
@@ -150,7 +118,7 @@ def _records(source: Source, encoding: str) -> list[object]:
                 "write one record a line (JSON lines) or CSV"
             )
     try:
-        document = _load(content.decode(encoding, "replace"))
+        document = _load(content.decode(encoding, "replace").removeprefix("\ufeff"))
     except (ValueError, RecursionError) as error:
         raise UnreadableInput(
             f"{source.name} begins like JSON and is not JSON that can be read ({error}): "
@@ -162,4 +130,5 @@ def _records(source: Source, encoding: str) -> list[object]:
     if not isinstance(document, list) or not document:
         kind = "an empty list" if document == [] else f"one {'object' if isinstance(document, dict) else 'value'}"
         raise UnreadableInput(f"{source.name} is JSON with {kind} in it: need a list of [x, y, z] or of objects")
-    return document
+    for record in document:
+        yield f"{json.dumps(record)}\n".encode()

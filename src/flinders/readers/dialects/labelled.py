@@ -21,13 +21,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.core.units import COUNTS
-from flinders.readers._instruments import magnetometers, vectors
-from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, meaning
-from flinders.readers._sniff import COMMENTS
-from flinders.readers._tokenizer import QUANTITY, Dialect, cut, is_labelled, like, names_of
+from flinders.readers._layout import COMMENTS, Dialect
+from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, magnetometers, meaning, vectors
+from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from flinders.arrays import Floats
 
 Kind: TypeAlias = "tuple[str, ...]"  # The names of a line's numbers; lines of one kind have the same
 OFTEN: Final = 0.5  # Share of the most frequent kind's lines that another one needs to be preferred for its unit
@@ -67,8 +68,11 @@ class _Heading:
     label: str = ""
     is_taken: bool = False  # by a line with an axis
 
-    def before(self, line: str) -> str:
-        """Put it in front of a line that it names."""
+    def joined(self, line: str) -> str:
+        """Put the label in front of a line that it names; nothing for a line that is a label itself."""
+        if _is_heading(line):
+            self.label, self.is_taken = line, False
+            return ""
         is_axis = bool(self.label) and _AXIS_ALONE.fullmatch(line) is not None
         joined = f"{self.label} {line}" if self.label and (is_axis or not self.is_taken) else line
         self.label, self.is_taken = self.label if is_axis else "", is_axis
@@ -95,10 +99,9 @@ class Labelled(Dialect):
         """Take the numbers of a line by its kind; a reading where that ends one."""
         if self._quick and not self._heading.label and (match := self._quick.fullmatch(line)):
             return match.groups()
-        if _is_heading(line):
-            self._heading = _Heading(line)
+        line = self._heading.joined(line)
+        if not line:
             return () if self.has_headings else None
-        line = self._heading.before(line)
         numbers, gaps = cut(line) if len(line) <= LONGEST else ([], ())
         kind = self._kind(gaps)
         if kind is None:
@@ -122,46 +125,30 @@ class Labelled(Dialect):
 def recognise(lines: list[str], *, marked: bool = True) -> Labelled | None:
     """Find lines whose labels name a magnetometer; unless `marked`, also three numbers between any words."""
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS) and len(line) <= LONGEST]
-    every = [_printed(line) for line in _with_headings(lines)]
-    counts = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
-    enough = OFTEN * max(counts.values(), default=0)
+    heading = _Heading()
+    every = [_printed(joined) for line in lines if (joined := heading.joined(line))]
+    of_three = Counter(each.kind for each in every if len(each.numbers) >= len(PLAIN))
+    enough = OFTEN * max(of_three.values(), default=0)
     printed = [each for each in every if each.numbers and not each.is_setting and not (each.is_plain and not marked)]
     counts = Counter(each.kind for each in printed)
     labelled = list(dict.fromkeys(each.kind for each in printed if each.is_labelled or not marked))
     closing = _magnetometer([kind for kind in labelled if counts[kind] >= enough], counts)
-    headings = sum(map(_is_heading, lines))
-    if closing is not None:
-        if counts[closing] < LEAST_SHARE * sum(len(each.numbers) >= len(PLAIN) for each in every):
-            return None
-        others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
-        read = [kind for kind in counts if kind == closing or (kind in others and _belongs(kind, closing))]
-        turns = [
-            kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)
-        ]
-        dialect = _laid_out(turns, [kind for kind in read if kind not in turns], printed)
-        dialect.has_headings = 2 * headings > counts[closing]
-        return dialect
-    often = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
-    if by_axis := _axis_by_axis([kind for kind in labelled if counts[kind] >= often]):
-        by_axis.has_headings = 2 * headings > counts[by_axis.closing]
-        return by_axis
-    return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
+    if closing is not None and counts[closing] < LEAST_SHARE * of_three.total():
+        return None
+    if closing is None:
+        often = max(OFTEN * max((counts[kind] for kind in labelled if any(kind)), default=0), enough)
+        dialect = _axis_by_axis([kind for kind in labelled if counts[kind] >= often])
+    else:
+        dialect = _line_by_line(closing, counts, printed)
+    if dialect is None:
+        return None if marked else _by_place(printed, max(enough, OFTEN * len(lines)))
+    dialect.has_headings = 2 * sum(map(_is_heading, lines)) > counts[dialect.closing]
+    return dialect
 
 
 def _is_heading(line: str) -> bool:
     """Tell whether a line is the label of the numbers in the next one: ``Magnetometer data in µT:``."""
     return len(line) <= LONGEST and line.rstrip().endswith(":") and not cut(line)[0]
-
-
-def _with_headings(lines: list[str]) -> list[str]:
-    """Put each line that is a heading in front of the lines that it names."""
-    joined, heading = list[str](), _Heading()
-    for line in lines:
-        if _is_heading(line):
-            heading = _Heading(line)
-        else:
-            joined.append(heading.before(line))
-    return joined
 
 
 def _printed(line: str) -> _Printed:
@@ -193,17 +180,18 @@ def _belongs(kind: Kind, closing: Kind) -> bool:
     return any(known.kind in AUXILIARY for known in meanings)
 
 
-def _laid_out(turns: Sequence[Kind], others: Sequence[Kind], printed: Sequence[_Printed]) -> Labelled:
+def _line_by_line(closing: Kind, counts: Counter[Kind], printed: Sequence[_Printed]) -> Labelled:
     """Put the numbers of magnetometers in turn first in the row; the last of them ends a reading."""
+    others = [kind for kind in counts if kind != closing and counts[kind] >= SELDOM * counts[closing]]
+    read = [kind for kind in counts if kind == closing or (kind in others and _belongs(kind, closing))]
+    turns = [kind for kind in read if kind == closing or (magnetometers(kind) and counts[kind] >= counts[closing] - 1)]
     kinds, names = dict[Kind, int](), tuple[str, ...]()
-    for kind in turns:
+    for kind in (*turns, *(kind for kind in read if kind not in turns)):
         kinds[kind] = len(names)
-        names += _timed(kind, [each.numbers for each in printed if each.kind == kind])
-    needed = frozenset(range(kinds[turns[-1]], len(names)))
-    for kind in others:
-        kinds[kind] = len(names)
-        names += kind
-    return Labelled(WORDS, names, kinds, turns[-1], needed)
+        rows = [each.numbers for each in printed if each.kind == kind]
+        names += _timed(kind, rows) if kind in turns else kind
+    last = kinds[turns[-1]]
+    return Labelled(WORDS, names, kinds, turns[-1], frozenset(range(last, last + len(turns[-1]))))
 
 
 def _axis_by_axis(kinds: Sequence[Kind]) -> Labelled | None:
@@ -225,7 +213,7 @@ def _by_place(printed: Sequence[_Printed], enough: float) -> Labelled | None:
     if not count or count < enough or sum(other > OFTEN * count for other in alike.values()) > 1:
         return None
     rows = [each.numbers for each in printed if (each.kind, each.gaps[:-1]) == (kind, signs)]
-    if _alternates([[float(number.replace("−", "-")) for number in numbers] for numbers in rows]):
+    if _alternates(np.array(rows, float)):
         return None
     names = _timed(kind, rows)
     if len(kind) != len(PLAIN) and meaning(names[0]).kind != TIME:
@@ -254,9 +242,8 @@ def _unit_alone(kind: Kind) -> str:
     return unit if len(units) == 1 and (unit := units.pop()).startswith(" (") else ""
 
 
-def _alternates(rows: Sequence[Sequence[float]]) -> bool:
+def _alternates(values: Floats) -> bool:
     """Tell whether lines are of two or three sensors in turn: each is like the next of its own, or as strong."""
-    values = np.array(rows, float)
     if len(values) < LEAST_TURNS:
         return False
     steps = [np.nanmedian(np.abs(values[after:] - values[:-after]).sum(axis=1)) for after in (1, 2, 3)]
@@ -270,7 +257,7 @@ def _timed(kind: Kind, rows: Sequence[Sequence[str]]) -> Kind:
     """Name a first number without a label the time, where it ascends and does not just count."""
     if kind[0] and meaning(kind[0]).kind != "":
         return kind
-    first = [float(row[0].replace("−", "-")) for row in rows]
+    first = [float(row[0]) for row in rows]
     steps = {after - before for before, after in pairwise(first)}
     is_time = len(steps) > 0 and min(steps) > 0 and steps != {1.0}
     return ("time", *kind[1:]) if is_time and not kind[0] else kind

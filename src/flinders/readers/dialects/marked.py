@@ -31,9 +31,8 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._lines import ENDS_EARLY, EndsEarly
-from flinders.readers._numbers import number
-from flinders.readers._tokenizer import Dialect
+from flinders.readers._layout import Dialect
+from flinders.readers._tokenizer import ENDS_EARLY, EndsEarly, number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -50,6 +49,8 @@ PAPARAZZI: Final = re.compile(
     r"(?P<values>(?: .*)?)"
 )
 REPLAY: Final = re.compile(r"(?P<time>\d+),(?P<mark>mag|imu|baro|gps|landed|airspeed|flow|vio|range),(?P<values>.*)")
+SIGN: Final = re.compile(r"\b(?:Raw|Uni)\b|\|.*\*|\bIMU_MAG_|^\s*\d+,(?:mag|imu),", re.IGNORECASE)
+"""What a line of one of the programs holds."""
 GLUED: Final = re.compile(r"^\s*\|(?:[^|*,\n]+,){12}[^|*,\n]+\*[^\S\n]*\|", re.MULTILINE)
 """Datagrams of magcc without the end of a line between them."""
 MOST_IN_UNITS: Final = 160.0  # Acceleration in m/s² that a hand reaches; fewer counts are 0.02 g
@@ -136,11 +137,6 @@ def recognise(lines: list[str]) -> Marked | None:
     return None
 
 
-def is_marked(line: str) -> bool:
-    """Tell whether a line begins as those of MotionCal do."""
-    return MOTIONCAL.fullmatch(line) is not None
-
-
 def _are_units(rows: Sequence[Sequence[str]]) -> bool:
     """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
     gravity = [math.hypot(*map(float, cells[:3])) for cells in rows]
@@ -164,7 +160,7 @@ def are_glued(beginning: str) -> bool:
     return GLUED.search(beginning) is not None
 
 
-def one_a_line(source: Source) -> Iterator[bytes]:
+def datagrams_as_lines(source: Source) -> Iterator[bytes]:
     """Yield the bytes of a source with an end of line behind each datagram."""
     try:
         for chunk in source.chunks():

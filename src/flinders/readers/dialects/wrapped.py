@@ -21,22 +21,25 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from flinders.errors import FlindersError
-from flinders.readers._numbers import row_of, split
-from flinders.readers._sniff import SPOKEN, sniff
-from flinders.readers._tokenizer import STAMP, Dialect, seconds_of
+from flinders.readers._layout import SPOKEN, Cells, Dialect, sniff
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from flinders.readers._numbers import Grid
-
 Recognise: TypeAlias = "Callable[[list[str]], Dialect | None]"
+STAMP: Final = re.compile(
+    r"\s*[\[(<]?(?:[A-Z][a-z]{2} +\d+ +)?(?:(?P<date>\d{4}-\d\d-\d\d)[T ])?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)(?P<fraction>[.,]\d+)?(?:,\d+)?(?P<zone>Z|[+-]\d\d:?\d\d)?"
+    r"[\])>]?\s*(?P<mark>->|[|>:;,\t]|-(?![\d.]))?\s*"
+)
+"""The time that a serial monitor, a logger or an operating system puts before a line."""
 MOST: Final = 0.6  # share of lines that have to have a stamp
 DAY_S: Final = 86400.0
-PLAIN: Final = ("x", "y", "z")  # names of the columns of a table of three without a header
+LETTERED_WORD: Final = re.compile(r"(?<![\w.+-])(?=\d*[a-fA-F])[0-9a-fA-F]{4,8}(?![\w.])")
 WORDS: Final = {digits: re.compile(rf"(?<![\w.+-])[0-9a-fA-F]{{{digits}}}(?![\w.])") for digits in (4, 6, 8)}
 LEAST: Final = 3  # hexadecimal words in a line with a reading
 LETTERED: Final = 0.3  # share of the lines with as many words that have to hold a letter
@@ -66,20 +69,6 @@ class Stamped(Dialect):
 
 
 @dataclass(slots=True)
-class Cells(Dialect):
-    """Rows of a table, cut at its delimiter."""
-
-    grid: Grid
-
-    def row(self, line: str) -> list[str] | None:
-        """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
-        cells = split(line, self.grid.delimiter)
-        if row_of(cells, self.grid) is None:
-            return None
-        return [cell.strip().replace(self.grid.decimal, ".") for cell in cells[: self.grid.width or None]]
-
-
-@dataclass(slots=True)
 class Hexadecimal(Dialect):
     """Lines whose last words, so many of so many digits, are hexadecimal numbers."""
 
@@ -95,15 +84,30 @@ class Hexadecimal(Dialect):
 def stamped(lines: list[str], behind: Recognise, *, marked: bool = True) -> Stamped | None:
     """Find stamps before most lines; if `marked`, before a table only with a sign such as ``->`` behind them."""
     filled = [line for line in lines if line.strip()]
-    stamps = [STAMP.match(line) for line in filled]
-    rest = [line[stamp.end() :] for line, stamp in zip(filled, stamps, strict=True) if stamp]
-    if not rest or len(rest) < MOST * len(filled):
+    stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
+    if not stamps or len(stamps) < MOST * len(filled):
         return None
-    if marked and any(stamp["mark"] in (",", ";", "\t") for stamp in stamps if stamp):
+    marks = {stamp["mark"] for stamp in stamps}
+    if marked and marks & {",", ";", "\t"}:
         return None
-    is_parted = all(stamp["mark"] for stamp in stamps if stamp)
-    inner = behind(rest) or (_table(rest) if is_parted or not marked else None)
+    rest = [stamp.string[stamp.end() :] for stamp in stamps]
+    inner = behind(rest) or (_table(rest) if all(marks) or not marked else None)
     return Stamped(f"time stamps before {inner.words}", ("time (s)", *inner.names), inner) if inner else None
+
+
+def seconds_of(stamp: re.Match[str] | None) -> float | None:
+    """The time of a `STAMP` in s: since 1970 where it has a date, else since midnight; None where there is none."""
+    if stamp is None:
+        return None
+    fraction = float((stamp["fraction"] or ".0").replace(",", "."))
+    second = 3600 * int(stamp["hour"]) + 60 * int(stamp["minute"]) + int(stamp["second"]) + fraction
+    if stamp["date"] is None:
+        return second
+    try:
+        day = datetime.fromisoformat(f"{stamp['date']}T00:00:00{stamp['zone'] or '+00:00'}")
+    except ValueError:
+        return None
+    return (day - datetime.fromtimestamp(0, UTC)).total_seconds() + second
 
 
 def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
@@ -114,9 +118,8 @@ def hexadecimal(lines: list[str], behind: Recognise) -> Hexadecimal | None:
         if lettered and len(lettered) >= LETTERED * len(rows):
             count = _hexadecimal_words(rows)
             inner = behind([_marked(line, digits, count) for line in lines])
-            return (
-                Hexadecimal(f"hexadecimal words in {inner.words}", inner.names, inner, digits, count) if inner else None
-            )
+            spoken = f"hexadecimal words in {inner.words}" if inner else ""
+            return Hexadecimal(spoken, inner.names, inner, digits, count) if inner else None
     return None
 
 
@@ -146,5 +149,5 @@ def _table(lines: list[str]) -> Cells | None:
     except FlindersError:
         return None
     width = layout.grid.width
-    names = layout.header or (PLAIN if width == len(PLAIN) else tuple(map(str, range(1, width + 1))))
-    return Cells(f"{SPOKEN[layout.grid.delimiter]}-separated numbers", names, layout.grid)
+    nameless = "xyz" if width == len("xyz") else [str(place + 1) for place in range(width)]
+    return Cells.of(layout, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", nameless)

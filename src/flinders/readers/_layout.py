@@ -1,15 +1,15 @@
-"""How a text recording is laid out: delimiter, decimal sign, header, where the readings start.
+"""How a table of text is laid out: delimiter, decimal sign, header, first reading; and dialects, which become one.
 
-Every way of cutting lines is tried on the first few hundred; the one that yields the most lines of
-numbers is taken. What stands above the first such line is preamble, and a header if it has as many
-cells as the readings and its names, as `_names` reads them, hold a magnetometer.
+Every way of cutting lines is tried on the first few hundred; the one that yields the most lines of numbers is taken.
+What stands above the first such line is preamble, and a header if it has as many cells as the readings and its names,
+as `_names` reads them, hold a magnetometer.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import partial
 from itertools import zip_longest
 from typing import TYPE_CHECKING, Final
@@ -17,13 +17,25 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import NoMagnetometer, UnreadableInput, figures
-from flinders.readers._columns import Columns, choose, names_magnetometer
-from flinders.readers._instruments import vectors
-from flinders.readers._lines import CUT_OFF, ENDS_EARLY, shown
-from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning
-from flinders.readers._numbers import SPACES, Grid, fits, number, split
+from flinders.readers._columns import Columns, choose
+from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning, names_magnetometer, vectors
 from flinders.readers._selection import FIRST, Choice
-from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, names_of, pattern_of
+from flinders.readers._tokenizer import (
+    CUT_OFF,
+    ENDS_EARLY,
+    QUANTITY,
+    SPACES,
+    Grid,
+    cut,
+    fits,
+    is_labelled,
+    names_of,
+    number,
+    pattern_of,
+    quoted,
+    shown,
+    split,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,24 +45,23 @@ if TYPE_CHECKING:
 
 ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
 """What a blackbox logs; `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
-DIALECTS: Final = (
+SIGNS: Final = (
     (",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (SPACES, "."), (SPACES, ","), (",", ","),
 )  # fmt: skip
 """Delimiters and decimal signs; of equally good ones the first is taken."""
-TRIED: Final = 400  # Lines that dialects are tried on
+SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
+COMMENTS: Final = ("#", "%", "//")
+TRIED: Final = 400  # Lines that are tried first
 SAMPLED: Final = 200  # Rows looked at to tell numbers from text, and ascending times
 SAME_WIDTH: Final = 0.6
 """Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
 HEADING: Final = 2  # Lines above a table of plain numbers that may hold anything
-_PLAIN: Final = re.compile(r"(?:[-+.,;\s\d]|[eE][-+]\d|nan)*", re.ASCII)
-COMMENTS: Final = ("#", "%", "//")
 PRINTED: Final = 1024  # Characters of a line that are looked at for labels
-_GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")
-"""A number of which a separator of thousands makes one with three decimals."""
+MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
+MOST_RANGES: Final = 16  # Columns whose ranges are listed
+_PLAIN: Final = re.compile(r"(?:[-+.,;\s\d]|[eE][-+]\d|nan)*", re.ASCII)
+_GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
 _SENSOR: Final = re.compile(r"[A-Za-z]{0,8}(\d)")
-MOST_SENSORS: Final = 8  # Sensors that lines are told to be of by their number
-MOST_RANGES: Final = 16  # Columns whose ranges are told
-SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +85,9 @@ class TextLayout:
         """It is a log of Betaflight or INAV, whose readings are in the axes of the board."""
         return self.columns.field.names[0].casefold().startswith("magadc")
 
-    def select(self, first: int, texts: list[str]) -> tuple[list[str], Sequence[int]]:
-        """Pick the lines that should be readings, with their numbers; `first` is that of the first line."""
-        skip = max(self.start - first, 0)
-        first, texts = first + skip, texts[skip:]
-        places = [place for place, text in enumerate(texts) if self.is_reading(text)]
-        return [texts[place] for place in places], [first + place for place in places]
-
     def is_reading(self, text: str) -> bool:
         """Tell whether a line below the header should be a reading: no blank, comment or header come again."""
-        bare = text.lstrip()
-        return bool(bare) and not bare.startswith(COMMENTS) and not (self.header_text and text == self.header_text)
+        return bool(text.strip()) and not _is_comment(text) and not (self.header_text and text == self.header_text)
 
     def __str__(self) -> str:
         if self.words:
@@ -93,6 +96,41 @@ class TextLayout:
         written = ", ".join(parts + ["decimal comma"] * (self.grid.decimal == ","))
         written += f"; {ON_BOARD}" * self.is_blackbox
         return written + f"; recorded with {self.in_force} in force" * bool(self.in_force)
+
+
+@dataclass(slots=True)
+class Dialect:
+    """How lines become rows of a table that is separated by commas."""
+
+    words: str  # what the lines are, for people
+    names: tuple[str, ...]  # of the columns; empty where the lines do not state them
+    _: KW_ONLY
+    frame: str = "sensor"  # what the axes are, as `Samples` calls it
+
+    def row(self, line: str) -> Sequence[str] | None:
+        """Take one line, in order: the cells of a reading, nothing for a part of one, None where it is another line."""
+        raise NotImplementedError
+
+
+@dataclass(slots=True)
+class Cells(Dialect):
+    """Rows of a table."""
+
+    grid: Grid
+
+    @classmethod
+    def of(cls, layout: TextLayout, words: str, nameless: Sequence[str] = ()) -> Cells:
+        """Take the rows of a table; the units below its header go into the names, and without one it has `nameless`."""
+        named = zip_longest(layout.header, layout.units, fillvalue="")
+        names = [f"{name}_{unit}" if unit and not meaning(name).unit else name for name, unit in named]
+        return cls(words, tuple(names or nameless), layout.grid)
+
+    def row(self, line: str) -> list[str] | None:
+        """Cut a line; one of another width, or with words for the magnetometer's numbers, is another line."""
+        if _is_comment(line) or self.grid.row(line) is None:
+            return None
+        cells = split(line, self.grid.delimiter)[: self.grid.width or None]
+        return [quoted(cell.strip().replace(self.grid.decimal, ".")) for cell in cells]
 
 
 def is_plain(lines: list[str]) -> bool:
@@ -115,46 +153,46 @@ def sniff(
         content = "blank lines" if blank else "comments"
         marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with --pattern"
         raise UnreadableInput(f"{name} holds only {content}: need lines of numbers, one reading each{marked}")
-    for stretch, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
-        dialect = max(DIALECTS, key=partial(_score, stretch, least))
-        rows = _rows(stretch, dialect, least)
-        if rows:
+    for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
+        signs = max(SIGNS, key=partial(_score, some, least))
+        if rows := _rows(some, signs, least):
             choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
-            return _table(name, texts, rows=rows, dialect=dialect, known=header, choosing=choosing)
+            return _table(name, texts, rows, signs, header, choosing, is_asked=columns is not None)
     raise _nothing(name, lines)
 
 
 def _table(
     name: str,
     texts: list[str],
-    *,
     rows: dict[int, list[str]],
-    dialect: tuple[str, str],
+    signs: tuple[str, str],
     known: Sequence[str],
     choosing: partial[Columns | None],
+    *,
+    is_asked: bool,
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
-    like = {place: cells for place, cells in rows.items() if len(cells) == width}
-    start = min(like)
-    closed = not any(cells[-1].strip() for cells in like.values())
-    place, header = (-1, list(known)) if known else _header(texts[:start], dialect[0], width, closed=closed)
+    start = min(place for place, cells in rows.items() if len(cells) == width)
+    alike = [cells for cells in rows.values() if len(cells) == width]
+    closed = not any(cells[-1].strip() for cells in alike)
+    place, header = (-1, list(known)) if known else _header(texts[:start], signs[0], width, closed=closed)
     width -= closed and len(header) != width  # each line ends with a delimiter
-    values = _values(list(like.values())[:SAMPLED], width, dialect[1])
-    units = _units(texts[place + 1 : start], dialect[0], len(header)) if place >= 0 else ()
-    if not header and choosing.keywords["asked"] is None:
-        _refuse_numbered(name, list(like.values()))
-    quoted = f" (line {start + 1}: {shown(texts[start])!r})"
-    chosen = choosing(header, values, units=units, quoted=quoted)
+    values = np.array([[number(cell, signs[1]) for cell in cells[:width]] for cells in alike[:SAMPLED]], dtype=float)
+    units = _units(texts[place + 1 : start], signs[0], len(header)) if place >= 0 else ()
+    if not header and not is_asked:
+        _refuse_numbered(name, alike)
+    line = f" (line {start + 1}: {shown(texts[start])!r})"
+    chosen = choosing(header, values, units=units, quoted=line)
     if chosen is None:
-        raise _no_magnetometer(name, header, values, texts[start], quoted)
-    if choosing.keywords["asked"] is None:
+        raise _no_magnetometer(name, header, values, texts[start], line)
+    if not is_asked:
         if not header or meaning(chosen.field.names[0]).is_bare:
-            _refuse_mixed(name, header, list(like.values()))
-        _refuse_thousands(name, list(like.values()), chosen, dialect[1])
+            _refuse_mixed(name, header, alike)
+        _refuse_thousands(name, alike, chosen, signs[1])
     is_even = header or often >= SAME_WIDTH * len(rows)
     return TextLayout(
-        grid=Grid(*dialect, width if is_even else 0, chosen.cells, chosen.needed),
+        grid=Grid(*signs, width if is_even else 0, chosen.cells, chosen.needed),
         columns=chosen,
         start=_first_row(texts, place + 1, start) + 1,
         header=tuple(header),
@@ -164,13 +202,110 @@ def _table(
     )
 
 
+def _is_comment(text: str) -> bool:
+    return text.lstrip().startswith(COMMENTS)
+
+
+def _rows(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> dict[int, list[str]]:
+    """Pick the lines that hold at least so many numbers, and more numbers than words."""
+    delimiter, decimal = signs
+    rows = {}
+    for place, text in lines:
+        cells = split(text, delimiter)
+        filled = [cell for cell in cells if cell.strip()]
+        numbers = sum(number(cell, decimal) is not None for cell in filled)
+        if numbers >= least and 2 * numbers >= len(filled):
+            rows[place] = cells
+    return rows
+
+
+def _score(lines: list[tuple[int, str]], least: int, signs: tuple[str, str]) -> tuple[int, int]:
+    """Rate a delimiter and a decimal sign: lines of numbers, then numbers in them."""
+    rows = _rows(lines, signs, least)
+    numbers = sum(number(cell, signs[1]) is not None for cells in rows.values() for cell in cells if cell.strip())
+    return len(rows), numbers
+
+
+def _first_row(texts: list[str], after: int, start: int) -> int:
+    """Place of the first line that looks like a reading, however it is cut: it counts, also if it cannot be read."""
+    between = [(place, text) for place, text in enumerate(texts[after:start], after) if not _is_comment(text)]
+    return min((place for signs in SIGNS for place in _rows(between, signs)), default=start)
+
+
+# What stands above the readings ---------------------------------------------------------------------------------------
+
+
+def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
+    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
+    fallback: tuple[int, list[str]] = (-1, [])
+    for place in range(len(above) - 1, -1, -1):
+        names = _names_in(above[place], delimiter)
+        if not (fits(names, width) or (closed and len(names) == width - 1)):
+            continue
+        names = names[:width]
+        if all(is_unit(name) for name in names if name):
+            continue
+        if grouped := _with_sensors(names, _names_in(above[place - 1], delimiter) if place else []):
+            lower = fallback[1][: len(grouped)]  # of a column whose name stands in a line of its own
+            return place, [name or below for name, below in zip_longest(grouped, lower, fillvalue="")]
+        if names_magnetometer(names):
+            return place, names
+        if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
+            fallback = place, names
+    return fallback
+
+
+def _names_in(text: str, delimiter: str) -> list[str]:
+    """Cut a line of names, also in a comment."""
+    bare = text.lstrip()
+    sign = next((sign for sign in COMMENTS if bare.startswith(sign)), "")
+    return [cell.strip() for cell in split(bare.removeprefix(sign).lstrip() if sign else text, delimiter)]
+
+
+def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
+    """Put the sensors of a line before the axes below it, each above its columns or the first; else nothing."""
+    below = [meaning(name) for name in names]
+    axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
+    if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, titles)) < 2:
+        return []
+    joined, title = [], ""
+    for name, above in zip_longest(names, titles[: len(names)], fillvalue=""):
+        title = above or title
+        bracket = min((place for sign in "[(" if (place := title.find(sign)) > 0), default=len(title))
+        parts = (title[:bracket].strip(), name, title[bracket:])
+        joined.append(" ".join(filter(None, parts)) if name else above)
+    known = [meaning(name) if place in axes else Meaning("") for place, name in enumerate(joined)]
+    plain = [Meaning("") if each.is_bare else each for each in known]
+    is_clear = any(vectors(joined, plain, kind) for kind in (FIELD, ACCELERATION, RATE))
+    return joined if is_clear and len({joined[place] for place in axes}) == len(axes) else []
+
+
+def _units(below: list[str], delimiter: str, width: int) -> list[str]:
+    """Find a row of units between the header and the readings, one a column; nothing where there is none."""
+    for text in below:
+        cells = [cell.strip("[]()") for cell in _names_in(text, delimiter)]
+        units = [cell if is_unit(cell) else "" for cell in cells]
+        if fits(cells, width) and sum(map(bool, units)) >= max(3, sum(map(bool, cells)) / 2):
+            return units
+    return []
+
+
+def _could_name(names: list[str], delimiter: str) -> bool:
+    """Tell a header from a sentence: no numbers and, where spaces part the cells, a name that means something."""
+    if not any(names) or any(name and number(name, ".") is not None for name in names):
+        return False
+    return delimiter != SPACES or any(meaning(name).kind for name in names)
+
+
+# What is refused ------------------------------------------------------------------------------------------------------
+
+
 def _refuse_numbered(name: str, rows: Sequence[Sequence[str]]) -> None:
     """Refuse a table without a header in which the number of a sensor stands before the three of each line."""
     width = len(rows[0])
     for place in range(width - 3) if width in (4, 5) else ():
         words = Counter(row[place].strip(" ()[]:#,;") for row in rows)
-        matches = [_SENSOR.fullmatch(word) for word in words]
-        numbers = sorted(int(each[1]) for each in matches if each)
+        numbers = sorted(int(match[1]) for word in words if (match := _SENSOR.fullmatch(word)))
         is_row = len(numbers) == len(words) and numbers in (list(range(len(words))), list(range(1, len(words) + 1)))
         if is_row and 2 <= len(words) <= MOST_SENSORS and min(words.values()) > 1:
             last = ",".join(str(cell) for cell in range(width - 2, width + 1))
@@ -208,103 +343,6 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
         )
 
 
-def _first_row(texts: list[str], after: int, start: int) -> int:
-    """Place of the first line that looks like a reading, in whichever dialect: it counts, also if it cannot be read."""
-    between = [(place, text) for place, text in enumerate(texts[after:start], after) if not _is_comment(text)]
-    return min((place for dialect in DIALECTS for place in _rows(between, dialect)), default=start)
-
-
-def _is_comment(text: str) -> bool:
-    return text.lstrip().startswith(COMMENTS)
-
-
-def _rows(lines: list[tuple[int, str]], dialect: tuple[str, str], least: int = 3) -> dict[int, list[str]]:
-    """Pick the lines that hold at least so many numbers, and more numbers than words."""
-    delimiter, decimal = dialect
-    rows = {}
-    for place, text in lines:
-        cells = split(text, delimiter)
-        filled = [cell for cell in cells if cell.strip()]
-        numbers = sum(number(cell, decimal) is not None for cell in filled)
-        if numbers >= least and 2 * numbers >= len(filled):
-            rows[place] = cells
-    return rows
-
-
-def _score(lines: list[tuple[int, str]], least: int, dialect: tuple[str, str]) -> tuple[int, int]:
-    """Rate a dialect: lines of numbers, then numbers in them."""
-    rows = _rows(lines, dialect, least)
-    numbers = sum(number(cell, dialect[1]) is not None for cells in rows.values() for cell in cells if cell.strip())
-    return len(rows), numbers
-
-
-def _header(above: list[str], delimiter: str, width: int, *, closed: bool) -> tuple[int, list[str]]:
-    """Find the header above the readings: the nearest line that names a magnetometer, or else columns at all."""
-    fallback: tuple[int, list[str]] = (-1, [])
-    for place in range(len(above) - 1, -1, -1):
-        names = [cell.strip() for cell in split(_uncommented(above[place]), delimiter)]
-        if not (fits(names, width) or (closed and len(names) == width - 1)):
-            continue
-        names = names[:width]
-        if all(is_unit(name) for name in names if name):
-            continue
-        titles = split(_uncommented(above[place - 1]), delimiter) if place else []
-        if grouped := _with_sensors(names, titles):
-            lower = fallback[1][: len(grouped)]  # of a column whose name stands in a line of its own
-            return place, [name or below for name, below in zip_longest(grouped, lower, fillvalue="")]
-        if names_magnetometer(names):
-            return place, names
-        if not fallback[1] and not _is_comment(above[place]) and _could_name(names, delimiter):
-            fallback = place, names
-    return fallback
-
-
-def _with_sensors(names: Sequence[str], titles: Sequence[str]) -> list[str]:
-    """Put the sensors of a line before the axes below it, each above its columns or the first; else nothing."""
-    below = [meaning(name) for name in names]
-    axes = [place for place, each in enumerate(below) if each.axis and (each.is_bare or not each.kind)]
-    if len(axes) < 3 or len(titles) > len(names) + 1 or sum(map(bool, map(str.strip, titles))) < 2:
-        return []
-    joined, title = [], ""
-    for name, above in zip_longest(names, titles[: len(names)], fillvalue=""):
-        title = above.strip() or title
-        bracket = min((place for sign in "[(" if (place := title.find(sign)) > 0), default=len(title))
-        parts = (title[:bracket].strip(), name, title[bracket:])
-        joined.append(" ".join(filter(None, parts)) if name else above.strip())
-    known = [meaning(name) if place in axes else Meaning("") for place, name in enumerate(joined)]
-    plain = [Meaning("") if each.is_bare else each for each in known]
-    is_clear = any(vectors(joined, plain, kind) for kind in (FIELD, ACCELERATION, RATE))
-    return joined if is_clear and len({joined[place] for place in axes}) == len(axes) else []
-
-
-def _units(below: list[str], delimiter: str, width: int) -> list[str]:
-    """Find a row of units between the header and the readings, one a column; nothing where there is none."""
-    for text in below:
-        cells = [cell.strip().strip("[]()") for cell in split(_uncommented(text), delimiter)]
-        units = [cell if is_unit(cell) else "" for cell in cells]
-        if fits(cells, width) and sum(map(bool, units)) >= max(3, sum(map(bool, cells)) / 2):
-            return units
-    return []
-
-
-def _could_name(names: list[str], delimiter: str) -> bool:
-    """Tell a header from a sentence: no numbers and, where spaces part the cells, a name that means something."""
-    if not any(names) or any(name and number(name, ".") is not None for name in names):
-        return False
-    return delimiter != SPACES or any(meaning(name).kind for name in names)
-
-
-def _uncommented(text: str) -> str:
-    bare = text.lstrip()
-    sign = next((sign for sign in COMMENTS if bare.startswith(sign)), "")
-    return bare.removeprefix(sign).lstrip() if sign else text
-
-
-def _values(rows: list[list[str]], width: int, decimal: str) -> Floats:
-    """Read the first rows, NaN for text."""
-    return np.array([[number(cell, decimal) for cell in cells[:width]] for cells in rows], dtype=float)
-
-
 def ranges(values: Floats) -> str:
     """Range of each column of a table without names: ``1: 0 to 0.25, 2: -302 to 299``."""
     columns = [column[np.isfinite(column)] for column in values.T]
@@ -313,22 +351,20 @@ def ranges(values: Floats) -> str:
     return ", ".join(written + ["…"] * (len(ends) > MOST_RANGES))
 
 
-def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, quoted: str) -> NoMagnetometer:
+def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, line: str) -> NoMagnetometer:
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {', '.join(header)}; "
             "say which three it is with --columns X,Y,Z, by name or by number"
         )
-    if other := _other_labels(name, text, quoted):
-        return other
-    return NoMagnetometer(
-        f"{name} has {values.shape[1]} columns and no header{quoted}: need three, x y z, "
+    return _other_labels(name, text, line) or NoMagnetometer(
+        f"{name} has {values.shape[1]} columns and no header{line}: need three, x y z, "
         "or four with the time first; say which are the magnetometer with --columns X,Y,Z, by number; they go from "
         f"{ranges(values)}"
     )
 
 
-def _other_labels(name: str, text: str, quoted: str) -> NoMagnetometer | None:
+def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
     """Say what the labels of a line are, where they are of other sensors."""
     gaps = cut(text[:PRINTED])[1]
     names = names_of(gaps) if len(gaps) > 1 else ()
@@ -337,7 +373,7 @@ def _other_labels(name: str, text: str, quoted: str) -> NoMagnetometer | None:
         return None
     what = " and ".join(sorted(others)) or ", ".join(dict.fromkeys(filter(None, names)))
     return NoMagnetometer(
-        f"the labels of {name} tell of {what} and of no magnetometer{quoted}: let the board print its magnetometer "
+        f"the labels of {name} tell of {what} and of no magnetometer{line}: let the board print its magnetometer "
         "too, or say which numbers it is with --pattern"
     )
 
@@ -348,12 +384,10 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         return UnreadableInput(
             f"{name} is cut short before its first reading: its gzip data have no end; copy it again"
         )
-    place, text = lines[0]
-    few = max((_rows(lines, dialect, 1) for dialect in DIALECTS), key=len)
-    numbers = [(at, line[:PRINTED]) for at, line in lines if len(cut(line[:PRINTED])[0]) >= 3]
+    few = max((_rows(lines, signs, 1) for signs in SIGNS), key=len)
+    numbers = [(at, text) for at, text in lines if len(cut(text[:PRINTED])[0]) >= 3]
     headed = next(
-        (at for at, line in lines for sign, _ in DIALECTS if names_magnetometer(split(line[: 16 * PRINTED], sign))),
-        None,
+        (at for at, text in lines for sign, _ in SIGNS if names_magnetometer(split(text[: 16 * PRINTED], sign))), None
     )
     if headed is not None and not few and not numbers:
         return UnreadableInput(
@@ -365,16 +399,17 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
             f"{name} has fewer than three numbers a line (line {place + 1}: {shown(text)!r}): "
             "need three, x y z, one reading a line; two, of a level turn, are for flinders two-axis"
         )
+    place, text = lines[0]
     if text.endswith(CUT_OFF):
         return UnreadableInput(
             f"line {place + 1} of {name} is longer than a million characters ({shown(text)!r}): need one reading a line"
         )
     place, text = numbers[0] if numbers else lines[0]
-    quoted = f" (line {place + 1}: {shown(text)!r})"
-    if numbers and (other := _other_labels(name, text, quoted)):
+    line = f" (line {place + 1}: {shown(text)!r})"
+    if numbers and (other := _other_labels(name, text, line)):
         return other
-    example = f"; this line is --pattern '{pattern_of(text)}', if those are its x, y and z" if numbers else ""
+    example = f"; this line is --pattern '{pattern_of(text[:PRINTED])}', if those are its x, y and z" if numbers else ""
     return UnreadableInput(
-        f"no readings are recognised in {name}{quoted}: need three columns of numbers, "
+        f"no readings are recognised in {name}{line}: need three columns of numbers, "
         f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or --pattern, which says how a line is printed{example}"
     )
