@@ -11,16 +11,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from _pytest.doctest import DoctestModule
 from hypothesis import settings
 from tests.trials import Trials
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from tests.trials import Choose
 
 ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden" / "files"
+# A worker takes a file at a time. These take longest, and one that is begun last keeps the others waiting.
+LONGEST = (
+    "test_page", "test_native_memory", "test_serial", "test_report_page", "test_simulated", "test_live_program",
+    "test_cli", "test_disturbance_findings", "test_disturbances", "test_text_reader", "test_readers", "test_together",
+    "test_replay", "test_send_mavlink", "test_record", "test_feeds", "test_auto_aids", "test_two_axis",
+)  # fmt: skip
 ON_CI = bool(os.environ.get("CI"))
 
 # The workers of pytest take all cores already. Threads of BLAS would wait for each other: with two of them, a joint fit
@@ -48,16 +55,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Two workers more than cores: those that drive a browser or a serial port wait for most of their time."""
-    return (os.cpu_count() or 1) + 2
+    """One worker more than cores: tests that drive a browser or a serial port wait for most of their time."""
+    return (os.cpu_count() or 1) + 1
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file(file_path: Path) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """A file of tests has no examples: looking for them takes as long as to collect its tests."""
+    collectors = yield
+    is_of_tests = file_path.name.startswith("test_")
+    return [one for one in collectors if not (is_of_tests and isinstance(one, DoctestModule))]
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A test with a number of trials is a claim: ``pytest -m claims`` runs these, each with all its trials."""
+    """A test with a number of trials is a claim, which ``pytest -m claims`` runs with all of them. Long files begin."""
     for item in items:
         if "trials" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.claims)
+    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 
 def pytest_collection_finish() -> None:

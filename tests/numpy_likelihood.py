@@ -13,8 +13,8 @@ import numpy as np
 from tests.numpy_slow_noise import Series, averaged
 
 from flinders.errors import NotAnEllipsoid, Undetermined
-from flinders.estimators.base import Estimate
-from flinders.estimators.covariance import Correlation, Residuals, time_of
+from flinders.estimators.base import Correlation, Estimate
+from flinders.estimators.covariance import Residuals, time_of
 from flinders.estimators.likelihood import start
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood import magnitude, prior

@@ -308,35 +308,41 @@ def test_a_source_archive_needs_no_compiler(project: Path) -> None:
     assert not (project / hatch_build.COMPILED).exists()
 
 
-def test_wheel_and_source_archive_carry_the_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A wheel and a source archive of this checkout."""
     if not hatch_build.is_current(ROOT):
         pytest.skip("the bundle has not been made here: build once with npm")
-    monkeypatch.chdir(ROOT)
-    monkeypatch.delenv(hatch_build.TARGET, raising=False)
-    wheel = hatchling.build.build_wheel(str(tmp_path))
-    assert re.fullmatch(r"flinders-[\w.]+-py3-none-(?!any)\w+\.whl", wheel)
-    with zipfile.ZipFile(tmp_path / wheel) as opened:
+    folder = tmp_path_factory.mktemp("archives")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(ROOT)
+        patch.delenv(hatch_build.TARGET, raising=False)
+        made = hatchling.build.build_wheel(str(folder)), hatchling.build.build_sdist(str(folder))
+    return folder / made[0], folder / made[1]
+
+
+def test_wheel_and_source_archive_carry_the_engine(archives: tuple[Path, Path]) -> None:
+    wheel, source = archives
+    assert re.fullmatch(r"flinders-[\w.]+-py3-none-(?!any)\w+\.whl", wheel.name)
+    with zipfile.ZipFile(wheel) as opened:
         compiled = [name for name in opened.namelist() if "/compiled/flinders-" in name]
         assert opened.read("flinders/native/flinders.h")
         assert any(name.endswith(".dist-info/licenses/LICENSE") for name in opened.namelist())
     assert compiled == [f"flinders/native/compiled/{build.path(build.COMPILED).name}"]
-    with tarfile.open(tmp_path / hatchling.build.build_sdist(str(tmp_path))) as archive:
+    with tarfile.open(source) as archive:
         files = {name.partition("/")[2] for name in archive.getnames()}
     assert {path.relative_to(ROOT).as_posix() for path in (ROOT / NATIVE).glob("*.[ch]")} <= files
     assert not any(hatch_build.COMPILED.as_posix() in name for name in files)
 
 
-def test_wheel_and_source_archive_carry_the_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if not hatch_build.is_current(ROOT):
-        pytest.skip("the bundle has not been made here: build once with npm")
-    monkeypatch.chdir(ROOT)
-    with zipfile.ZipFile(tmp_path / hatchling.build.build_wheel(str(tmp_path))) as wheel:
+def test_wheel_and_source_archive_carry_the_bundle(archives: tuple[Path, Path]) -> None:
+    with zipfile.ZipFile(archives[0]) as wheel:
         files = wheel.namelist()
         size = wheel.getinfo("flinders/static/vendor/three.js").file_size
     assert "flinders/static/vendor/LICENSE" in files
     assert "flinders/static/views/scene.js" in files
     assert size < 570_000
-    with tarfile.open(tmp_path / hatchling.build.build_sdist(str(tmp_path))) as archive:
+    with tarfile.open(archives[1]) as archive:
         files = [name.partition("/")[2] for name in archive.getnames()]
     assert {"hatch_build.py", *(f"web/{name}" for name in hatch_build.SOURCES)} <= set(files)
     assert {f"{hatch_build.VENDOR.as_posix()}/{name}" for name in hatch_build.PRODUCTS} <= set(files)

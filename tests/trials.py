@@ -15,9 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
+import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from _pytest.mark import ParameterSet
 
 
 @dataclass(frozen=True)
@@ -55,3 +59,8 @@ Choose: TypeAlias = Callable[[int, int], Trials]
 def examples(complete: int) -> settings:
     """Settings of a law: so many examples under ``--hypothesis-profile=full``, else three in ten, at least three."""
     return settings(max_examples=max(min(3, complete), complete * settings().max_examples // 100))
+
+
+def nightly(*values: object) -> ParameterSet:
+    """A case of a parametrised test that only a night runs, because others go the same path."""
+    return pytest.param(*values, marks=pytest.mark.nightly)

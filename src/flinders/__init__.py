@@ -68,14 +68,13 @@ _HOMES: Final = {
 _RENAMED: Final = {"fit_together": "fit_multi", "Judged": "Fit"}
 """Old names, which work for one release."""
 
+__version__: Final = "0.1.0"
+"""That of pyproject.toml; ``importlib.metadata``, which knows it too, takes longer to load than a fit."""
+
 __all__ = sorted([*_HOMES, "__version__"])  # noqa: PLE0605
 
 
 def __getattr__(name: str) -> object:
-    if name == "__version__":
-        from importlib.metadata import version
-
-        return version("flinders")
     if name in _RENAMED:
         from flinders.deprecation import warn
 
@@ -86,6 +85,7 @@ def __getattr__(name: str) -> object:
     home = _HOMES[name]
     module = import_module(f"flinders.{home}")
     found: object = module if home.rpartition(".")[2] == name else getattr(module, name)
+    globals()[name] = found  # looked up once
     return found
 
 

@@ -77,6 +77,7 @@ def test_two_sessions_of_one_gyro_find_the_same_scales(recordings: Callable[[str
         assert np.abs(each - [-0.032, 0.012]).max() < 0.008
 
 
+@pytest.mark.nightly
 def test_a_gyro_whose_scales_are_held_leaves_three_times_as_much(recordings: Callable[[str], Path]) -> None:
     """CalCareful: 3.1 % of the field instead of 0.8 %; its first half here."""
     assert recordings("pichim_betaflight/CalCareful_2282320.csv").exists()

@@ -50,8 +50,9 @@ def opened(browser: Browser, folder: Path, name: str, **options: object) -> Watc
     return watched
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("name", ["good", "limited", "refused"])
+@pytest.mark.parametrize(
+    ("name", "scheme"), [("good", "light"), ("good", "dark"), ("limited", "light"), ("refused", "dark")]
+)
 def test_it_opens_from_the_disk_without_an_error_or_a_request(
     browser: Browser, folder: Path, name: str, scheme: str
 ) -> None:

@@ -8,18 +8,20 @@ from typing import TYPE_CHECKING, Any, Final
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from benchmarks.stage import Program
     from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, Route
 
 
 class Visitor:
-    """A person with a browser: opens pages, and remembers what they complain of and whom they ask."""
+    """A person with a browser: opens pages, and remembers what they complain of and whom they ask.
+
+    A page without options stays open for the next test, which finds it as at first: loaded anew, its storage empty.
+    """
 
     def __init__(self, browser: Browser, program: Program) -> None:
         self.browser, self.program = browser, program
         self.contexts: list[BrowserContext] = []
+        self.plain: Page | None = None
         self.complaints: list[str] = []
         self.strangers: list[str] = []
         self.requests = 0
@@ -37,9 +39,17 @@ class Visitor:
         return context
 
     def page(self, context: BrowserContext | None = None, **options: Any) -> Page:
-        """Open the page, and wait until it has heard from the program."""
-        page = (context or self.context(**options)).new_page()
-        page.goto(self.program.address)
+        """Open the page, or load the plain one anew, and wait until it has heard from the program."""
+        if context or options:
+            page = (context or self.context(**options)).new_page()
+        else:
+            page = self.plain = self.plain or self.context().new_page()
+        if page.url == self.program.address:
+            page.mouse.move(0, 0)
+            page.evaluate("localStorage.clear()")
+            page.reload()
+        else:
+            page.goto(self.program.address)
         until(page, "window.flinders?.store.hello")
         return page
 
@@ -47,11 +57,24 @@ class Visitor:
         """Forget refusals that a test asked for: a browser notes each, and no page can keep it from that."""
         self.complaints = [words for words in self.complaints if f"status of {status}" not in words]
 
+    def leave(self) -> None:
+        """Close all pages but the plain one; nothing may have been complained of, and nobody else asked."""
+        others = [context for context in self.contexts if self.plain is None or context != self.plain.context]
+        for context in others:
+            context.close()
+            self.contexts.remove(context)
+        wrong = [*(f"another host was asked: {address}" for address in self.strangers), *self.complaints]
+        is_idle = not self.requests
+        self.strangers, self.complaints, self.requests = [], [], 0
+        if wrong or is_idle:
+            pytest.fail("\n".join(wrong) or "no page was opened", pytrace=False)
+
     def close(self) -> None:
         """Close all pages."""
         for context in self.contexts:
             context.close()
         self.contexts.clear()
+        self.plain = None
 
     def _refuse(self, route: Route) -> None:
         self.strangers.append(route.request.url)
@@ -63,16 +86,6 @@ class Visitor:
     def _listen(self, message: ConsoleMessage) -> None:
         if message.type == "error":
             self.complaints.append(f"{message.text} ({message.location.get('url', '')})")
-
-
-def visiting(browser: Browser, program: Program) -> Iterator[Visitor]:
-    """A visitor for one test; afterwards nothing may have been complained of, and nobody else asked."""
-    visitor = Visitor(browser, program)
-    yield visitor
-    visitor.close()
-    wrong = [*(f"another host was asked: {address}" for address in visitor.strangers), *visitor.complaints]
-    if wrong or not visitor.requests:
-        pytest.fail("\n".join(wrong) or "no page was opened", pytrace=False)
 
 
 UNTIL_MS: Final = 60_000

@@ -189,7 +189,10 @@ def test_the_order_of_the_readings_does_not_matter(name: str, which: int, seed: 
     field = (LEVEL_TURNS if name in PLANAR else CLOUDS)[which]
     shuffled = np.random.default_rng(seed).permutation(field)
     one, other = (METHODS[name]().estimate(Readings.of(x)) for x in (field, shuffled))
-    assert other.ellipsoid.isclose(one.ellipsoid, rtol=1e-6)
+    # Where residuals hang together by chance, in one order of sixty, they weigh a little less beside the prior.
+    found = [fit.correlation for fit in (one, other)]
+    hang_together = any(each and max(each.time, each.excess_variance) > 1.0 for each in found)
+    assert other.ellipsoid.isclose(one.ellipsoid, rtol=1e-3 if hang_together else 1e-6)
     # How residuals hang together in time is a matter of their order; the rest of the covariance is not.
     claims = [fit.covariance if fit.textbook is None else fit.textbook for fit in (one, other)]
     npt.assert_allclose(claims[1], claims[0], rtol=1e-4, atol=1e-5 * np.abs(claims[0]).max())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import cache
 from html.parser import HTMLParser
 from typing import TYPE_CHECKING
 
@@ -48,12 +49,14 @@ class Tags(HTMLParser):
         self.found += [tag, *(f"{tag}@{name}" for name, _ in attrs)]
 
 
+@cache
 def tags(text: str) -> list[str]:
     parser = Tags()
     parser.feed(text)
     return parser.found
 
 
+@cache
 def reported(name: str) -> str:
     """A report with a name everywhere that a name can stand."""
     from dataclasses import replace

@@ -98,7 +98,7 @@ def test_each_aid_improves_the_heading_and_all_of_them_most() -> None:
 @pytest.mark.parametrize("terms", [("rate",), ("dip",), ("rate", "dip")])
 def test_the_claimed_covariance_is_true(terms: tuple[str, ...], trials: Choose) -> None:
     """30 trials a term; 200 of each in ``python -m benchmarks.terms``."""
-    claim = trials(30, 8)
+    claim = trials(30, 4)
     drawn = [(swayed(100 + seed, 600), np.random.default_rng(seed).normal(0.0, 0.3, 3)) for seed in claim.seeds]
     found = [squares(solve(leaning(true.samples, bias), terms), true) for true, bias in drawn]
     low, high = claim.ratios(0.55, 1.5)

@@ -21,7 +21,7 @@ from flinders.cli import main
 from flinders.comparison.evaluation import evaluate
 from flinders.core.samples import Joined, Samples
 from flinders.errors import FitError, NeedsSamples, UsageError
-from flinders.estimators import Estimator, Readings, at_one_strength
+from flinders.estimators import Estimator, Readings
 from flinders.estimators.reference import ekf as filters
 from flinders.estimators.reference.alonso_shuster import AlonsoShuster
 from flinders.estimators.reference.attitude_independent import (
@@ -30,6 +30,7 @@ from flinders.estimators.reference.attitude_independent import (
     ProductSums,
     Reference,
     WrongStrength,
+    at_one_strength,
     jacobian,
     parameters,
     regressors,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import nightly
 
 import flinders
 from flinders import simulate
@@ -75,9 +76,9 @@ def all_at_once(samples: Samples) -> Samples:
     ("spoilt", "kept"),
     [
         (with_gyro_scales, ("rate", "dip")),
-        (with_another_mounting, ("rate", "dip")),
-        (fifty_milliseconds_late, ("rate",)),
-        (shaken, ("rate",)),
+        nightly(with_another_mounting, ("rate", "dip")),
+        nightly(fifty_milliseconds_late, ("rate",)),
+        nightly(shaken, ("rate",)),
         (all_at_once, ("rate",)),
     ],
 )

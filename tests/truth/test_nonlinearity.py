@@ -9,7 +9,7 @@ import pytest
 
 import flinders
 from flinders import Samples
-from flinders.diagnostics.nonlinearity import nonlinearity_in
+from flinders.diagnostics.systematic import nonlinearity_in
 from flinders.native.engine import engine
 from flinders.simulate import tumble
 

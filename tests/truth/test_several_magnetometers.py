@@ -150,17 +150,17 @@ NO_READINGS: Final = (
 COPIES: Final = ("lpf", "hpf", "hp", "ema2", "avg", "mean", "smooth", "filt", "filtered", "prev", "cal", "corrected")
 
 
-@pytest.mark.parametrize("word", NO_READINGS + COPIES)
 @pytest.mark.parametrize("form", ["mag_{}_{}", "mag_{1}_{0}", "{}_mag_{}", "mag{}_{}"])
 @pytest.mark.parametrize("readings", ["mag", "mag_body"])
-def test_readings_are_taken_wherever_a_reference_or_a_copy_stands(word: str, form: str, readings: str) -> None:
+def test_readings_are_taken_wherever_a_reference_or_a_copy_stands(form: str, readings: str) -> None:
     """And it is said that the other one is there."""
-    other = [form.format(word, axis) for axis in "xyz"]
-    for names in (other + xyz(readings), xyz(readings) + other):
-        found = by_name(names, np.zeros((2, 6)))
-        assert found is not None
-        assert (found.field.names[0], found.magnetometers) == (f"{readings}_x", ())
-        assert len(found.passed_over) == 1
+    for word in NO_READINGS + COPIES:
+        other = [form.format(word, axis) for axis in "xyz"]
+        for names in (other + xyz(readings), xyz(readings) + other):
+            found = by_name(names, np.zeros((2, 6)))
+            assert found is not None, names
+            assert (found.field.names[0], found.magnetometers) == (f"{readings}_x", ()), names
+            assert len(found.passed_over) == 1, names
 
 
 @pytest.mark.parametrize("word", COPIES)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import nightly
 from tests.worlds import TURNED, body
 
 import flinders
@@ -359,7 +360,7 @@ def test_a_clock_that_is_off_by_more_than_is_looked_for_harms_nobody(trials: Cho
             npt.assert_allclose(fit_of(member).calibration.offset, sensor.offset, atol=0.4)
 
 
-@pytest.mark.parametrize("noises", [(0.5, 0.5, 0.5), (0.5, 0.5, 0.5, 0.5)])
+@pytest.mark.parametrize("noises", [(0.5, 0.5, 0.5), nightly((0.5, 0.5, 0.5, 0.5))])
 def test_two_that_are_disturbed_alike_are_no_majority(noises: tuple[float, ...]) -> None:
     recordings, sensors, _ = body(62, n=1500, noises=noises)
     for name in "bc":

@@ -247,12 +247,13 @@ def test_a_slight_unevenness_is_a_limit_and_not_a_refusal() -> None:
 
 
 @pytest.mark.parametrize("arc", [120.0, 180.0, 240.0])
-def test_the_ellipse_of_an_arc_is_as_good_as_it_claims(arc: float) -> None:
-    scores = []
-    for seed in range(15):
+def test_the_ellipse_of_an_arc_is_as_good_as_it_claims(arc: float, trials: Choose) -> None:
+    scores, claim = [], trials(15, 6)
+    for seed in claim.seeds:
         fit = judged(read(np.linspace(0.0, arc, 60), seed, noise=0.1), method="ellipse", target_deg=20.0)
         scores.append(np.sqrt(np.mean(off_deg(fit.calibration) ** 2)) / fit.heading_error_deg.rms)
-    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
+    low, high = claim.ratios(0.5, 1.5)
+    assert low < np.sqrt(np.mean(np.square(scores))) < high
 
 
 def test_a_stray_reading_spoils_the_mean_and_not_the_ellipse() -> None:
@@ -413,10 +414,10 @@ def test_three_sweeps_recover_offsets_and_gains_exactly() -> None:
 
 
 @pytest.mark.parametrize(("size", "worst"), [(0.05, 0.078), (0.1, 0.31), (0.25, 1.97)])
-def test_three_sweeps_leave_what_is_of_second_order_in_the_soft_iron(size: float, worst: float) -> None:
-    """Of ten sensors the worst heading is off by so much; a second round of sweeps takes nothing off it."""
+def test_three_sweeps_leave_what_is_of_second_order_in_the_soft_iron(size: float, worst: float, trials: Choose) -> None:
+    """Of ten sensors that of the first seed is off by most; a second round of sweeps takes nothing off it."""
     once, twice = [], []
-    for seed in range(10):
+    for seed in trials(10, 1).seeds:
         sensor = iron(seed, size)
         once.append(np.abs(level_off_deg(swept(sensor)[0], sensor)).max())
         twice.append(np.abs(level_off_deg(swept(sensor, rounds=2)[0], sensor)).max())
@@ -433,14 +434,15 @@ def test_one_sweep_is_right_while_level_and_nowhere_else() -> None:
     npt.assert_allclose(loaded.offset[:2], sensor.offset[:2] + lent, atol=1e-9)
 
 
-def test_three_sweeps_are_as_good_as_they_claim_together() -> None:
+def test_three_sweeps_are_as_good_as_they_claim_together(trials: Choose) -> None:
     """Where noise, not soft iron, is what is left."""
-    scores = []
-    for seed in range(20):
+    scores, claim = [], trials(20, 7)
+    for seed in claim.seeds:
         sensor = simulate.Sensor(np.eye(3), np.array([30.0, -40.0, 60.0]), 0.25)
         loaded, claimed = swept(sensor, rng=np.random.default_rng(seed))
         scores.append(np.sqrt(np.mean(level_off_deg(loaded, sensor) ** 2)) / claimed)
-    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.5
+    low, high = claim.ratios(0.5, 1.5)
+    assert low < np.sqrt(np.mean(np.square(scores))) < high
 
 
 def composed(sensor: simulate.Sensor, planes: tuple[Plane, ...], rng: Generator, method: str = "two-axis") -> list[Fit]:
@@ -470,16 +472,16 @@ def claimed(loaded: Fit) -> HeadingError:
     ],
 )
 def test_what_a_composition_claims_is_what_it_costs(
-    size: float, planes: tuple[Plane, ...], ratios: tuple[float, ...]
+    size: float, planes: tuple[Plane, ...], ratios: tuple[float, ...], trials: Choose
 ) -> None:
     """True over claimed after each of three turns, rms over 40 sensors, seeds 0 to 39, 0.1 µT of noise."""
-    squares = []
-    for seed in range(40):
+    squares, claim = [], trials(40, 8)
+    for seed in claim.seeds:
         sensor = replace(iron(seed, size), noise=0.1)
         steps = composed(sensor, planes, np.random.default_rng(seed))
         off = [np.mean(level_off_deg(step.calibration, sensor) ** 2) for step in steps]
         squares.append([square / claimed(step).rms ** 2 for square, step in zip(off, steps, strict=True)])
-    npt.assert_allclose(np.sqrt(np.mean(squares, axis=0)), ratios, atol=0.06)
+    npt.assert_allclose(np.sqrt(np.mean(squares, axis=0)), ratios, atol=0.06 if claim.widening == 1.0 else 0.4)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -512,17 +514,18 @@ def test_a_composition_has_findings_of_its_own() -> None:
     assert (second.samples, third.samples) == (72, 108)
 
 
-def test_raw_turns_are_told_from_loaded_ones() -> None:
+def test_raw_turns_are_told_from_loaded_ones(trials: Choose) -> None:
     """Of the second and third turns of 40 sensors; what passes has an offset below a fifth of the field."""
-    loaded_refused = raw_refused = 0
-    for seed in range(40):
+    loaded_refused, raw_passed, claim = 0, 0, trials(40, 10)
+    for seed in claim.seeds:
         sensor = replace(iron(seed, 0.25), noise=0.1)
         steps = composed(sensor, PLANES[:2], np.random.default_rng(seed))
         for first, plane in zip(steps, PLANES[1:], strict=True):
             raw = sensor.read(50.0 * sweep(plane, 60.0), np.random.default_rng(seed))
             loaded_refused += is_refused(first, plane, first.calibration.apply(raw))
-            raw_refused += is_refused(first, plane, raw)
-    assert (loaded_refused, raw_refused) == (0, 77)
+            raw_passed += not is_refused(first, plane, raw)
+    assert loaded_refused == 0
+    assert raw_passed <= 3
 
 
 def is_refused(first: Fit, plane: Plane, field: Floats) -> bool:

@@ -107,12 +107,12 @@ def read_and_left_out(rows: int, skipped: Iterable[Skipped]) -> str:
 def provenance(parts: Iterable[Counted] = (), files: Iterable[SourceFile] = ()) -> Provenance:
     """Which release made it, when, from which files: those of the parts that were read, after `files`."""
     from datetime import UTC, datetime
-    from importlib.metadata import version
 
+    from flinders import __version__
     from flinders.core.calibration_file import Provenance
 
     return Provenance(
-        flinders=version("flinders"),
+        flinders=__version__,
         date=datetime.now(UTC).replace(microsecond=0),
         files=(*files, *(source_file(part) for part in parts)),
     )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
+import gc
 import io
 import os
 import signal
@@ -85,6 +87,8 @@ class Program(click.Group):
         """Run a command line and exit; without `standalone_mode`, return the code."""
         words = list(sys.argv[1:] if args is None else args)
         as_json = "--json" in words[: words.index("--") if "--" in words else None]
+        if args is None:
+            _let_imports_be()
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
         _make_streams_forgiving()
         try:
@@ -201,6 +205,12 @@ def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
 
     with _handled(ask, "SIGINT", "SIGTERM", "SIGHUP"):
         yield lambda: asked
+
+
+def _let_imports_be() -> None:
+    """Keep the garbage collector from what imports made: looking through it was a sixth of a short command."""
+    gc.set_threshold(50_000)
+    atexit.register(gc.freeze)
 
 
 def _make_streams_forgiving() -> None:

@@ -28,7 +28,8 @@ import numpy as np
 
 from flinders.core.samples import Joined
 from flinders.errors import FitError, UsageError
-from flinders.estimators import Readings, at_one_strength
+from flinders.estimators import Readings
+from flinders.estimators.reference.attitude_independent import at_one_strength
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.geometry.plane import equator, order_of
 from flinders.heading.error_propagation import level_error

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import permutations, product
 from typing import TYPE_CHECKING, Final
 
@@ -42,14 +43,7 @@ class Axes:
         AxesError
             Unless each of x, y and z is named once.
         """
-        parts = [part.strip().casefold() for part in text.split(",")]
-        matches = [re.fullmatch(r"([+-]?)([xyz])", part) for part in parts]
-        letters = [match[2] for match in matches if match]
-        if len(parts) != 3 or sorted(letters) != list(NAMES):
-            raise AxesError(f"axes {text!r}: need x, y and z once each with signs, such as 'x,-y,-z' or '-y,x,z'")
-        x, y, z = (NAMES.index(letter) for letter in letters)
-        a, b, c = (-1 if match and match[1] == "-" else 1 for match in matches)
-        return cls((x, y, z), (a, b, c))
+        return _parsed(text)
 
     @property
     def is_identity(self) -> bool:
@@ -72,6 +66,19 @@ class Axes:
         return ",".join(
             ("-" if sign < 0 else "") + NAMES[index] for index, sign in zip(self.order, self.signs, strict=True)
         )
+
+
+@lru_cache
+def _parsed(text: str) -> Axes:
+    """Axes of a text, see `Axes.of`."""
+    parts = [part.strip().casefold() for part in text.split(",")]
+    matches = [re.fullmatch(r"([+-]?)([xyz])", part) for part in parts]
+    letters = [match[2] for match in matches if match]
+    if len(parts) != 3 or sorted(letters) != list(NAMES):
+        raise AxesError(f"axes {text!r}: need x, y and z once each with signs, such as 'x,-y,-z' or '-y,x,z'")
+    x, y, z = (NAMES.index(letter) for letter in letters)
+    a, b, c = (-1 if match and match[1] == "-" else 1 for match in matches)
+    return Axes((x, y, z), (a, b, c))
 
 
 EXCHANGES: Final = tuple(

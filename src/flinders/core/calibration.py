@@ -110,7 +110,8 @@ class Calibration:
         object.__setattr__(self, "matrix", frozen(_invertible(self.matrix, self.rotation)))
         object.__setattr__(self, "offset", frozen(triple(self.offset, "offset")))
         object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
-        object.__setattr__(self, "disturbances", checked(self.disturbances))
+        if self.disturbances:
+            object.__setattr__(self, "disturbances", checked(self.disturbances))
 
     @classmethod
     def identity(
@@ -163,17 +164,18 @@ class Calibration:
         (31.0723, array([1.03574, 1.55362, 0.62145]))
         """
         array = _symmetric(matrix(shape, "shape"), "shape")
-        try:
-            roots = np.linalg.cholesky(array).diagonal().tolist()  # the squares of their product are that of the radii
-        except np.linalg.LinAlgError:
+        roots = _cholesky_diagonal(array)  # the squares of their product are that of the radii
+        if not roots:
             radii = np.array2string(np.linalg.eigvalsh(array), precision=4)
-            raise ArrayError(f"shape has radii {radii}: all three must be positive") from None
+            raise ArrayError(f"shape has radii {radii}: all three must be positive")
         known = field_strength is not None
         mean_radius = math.prod(root ** (2 / 3) for root in roots)
         strength = _positive(field_strength, "field_strength") if known else mean_radius
         inverse = strength * np.linalg.inv(array)
         inverse = (inverse + inverse.T) / 2
-        return cls(inverse, vectors(centre, "centre"), strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
+        made = cls(inverse, vectors(centre, "centre"), strength, known, raw=raw, axes=axes, sensor=sensor, frame=frame)
+        vars(made)["ellipsoid"] = Ellipsoid(made.offset, (array + array.T) / 2)
+        return made
 
     @property
     def unit(self) -> str:
@@ -543,11 +545,24 @@ def _invertible(values: ArrayLike, rotation: Rotation) -> Floats:
 
 def _is_positive(array: Floats) -> bool:
     """Whether a symmetric matrix is positive definite beyond doubt: all there is to know of most."""
-    try:
-        roots = np.linalg.cholesky(array).diagonal().tolist()
-    except np.linalg.LinAlgError:
-        return False
-    return bool(min(roots) > 1e-6 * max(roots))
+    roots = _cholesky_diagonal(array)
+    return bool(roots) and min(roots) > 1e-6 * max(roots)
+
+
+def _cholesky_diagonal(array: Floats) -> tuple[float, ...]:
+    """Diagonal of the Cholesky factor of a symmetric (3, 3) matrix; empty unless it is positive definite."""
+    (a, _, _), (d, b, _), (e, f, c) = array.tolist()
+    if not a > 0.0:
+        return ()
+    first = math.sqrt(a)
+    d, e = d / first, e / first
+    b -= d * d
+    if not b > 0.0:
+        return ()
+    second = math.sqrt(b)
+    f = (f - d * e) / second
+    c -= e * e + f * f
+    return (first, second, math.sqrt(c)) if c > 0.0 else ()
 
 
 def _symmetric(array: Floats, name: str, advice: str = "") -> Floats:

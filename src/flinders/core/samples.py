@@ -164,8 +164,10 @@ class Samples:
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
         raw = table(field, finite=False)
         rows = len(raw)
-        with np.errstate(over="ignore"):
-            field = axes.apply(raw if unit.scale == 1.0 else raw * unit.scale)
+        if unit.scale != 1.0:
+            with np.errstate(over="ignore"):
+                raw = raw * unit.scale
+        field = axes.apply(raw)
         samples = cls(
             field=field,
             unit=unit,

@@ -32,9 +32,11 @@ import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import Unmoved
-from flinders.likelihood.identifiability import FLATTEST
 from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
-from flinders.summary.summary import Summary  # noqa: TC001 - the example above makes some
+from flinders.summary.summary import (
+    FLATTEST,
+    Summary,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

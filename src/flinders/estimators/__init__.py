@@ -16,15 +16,16 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib import import_module
 from pkgutil import walk_packages
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from flinders.errors import UsageError
 from flinders.estimators.algebraic import fit_error
-from flinders.estimators.base import Estimate, Estimator, Method, as_correlated, with_bias
+from flinders.estimators.base import Estimate, Estimator, Method
 from flinders.estimators.data import Readings, within_range
 from flinders.estimators.outliers import outliers_of
-from flinders.estimators.reference.attitude_independent import at_one_strength
-from flinders.estimators.reference.trace import Convergence
+
+if TYPE_CHECKING:
+    from flinders.estimators.reference.trace import Convergence as Convergence
 
 FIRST: Final = (
     "auto", "likelihood", "robust", "level", "consistent", "li", "algebraic", "ellipsoid", "axes", "sphere", "minmax",
@@ -127,7 +128,9 @@ def table() -> str:
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """The class of a method by its own name: ``flinders.estimators.Likelihood``."""
+    """The class of a method by its own name, ``flinders.estimators.Likelihood``, and what few methods have."""
+    if name == "Convergence":
+        return import_module(f"{__name__}.reference.trace").Convergence
     for kind in METHODS.values() if name[0].isupper() else ():
         if kind.__name__ == name:
             return kind
@@ -138,17 +141,13 @@ __all__ = [
     "EMULATED",
     "METHODS",
     "ROWS",
-    "Convergence",
     "Estimate",
     "Estimator",
     "Method",
     "Readings",
-    "as_correlated",
-    "at_one_strength",
     "fit_error",
     "method_of",
     "outliers_of",
     "table",
-    "with_bias",
     "within_range",
 ]

@@ -9,13 +9,12 @@ import numpy as np
 
 from flinders.errors import NeedsSamples
 from flinders.estimators.base import Method
-from flinders.estimators.consistent import Consistent
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood, estimated, recorded
 from flinders.estimators.robust import Robust
 from flinders.heading.error_propagation import level_error
 from flinders.likelihood import prior
-from flinders.likelihood.identifiability import NEARLY_FLAT_NOISE
+from flinders.summary.summary import NEARLY_FLAT_NOISE
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -127,6 +126,8 @@ class Auto:
         """Fit an ellipsoid without looking at a reading."""
         if self.prior not in (None, prior.SPREAD):
             raise NeedsSamples(f"{self.name} with prior={self.prior:g}")
+        from flinders.estimators.consistent import Consistent
+
         return Consistent().estimate(readings)
 
 

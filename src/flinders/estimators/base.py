@@ -10,61 +10,48 @@ claim.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
-    from flinders.estimators.covariance import Correlation
     from flinders.estimators.data import Readings
     from flinders.estimators.outliers import Outlier
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.geometry.plane import Plane
 
 
-def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Widen a claim that takes residuals for independent as much as that of the likelihood is widened.
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """What residuals say of each other.
 
-    The factor is the mean over the variances of all nine parameters.
-
-    Parameters
+    Attributes
     ----------
-    estimate, likelihood : Estimate
-        Of the same readings.
+    lag_one : float
+        Correlation of a residual with the next.
+    time : float
+        Readings that say as much as one independent reading.
+    direction : float
+        Standard deviation of the distortion that belongs to directions, in the unit of the readings.
+    excess_variance : float
+        Factor by which blocks of the recording scatter more than that allows, in variance.
     """
-    if estimate.correlation is not None or likelihood.correlation is None or likelihood.textbook is None:
-        return estimate
-    textbook = np.maximum(np.diag(likelihood.textbook), np.finfo(float).tiny)
-    factor = max(1.0, float(np.mean(np.diag(likelihood.covariance) / textbook)))
-    return replace(
-        estimate,
-        covariance=estimate.covariance * factor,
-        textbook=estimate.covariance,
-        correlation=likelihood.correlation,
-    )
 
+    lag_one: float
+    time: float
+    direction: float
+    excess_variance: float = 1.0
 
-def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
-    """Add what separates an estimate from the likelihood's to its covariance.
+    @property
+    def is_white(self) -> bool:
+        """Nothing but independent noise was found."""
+        return self.time == 1.0 and self.direction == 0.0 and self.excess_variance == 1.0
 
-    With d the difference of (b, S) and P the sum of both covariances, χ² = dᵀP⁻¹d is nine on average where only
-    chance is at work; the share max(0, 1 − 9/χ²) of ddᵀ is kept, as James and Stein shrink a mean.
-
-    Parameters
-    ----------
-    estimate, likelihood : Estimate
-        Of the same readings.
-    """
-    apart = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
-    chance = np.linalg.pinv(estimate.covariance + likelihood.covariance, rcond=1e-12, hermitian=True)
-    surprise = float(apart @ chance @ apart)
-    bias = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise)) if surprise > 0.0 else np.zeros(9)
-    covariance = estimate.covariance + np.outer(bias, bias)
-    if likelihood.unobserved:  # where the readings leave it open, nobody knows how far off a method is
-        covariance = covariance + likelihood.covariance
-    return replace(estimate, covariance=covariance, bias=bias)
+    def effective(self, count: float) -> float:
+        """How many independent readings say as much as `count` of these."""
+        return count / (self.time * self.excess_variance)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -136,37 +136,6 @@ BY_CHANCE: Final = 0.02
 """Creeping that chance makes more often than this is not one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Correlation:
-    """What residuals say of each other.
-
-    Attributes
-    ----------
-    lag_one : float
-        Correlation of a residual with the next.
-    time : float
-        Readings that say as much as one independent reading.
-    direction : float
-        Standard deviation of the distortion that belongs to directions, in the unit of the readings.
-    excess_variance : float
-        Factor by which blocks of the recording scatter more than that allows, in variance.
-    """
-
-    lag_one: float
-    time: float
-    direction: float
-    excess_variance: float = 1.0
-
-    @property
-    def is_white(self) -> bool:
-        """Nothing but independent noise was found."""
-        return self.time == 1.0 and self.direction == 0.0 and self.excess_variance == 1.0
-
-    def effective(self, count: float) -> float:
-        """How many independent readings say as much as `count` of these."""
-        return count / (self.time * self.excess_variance)
-
-
 def time_of(autocovariance: Floats) -> float:
     """Readings that say as much as one independent reading: 1 + 2 Σ C(k)/C(0)."""
     return 1.0 + 2.0 * float(autocovariance[1:].sum()) / max(float(autocovariance[0]), 1e-300)

@@ -16,7 +16,7 @@ from flinders.estimators.robust import SEED
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import prior
 from flinders.likelihood.equations import ROUNDING
-from flinders.likelihood.identifiability import FLAT_NOISE, is_flat
+from flinders.summary.summary import FLAT_NOISE, is_flat
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,9 +11,8 @@ import numpy as np
 from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
-from flinders.estimators.base import Estimate, Method
+from flinders.estimators.base import Correlation, Estimate, Method
 from flinders.estimators.consistent import adjusted
-from flinders.estimators.covariance import Correlation
 from flinders.estimators.outliers import outliers_among
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood import prior

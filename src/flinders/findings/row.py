@@ -153,9 +153,10 @@ class Rule:
     def severity(self, record: Mapping[str, Any]) -> Severity | None:
         """How severe it is for one record; None where it is not found."""
         number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None
-        for grade in self.grades:
-            if beyond(number, grade.limit(record)):
-                severity = grade.severity
+        for grade in self.grades:  # each asks for more than the one before
+            if not beyond(number, grade.factor * record[grade.of] if grade.of else grade.factor):
+                break
+            severity = grade.severity
         return severity if severity and all(need.holds(record) for need in self.needs) else None
 
     def holds(self, record: Mapping[str, Any]) -> dict[Severity, Any]:
@@ -236,7 +237,7 @@ class CatalogueRow:
 
     def stating(self, severity: Severity, number: float, limit: float, words: Mapping[str, Any]) -> Finding:
         """State a finding that code has decided on."""
-        return Finding(self.code, severity, float(number), float(limit), self.said.format_map(words))
+        return Finding(self.code, severity, float(number), float(limit), self.said.format_map(_Stated(words)))
 
 
 class Quantity(float):
@@ -259,8 +260,8 @@ class Record(dict[str, Any]):
     '0.12 somebody'
     """
 
-    def __init__(self, numbers: Mapping[str, float], **words: Callable[[], str] | str) -> None:
-        super().__init__({name: Quantity(number) for name, number in numbers.items()})
+    def __init__(self, numbers: Mapping[str, Any], **words: Callable[[], str] | str) -> None:
+        super().__init__(numbers)
         self._words = words
 
     def __missing__(self, name: str) -> str:
@@ -269,4 +270,16 @@ class Record(dict[str, Any]):
 
     def filled(self, sentence: str) -> str:
         """Fill a sentence."""
-        return sentence.format_map(self)
+        return sentence.format_map(_Stated(self))
+
+
+class _Stated(dict[str, Any]):
+    """A record as a sentence takes it: its numbers to two figures."""
+
+    def __init__(self, record: Mapping[str, Any]) -> None:
+        super().__init__()
+        self._record = record
+
+    def __missing__(self, name: str) -> Any:  # noqa: ANN401 - a quantity, or a word
+        entry = self._record[name]
+        return entry if isinstance(entry, str) else Quantity(entry)

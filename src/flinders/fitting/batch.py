@@ -21,7 +21,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.core.units import EARTH_UT, MICROTESLA
-from flinders.diagnostics.nonlinearity import BY_CHANCE
+from flinders.diagnostics.systematic import BY_CHANCE
 from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
@@ -34,9 +34,9 @@ from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.likelihood.identifiability import flat_below
 from flinders.likelihood.magnitude import distances
 from flinders.native.engine import engine
+from flinders.summary.summary import flat_below
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

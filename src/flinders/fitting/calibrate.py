@@ -15,17 +15,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
 
 import numpy as np
 
-from flinders.core.axes import Axes
-from flinders.core.calibration import Calibration
+from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.core.units import Unit
 from flinders.deprecation import renamed_keywords
-from flinders.diagnostics.axis_swap import axis_swap_of
-from flinders.diagnostics.drift import drift_in, drift_of
-from flinders.diagnostics.nonlinearity import nonlinearity_in
+from flinders.diagnostics.systematic import drift_in, drift_of, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
-from flinders.estimators import Readings, at_one_strength, method_of, within_range
+from flinders.estimators import Readings, method_of, within_range
 from flinders.estimators.auto import Auto, hides_plane
 from flinders.estimators.data import concatenated
 from flinders.estimators.level import Level, turned_level
@@ -38,20 +34,20 @@ from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
-from flinders.likelihood.identifiability import is_flat
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
-from flinders.summary.summary import Statistics
+from flinders.summary.summary import Statistics, is_flat
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
 
+    from flinders.core.axes import Axes
     from flinders.core.samples import Recording
+    from flinders.core.units import Unit
     from flinders.diagnostics.axis_swap import AxisSwap
-    from flinders.diagnostics.drift import Drift
-    from flinders.diagnostics.nonlinearity import Nonlinearity
+    from flinders.diagnostics.systematic import Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
@@ -164,7 +160,7 @@ class _Evidence(NamedTuple):
         if not isinstance(estimator, Auto) or not isinstance(samples, Samples) or readings.parts:
             return None
         record = estimator.recorded(readings)
-        if record["status"] or not was_turned(record, (unit or Unit.of()).inside):
+        if record["status"] or not was_turned(record, (unit or UNSTATED).inside):
             return None
         estimate = estimated(record, readings, has_statistics=True)
         if hides_plane(readings, estimate):
@@ -288,6 +284,8 @@ def fit(
         aiding_result = replace(aiding_result, each=(*tried, *aiding_result.each))
     if evidence is None:
         estimate = joint or _at_site(estimator.estimate(readings), readings, request)
+        from flinders.estimators.reference.attitude_independent import at_one_strength
+
         evidence = _Evidence.of(estimate, readings if joint else at_one_strength(readings, estimate))
     likelihood = Auto(request.prior, dip_deg=request.dip_deg)
     claim = claimed(
@@ -364,7 +362,7 @@ def _moved(readings: Readings, method: str, estimator: Estimator, unit: Unit | N
     """
     plane = getattr(estimator, "plane", "xy" if method == Level.name else None)
     how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
-    require_moved(readings.summary, (unit or Unit.of()).inside, how)
+    require_moved(readings.summary, (unit or UNSTATED).inside, how)
     return readings
 
 
@@ -392,7 +390,7 @@ def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> 
         For a name or an option that does not exist.
     """
     kind = cast("Any", method_of(method))
-    known = [option.name for option in dataclasses.fields(kind)]
+    known = kind.__match_args__  # names of its options
     try:
         return cast("Estimator", kind(**{name: value for name, value in site.items() if name in known}, **options))
     except TypeError:
@@ -472,8 +470,8 @@ def _calibration(estimate: Estimate, request: Request, frame: _Frame, sensor: st
         estimate.ellipsoid.centre,
         estimate.ellipsoid.shape,
         field_strength=estimate.strength if given is None else given,
-        raw=frame.unit or Unit.of(),
-        axes=frame.axes or Axes(),
+        raw=frame.unit or UNSTATED,
+        axes=frame.axes or AS_RECORDED,
         sensor=sensor,
         frame=frame.name,
     )
@@ -516,6 +514,8 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
             return None
         if not estimate.unobserved and correlation.lag_one < SWAP_LAG_ONE:
             return None
+    from flinders.diagnostics.axis_swap import axis_swap_of
+
     return axis_swap_of(readings.recording.field, estimate.noise)
 
 
@@ -595,8 +595,8 @@ def _judged(
     )
     if driving is not None:
         result = _with_disturbances(result, driving)
-    result = replace(result, findings=judge(result, statistics))
-    return replace(result, conditions=conditions(result))
+    findings = judge(result, statistics)
+    return replace(result, findings=findings, conditions=conditions(result, findings))
 
 
 def _with_disturbances(result: Fit, driving: Driving) -> Fit:

@@ -16,14 +16,13 @@ noise itself uncertain, and several recordings of one sensor differ by more than
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from flinders.diagnostics.repeatability import RecordingFit, compared
 from flinders.errors import FitError
-from flinders.estimators import as_correlated, with_bias
 
 if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
@@ -122,14 +121,57 @@ def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     share = statistics.rows / max(statistics.rows - statistics.repeats, 1)
     if estimate.textbook is None:
         return share
-    textbook = np.maximum(estimate.textbook.diagonal(), np.finfo(float).tiny)
-    known = float((estimate.covariance.diagonal() / textbook).mean())
-    return max(1.0, share / known)
+    known, independent = estimate.covariance.diagonal().tolist(), estimate.textbook.diagonal().tolist()
+    ratios = [one / max(other, sys.float_info.min) for one, other in zip(known, independent, strict=True)]
+    return max(1.0, share * len(ratios) / float(sum(ratios)))
 
 
 def _freedom(estimate: Estimate, count: float) -> float:
     """Readings beyond those that the parameters take up."""
     return count - (5 if estimate.plane else 9)
+
+
+def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
+    """Widen a claim that takes residuals for independent as much as that of the likelihood is widened.
+
+    The factor is the mean over the variances of all nine parameters.
+
+    Parameters
+    ----------
+    estimate, likelihood : Estimate
+        Of the same readings.
+    """
+    if estimate.correlation is not None or likelihood.correlation is None or likelihood.textbook is None:
+        return estimate
+    textbook = np.maximum(np.diag(likelihood.textbook), np.finfo(float).tiny)
+    factor = max(1.0, float(np.mean(np.diag(likelihood.covariance) / textbook)))
+    return replace(
+        estimate,
+        covariance=estimate.covariance * factor,
+        textbook=estimate.covariance,
+        correlation=likelihood.correlation,
+    )
+
+
+def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
+    """Add what separates an estimate from the likelihood's to its covariance.
+
+    With d the difference of (b, S) and P the sum of both covariances, χ² = dᵀP⁻¹d is nine on average where only
+    chance is at work; the share max(0, 1 − 9/χ²) of ddᵀ is kept, as James and Stein shrink a mean.
+
+    Parameters
+    ----------
+    estimate, likelihood : Estimate
+        Of the same readings.
+    """
+    apart = estimate.ellipsoid.parameters - likelihood.ellipsoid.parameters
+    chance = np.linalg.pinv(estimate.covariance + likelihood.covariance, rcond=1e-12, hermitian=True)
+    surprise = float(apart @ chance @ apart)
+    bias = apart * np.sqrt(max(0.0, 1.0 - len(apart) / surprise)) if surprise > 0.0 else np.zeros(9)
+    covariance = estimate.covariance + np.outer(bias, bias)
+    if likelihood.unobserved:  # where the readings leave it open, nobody knows how far off a method is
+        covariance = covariance + likelihood.covariance
+    return replace(estimate, covariance=covariance, bias=bias)
 
 
 def widening_by_few(freedom: float) -> float:
@@ -146,6 +188,10 @@ def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repea
 
     Level turns are only compared with each other: each rests on the dip, and elsewhere that is estimated.
     """
+    if not readings.parts:
+        return None
+    from flinders.diagnostics.repeatability import RecordingFit, compared
+
     turns: list[RecordingFit] = []
     others: list[RecordingFit] = []
     for part in readings.parts:

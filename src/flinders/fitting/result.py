@@ -54,9 +54,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.axis_swap import AxisSwap
-    from flinders.diagnostics.drift import Drift
-    from flinders.diagnostics.nonlinearity import Nonlinearity
     from flinders.diagnostics.repeatability import Repeats
+    from flinders.diagnostics.systematic import Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.errors import FlindersError
     from flinders.estimators.outliers import Outlier

@@ -13,7 +13,7 @@ A record holds the quantities that rules compare and sentences state; `flinders.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
@@ -21,10 +21,10 @@ from flinders.core.compensation import beyond_words
 from flinders.core.disturbance import known, motor
 from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
-from flinders.findings import CATALOGUE, Finding, Record, by_severity, fit
+from flinders.findings import CATALOGUE, Finding, Record, by_severity, fit, limit_of
 from flinders.fitting.advice import attitudes, movement, remedy
 from flinders.geometry.plane import order_of
-from flinders.likelihood.identifiability import flat_below
+from flinders.summary.summary import flat_below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -95,17 +95,17 @@ def judge(result: Fit, statistics: Statistics) -> tuple[Finding, ...]:
     return by_severity([*supported, *of_recording(statistics)])
 
 
-def conditions(fit: Fit) -> tuple[Condition, ...]:
-    """What a good fit rests on and nothing here shows.
+def conditions(fit: Fit, findings: Sequence[Finding]) -> tuple[Condition, ...]:
+    """What a fit rests on and nothing here shows, where its findings make it a good one.
 
     A field that depends on the attitude, of iron at the place or of a current, hides in the calibration itself. A
     second recording that agrees, the accelerometer's dip, and a known strength of the field that the readings have
     speak for a place without iron; currents that are compensated speak for themselves.
     """
-    if fit.verdict != "good":
+    if any(finding.severity != "note" for finding in findings):
         return ()
     kept = () if fit.aiding is None else tuple(sensor.name for sensor in fit.aiding.each if sensor.kept)
-    agrees = fit.repeats is not None and not any(finding.code == "recordings-differ" for finding in fit.findings)
+    agrees = fit.repeats is not None and not any(finding.code == "recordings-differ" for finding in findings)
     is_strong = fit.calibration.field_strength_known and fit.calibration.unit == MICROTESLA
     matches = is_strong and abs(fit.ellipsoid.radius / fit.calibration.field_strength - 1.0) < SAME_STRENGTH
     is_uniform = agrees or matches or bool(SEES_THE_FIELD & set(kept))
@@ -126,8 +126,7 @@ def _applied(rows: Iterable[CatalogueRow], record: Mapping[str, object]) -> Iter
 
 def fit_record(fit: Fit, statistics: Statistics) -> Record:
     """What the findings of a fit compare and state; not a number where something does not apply."""
-    radius = fit.ellipsoid.radius
-    return Record(
+    return _FitRecord(
         {
             "target_deg": fit.target_deg,
             "samples": fit.samples,
@@ -137,20 +136,22 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             **_changes(fit),
             **_outliers(fit, statistics.rows),
             "inflation": math.nan if fit.plane else _inflation(fit, statistics.extent),
-            "noise_share": fit.noise / radius,
+            "noise_share": fit.noise / fit.ellipsoid.radius,
             **_structure(fit),
         },
-        attitudes=lambda: attitudes(fit),
-        movement=lambda: movement(fit),
-        remedy=lambda: remedy(fit),
-        why=lambda: "",
-        method=lambda: fit.method,
-        unit=lambda: label(fit.calibration.unit),
-        **_plane_words(fit),
-        **_evidence_words(fit),
-        **_change_words(fit),
-        **_outlier_words(fit, statistics.rows),
+        fit,
     )
+
+
+class _FitRecord(Record):
+    """The record of a fit, which makes a word of `WORDS` when a sentence asks for it."""
+
+    def __init__(self, numbers: Mapping[str, Any], fit: Fit) -> None:
+        super().__init__(numbers)
+        self._fit = fit
+
+    def __missing__(self, name: str) -> str:
+        return WORDS[name](self._fit)
 
 
 def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float]:
@@ -189,19 +190,6 @@ def _evidence(fit: Fit) -> dict[str, float]:
     }
 
 
-def _evidence_words(fit: Fit) -> dict[str, Callable[[], str]]:
-    return {
-        "rings": lambda: ", as two rings of readings would" if fit.unobserved == 1 else "",
-        "independent_readings": lambda: _independent_readings(fit),
-        "correlation": lambda: _correlation(fit),
-        "why_biased": lambda: (
-            "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
-            if fit.plane
-            else "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
-        ),
-    }
-
-
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
     independent = min(fit.independent_samples, float(fit.samples))
@@ -218,22 +206,42 @@ def _correlation(fit: Fit) -> str:
     return f" ({words})" if words else ""
 
 
-def _plane_words(result: Fit) -> dict[str, Callable[[], str]]:
-    """What a turn in one plane is good for."""
-    if not result.plane:
-        return {}
-    radius, across = result.ellipsoid.radius, order_of(result.plane)[2]
-    placed = bool(result.offset_sigma[across] < PLACED * radius)
-    skewed = float(np.sqrt(np.diag(result.covariance)[[6, 7, 8]].max())) > SKEWED * radius
-    letter = "xyz"[across]
-    side = f"{letter} down, and " if result.z_down else ""
-    return {
-        "plane_axes": lambda: " and ".join(str(result.plane)),
-        "how": lambda: f"and in {letter} by the site's field" if placed else "only",
-        "assumed": lambda: f" (with {side}the floor level unless an accelerometer was recorded)" if placed else "",
-        "up": lambda: "" if result.z_down else fit.Z_OPEN if result.z_down is None else fit.Z_ELSEWHERE,
-        "mounting": lambda: "say how well the mounting is known (--alignment-sigma), or " if placed and skewed else "",
-    }
+def _across(result: Fit) -> int:
+    """The axis across the plane of a turn in one plane."""
+    assert result.plane is not None
+    return order_of(result.plane)[2]
+
+
+def _is_placed(result: Fit) -> bool:
+    """Whether the offset across that plane is known."""
+    return bool(result.offset_sigma[_across(result)] < PLACED * result.ellipsoid.radius)
+
+
+def _how_placed(result: Fit) -> str:
+    return f"and in {'xyz'[_across(result)]} by the site's field" if _is_placed(result) else "only"
+
+
+def _assumed(result: Fit) -> str:
+    """What the offset across the plane rests on."""
+    side = f"{'xyz'[_across(result)]} down, and " if result.z_down else ""
+    return f" (with {side}the floor level unless an accelerometer was recorded)" if _is_placed(result) else ""
+
+
+def _mounting(result: Fit) -> str:
+    """What to say about the mounting where the shape across the plane is not known."""
+    skewed = float(np.sqrt(np.diag(result.covariance)[[6, 7, 8]].max())) > SKEWED * result.ellipsoid.radius
+    return "say how well the mounting is known (--alignment-sigma), or " if skewed and _is_placed(result) else ""
+
+
+def _z_words(result: Fit) -> str:
+    """Where z points, unless down."""
+    return "" if result.z_down else fit.Z_OPEN if result.z_down is None else fit.Z_ELSEWHERE
+
+
+def _why_biased(result: Fit) -> str:
+    if result.plane:
+        return "the points are not equally spaced in heading, or some do not belong; use 'ellipse'"
+    return "its model is too simple for this sensor, or its equation is biased by noise; use 'auto'"
 
 
 def _inflation(fit: Fit, extent: float) -> float:
@@ -291,15 +299,6 @@ def _alternation(fit: Fit) -> dict[str, float]:
     }
 
 
-def _change_words(fit: Fit) -> dict[str, Callable[[], str]]:
-    return {
-        "nonlinear_axis": lambda: "" if fit.nonlinearity is None else fit.nonlinearity.axis,
-        "contradiction": lambda: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
-        "swap": lambda: _swap(fit),
-        "unmodelled": lambda: "" if fit.unmodelled is None else fit.unmodelled.name,
-    }
-
-
 def _swap(fit: Fit) -> str:
     """Which axes changed their sign or their place, when, and how often."""
     swap = fit.axis_swap
@@ -341,26 +340,46 @@ def _of_aiding(fit: Fit) -> Iterator[Finding]:
     yield from () if fit.aiding is None else (mistake.finding for mistake in fit.aiding.mistakes)
 
 
-def _outliers(fit: Fit, rows: int) -> dict[str, float]:
+def _outliers(fit: Fit, rows: int) -> dict[str, Any]:
     """What a robust fit left out: outliers, and the readings around their runs."""
-    rejected = sum(run.rows for run in fit.outliers)
+    share = sum(run.rows for run in fit.outliers) / max(rows, 1)
     return {
-        "outlier_share": rejected / max(rows, 1),
+        "outlier_share": share,
         "farthest": max((run.farthest for run in fit.outliers), default=math.nan),
+        "again": "; see what it was, and record again without" if share and share > limit_of("outliers") else "",
     }
 
 
-def _outlier_words(fit: Fit, rows: int) -> dict[str, Callable[[], str]]:
+def _runs(fit: Fit) -> str:
+    """The three longest runs of outliers."""
     worst = sorted(fit.outliers, key=lambda run: -run.rows)[:3]
-    more = "; …" if len(fit.outliers) > len(worst) else ""
-    rejected = sum(run.rows for run in fit.outliers)
-    many = "; see what it was, and record again without"
-    rule = CATALOGUE["outliers"].rule
-    return {
-        "outliers": lambda: counted(rejected, "reading"),
-        "runs": lambda: "; ".join(str(run) for run in worst) + more,
-        "again": lambda: many if rule and rule.severity(_outliers(fit, rows)) == "limits" else "",
-    }
+    return "; ".join(str(run) for run in worst) + ("; …" if len(fit.outliers) > len(worst) else "")
+
+
+WORDS: Final[dict[str, Callable[[Fit], str]]] = {
+    "attitudes": attitudes,
+    "movement": movement,
+    "remedy": remedy,
+    "why": lambda _: "",
+    "method": lambda fit: fit.method,
+    "unit": lambda fit: label(fit.calibration.unit),
+    "plane_axes": lambda fit: " and ".join(str(fit.plane)),
+    "how": _how_placed,
+    "assumed": _assumed,
+    "up": _z_words,
+    "mounting": _mounting,
+    "rings": lambda fit: ", as two rings of readings would" if fit.unobserved == 1 else "",
+    "independent_readings": _independent_readings,
+    "correlation": _correlation,
+    "why_biased": _why_biased,
+    "nonlinear_axis": lambda fit: "" if fit.nonlinearity is None else fit.nonlinearity.axis,
+    "contradiction": lambda fit: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
+    "swap": _swap,
+    "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
+    "outliers": lambda fit: counted(sum(run.rows for run in fit.outliers), "reading"),
+    "runs": _runs,
+}
+"""Words of the sentences about a fit."""
 
 
 def of_recording(health: DataQuality | Statistics) -> Iterator[Finding]:

@@ -83,7 +83,8 @@ class Ellipsoid:
     @cached_property
     def radius(self) -> float:
         """Geometric mean of the semi-axes."""
-        determinant = float(np.linalg.det(self.shape))
+        (a, d, e), (_, b, f), (_, _, c) = self.shape.tolist()
+        determinant = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
         if 1e-200 < determinant < 1e200:
             return float(np.cbrt(determinant))
         return float(np.cbrt(np.linalg.det(self.shape / self.scale)) * self.scale)

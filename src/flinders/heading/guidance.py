@@ -194,7 +194,8 @@ def reading_variance(jacobian: Floats, covariance: Floats, noise: float, counts:
     if not free.any():
         return noise**2
     root = jacobian @ (vectors[:, free] * np.sqrt(values[free]))
-    return max(noise**2, float(np.median(np.linalg.eigvalsh(root.T * counts @ root))))
+    ascending = np.linalg.eigvalsh(root.T * counts @ root)
+    return max(noise**2, float(ascending[(len(ascending) - 1) // 2] + ascending[len(ascending) // 2]) / 2.0)
 
 
 def _variances(gradients: Floats, covariance: Floats) -> Floats:

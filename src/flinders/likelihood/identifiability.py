@@ -41,30 +41,6 @@ UNSEEN: Final = 1.0 / 3.0
 """Share of a direction's information that noise may pretend before the direction counts as unseen."""
 
 
-FLAT, FLATTEST = 0.01, 0.2
-"""Thickness over width: readings as thin as the first are flat; as thick as the second they never are."""
-
-FLAT_NOISE, NEARLY_FLAT_NOISE = 1.5, 3.0
-"""Thickness over noise: below the first it is noise; below the second it hardly stands out of it."""
-
-
-def is_flat(principal_variances: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
-    """Whether readings of (3,) ascending principal variances lie in one plane, as those of a level turn do."""
-    thickness, width = np.sqrt(principal_variances[[0, 2]]).tolist()
-    return bool(thickness < flat_below(width, noise, within=within))
-
-
-def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> float:
-    """Thickness below which readings are flat; width is their standard deviation along the longest axis.
-
-    Readings without any width, all alike or so far off that rounding leaves none, are never flat: no plane is seen.
-
-    >>> flat_below(30.0, 0.5), flat_below(30.0, 0.0), flat_below(30.0, np.inf), flat_below(0.0, 0.5)
-    (0.75, 0.3, 6.0, 0.0)
-    """
-    return min(max(within * noise, FLAT * width), FLATTEST * width)
-
-
 def spurious_information(directions: Floats, ellipsoid: Ellipsoid, counts: Floats | float = 1.0) -> Floats:
     """(9, 9) Σ (∂J/∂t)(∂J/∂t)ᵀ over (K, 3) unit directions and two tangents t: times σ², what noise adds to ΣJJᵀ."""
     pointing = directions.any(axis=1)  # a reading right in the centre has no direction

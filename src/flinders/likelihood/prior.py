@@ -27,7 +27,6 @@ import numpy as np
 from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.likelihood.equations import NormalEquations
-from flinders.likelihood.parameters import BLOCKS
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -122,6 +121,8 @@ class SensorPrior:
 
     def equations(self, at: Parameters, layout: ParameterLayout) -> NormalEquations:
         """Normal equations of all free parameters, in standard deviations."""
+        from flinders.likelihood.parameters import BLOCKS
+
         matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
         shape = equations(at.ellipsoid, spread=self.spread) + sense(at.ellipsoid, self.middle, self.width)
         matrix[:9, :9], gradient[:9], cost = shape.matrix, shape.gradient, shape.cost

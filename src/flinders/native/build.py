@@ -2,7 +2,8 @@
 
 The library lies in ``compiled`` in this package. Its name holds a digest of the sources, the options and the platform,
 so that a change makes a new library and nothing is compiled twice. A wheel's build hook (``hatch_build.py``) loads this
-file by its path, before anything is installed: it imports the standard library only.
+file by its path, before anything is installed: it imports the standard library only, and what compiling needs when it
+compiles, since every start of the program passes here.
 
 ``python -m flinders.native.build`` compiles it for this machine.
 
@@ -15,15 +16,9 @@ file by its path, before anything is installed: it imports the standard library 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import os
 import platform
-import shlex
-import shutil
-import subprocess
 import sys
-import tempfile
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -142,6 +137,8 @@ def library(directory: Path | None = None, *, options: Sequence[str] = (), targe
     """
     made = path(directory, options=options, target=target)
     if not made.exists():
+        import shutil
+
         try:
             made.parent.mkdir(parents=True, exist_ok=True)
             command = compiler(target)
@@ -164,6 +161,8 @@ def compiler(target: Platform = THIS) -> list[str]:
     NoCompiler
         Where there is none.
     """
+    import importlib.util
+
     command = None if target.zig else system_compiler()
     if command:
         return command
@@ -177,6 +176,9 @@ def compiler(target: Platform = THIS) -> list[str]:
 
 def system_compiler() -> list[str] | None:
     """Command of the system's C compiler, which finds the headers of C; None where there is none."""
+    import shlex
+    import shutil
+
     if os.environ.get("CC"):
         return shlex.split(os.environ["CC"])
     return next(([name] for name in ("cc", "gcc", "clang") if shutil.which(name) and _has_headers(name)), None)
@@ -184,6 +186,8 @@ def system_compiler() -> list[str] | None:
 
 def _has_headers(name: str) -> bool:
     """Whether a compiler finds math.h: the `cc` of macOS may only ask for one, and gcc may be without headers."""
+    import subprocess
+
     command = [name, "-E", "-x", "c", "-"]
     return subprocess.run(command, input=b"#include <math.h>\n", capture_output=True, check=False).returncode == 0
 
@@ -209,6 +213,9 @@ def compile_library(
     NoCompiler
         Where it fails, with what it says.
     """
+    import tempfile
+    from concurrent.futures import ThreadPoolExecutor
+
     flags = [*STRICT, *FAST, *EXACT, *target.options, *options]
     with tempfile.TemporaryDirectory(dir=made.parent) as folder:
         room = Path(folder)
@@ -225,6 +232,8 @@ def compile_library(
 
 def _licences(compiler: Sequence[str], target: Platform) -> dict[str, Path]:
     """Licences of what zig links into a library, by the name that they get beside it."""
+    import importlib.util
+
     spec = importlib.util.find_spec(ZIG_PACKAGE)
     if ZIG_PACKAGE not in compiler or spec is None or spec.origin is None:
         return {}
@@ -235,6 +244,9 @@ def _licences(compiler: Sequence[str], target: Platform) -> dict[str, Path]:
 
 def _run(command: Sequence[str]) -> None:
     """Call the compiler."""
+    import shlex
+    import subprocess
+
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:

@@ -16,30 +16,25 @@ static void distribution(const fl_kernels *kernels, const fl_view *view, const f
                          flinders_record *record)
 {
     const size_t n = fit->used, stride = (n + FL_ENOUGH - 1) / FL_ENOUGH;
-    real square = 0, fourth = 0, farthest = 0;
+    real squares[FL_LANES] = {0}, fourths[FL_LANES] = {0}, most[FL_LANES] = {0}, square = 0, fourth = 0, farthest = 0;
     kernels->distances(view, &fit->surface, room->distances);
-    for (size_t i = 0; i < n; i++) {
-        const real distance = fl_abs(room->distances[i]), s = distance * distance;
-        if (i % stride == 0) room->scratch[i / stride] = distance;
-        farthest = distance > farthest ? distance : farthest;
-        square += s, fourth += s * s;
+    for (size_t i = 0; i < n; i += FL_LANES) {
+        real eight[FL_LANES] = {0};
+        memcpy(eight, room->distances + i, (n - i < FL_LANES ? n - i : FL_LANES) * sizeof(real));
+        for (int lane = 0; lane < FL_LANES; lane++) {
+            const real distance = fl_abs(eight[lane]), s = distance * distance;
+            most[lane] = distance > most[lane] ? distance : most[lane];
+            squares[lane] += s, fourths[lane] += s * s;
+        }
     }
+    for (int lane = 0; lane < FL_LANES; lane++) {
+        farthest = most[lane] > farthest ? most[lane] : farthest;
+        square += squares[lane], fourth += fourths[lane];
+    }
+    for (size_t i = 0; i < n; i += stride) room->scratch[i / stride] = fl_abs(room->distances[i]);
     record->median_distance = fl_median(room->scratch, (n + stride - 1) / stride);
     record->farthest = farthest;
     record->kurtosis = square > 0 ? fourth * (real)n / (square * square) : FL_NOT_A_NUMBER;
-}
-
-/* How far the path is from straight behind reading i: what two readings lead to, less what the next two come from. */
-static real break_at(const real *field, size_t i)
-{
-    real largest = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        const real *at = field + 3 * i + axis;
-        const real before = (real)1.5 * at[3] - (real)0.5 * at[0], after = (real)1.5 * at[6] - (real)0.5 * at[9];
-        const real apart = fl_abs(after - before);
-        largest = apart > largest ? apart : largest;
-    }
-    return largest;
 }
 
 /* Whether a change of axes mends the break behind i. */
@@ -59,6 +54,7 @@ static int mends(const real *field, size_t i, int swap, real limit)
 static real usual_beside(const real *breaks, size_t i)
 {
     real usual = 0;
+    if (!(breaks[i] > BROKEN * breaks[i - 2])) return -1; /* as of most */
     for (size_t j = 2; j <= 4; j++) {
         usual = breaks[i - j] > usual ? breaks[i - j] : usual;
         usual = breaks[i + j] > usual ? breaks[i + j] : usual;
@@ -67,11 +63,11 @@ static real usual_beside(const real *breaks, size_t i)
 }
 
 /* Moments at which axes changed sign or place: breaks of the path that such a change mends. */
-static void swaps(const real *field, size_t rows, const fl_room *room, flinders_record *record)
+static void swaps(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, flinders_record *record)
 {
     if (rows < FEWEST) return;
     real *breaks = room->scratch;
-    for (size_t i = 0; i + 3 < rows; i++) breaks[i] = break_at(field, i);
+    kernels->breaks(field, rows - 3, breaks);
     for (size_t i = 4; i + 7 < rows; i++) {
         const real usual = usual_beside(breaks, i);
         for (int swap = 0; swap < 6 && usual >= 0; swap++) {
@@ -117,22 +113,16 @@ static void confirm_swaps(const fl_kernels *kernels, const fl_view *view, const 
 }
 
 /* Largest step from one reading to the next, over the median step that is one. */
-static void jump(const real *field, size_t rows, const fl_room *room, flinders_record *record)
+static void jump(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, flinders_record *record)
 {
     const size_t stride = (rows + FL_ENOUGH - 1) / FL_ENOUGH;
     size_t n = 0;
-    real largest = 0;
-    for (size_t i = 1; i < rows; i++) {
-        real step = 0;
-        for (int axis = 0; axis < 3; axis++) {
-            const real part = field[3 * i + axis] - field[3 * i - 3 + axis];
-            step += part * part;
-        }
-        step = fl_sqrt(step);
-        largest = step > largest ? step : largest;
-        if (step > 0 && i % stride == 0) room->scratch[n++] = step;
-    }
-    if (n) record->largest_jump = largest / fl_median(room->scratch, n);
+    const real largest = kernels->steps(field, rows - 1, room->distances + 1);
+    for (size_t i = stride; i < rows; i += stride)
+        if (room->distances[i] > 0) room->scratch[n++] = room->distances[i];
+    if (n == 0) return;
+    const real median = fl_median(room->scratch, n);
+    record->largest_jump = fl_sqrt(largest) / fl_sqrt(median);
 }
 
 /* Statistics of the residuals and of the path. */
@@ -140,8 +130,8 @@ void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, cons
                             flinders_record *record)
 {
     distribution(kernels, view, fit, room, record);
-    swaps(view->field, view->rows, room, record);
+    swaps(kernels, view->field, view->rows, room, record);
     if (record->is_robust) confirm_swaps(kernels, view, fit, room, record);
-    jump(view->field, view->rows, room, record);
+    jump(kernels, view->field, view->rows, room, record);
     fl_coverage(kernels, &fit->surface, record->rejected_beyond, room, record);
 }

@@ -1,7 +1,7 @@
 /* Cells that readings fall into, and the directions of the sphere that they cover. */
 #include "residuals.h"
 
-enum { REACH = 1 << 20, LOOKED_AT = 512 };
+enum { LOOKED_AT = 512 };
 
 #define EMPTY UINT64_MAX
 
@@ -37,20 +37,6 @@ real fl_cell_side(const real *field, size_t rows)
     }
     const real radius = fl_median(distances, n), least = finest * largest;
     return fl_ldexp(1, (int)fl_floor(fl_log2((radius > least ? radius : least) / 12) + (real)0.5));
-}
-
-/* Key of the cell of a reading: three 21-bit indices. */
-uint64_t fl_cell_key(const real reading[3], real side)
-{
-    const real finer = 1 / side; /* exact: a power of two */
-    uint64_t key = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        real index = reading[axis] * finer + REACH;
-        index = index > 0 ? index : 0;
-        index = index < 2 * (real)REACH - 1 ? index : 2 * (real)REACH - 1;
-        key = key << 21 | (uint64_t)(int64_t)index;
-    }
-    return key;
 }
 
 /* Slots of a hash table for so many keys. */
@@ -91,7 +77,7 @@ static size_t coarsen(const fl_room *room, size_t slots)
         uint64_t key = 0;
         for (int shift = 42; shift >= 0; shift -= 21) {
             const int64_t index = (int64_t)(room->keys[slot] >> shift & 0x1FFFFF);
-            key = key << 21 | (uint64_t)((index + REACH) / 2); /* counted from -REACH, halved and rounded down */
+            key = key << 21 | (uint64_t)((index + FL_REACH) / 2); /* counted from -FL_REACH, halved and rounded down */
         }
         cells += (size_t)add_cell(room, FL_TABLE, slots, key, room->cells + 4 * slot);
     }
@@ -101,19 +87,21 @@ static size_t coarsen(const fl_room *room, size_t slots)
 }
 
 /* Sort readings into cells, at most 4096 of them: the table of a room. */
-void fl_cloud(const real *field, size_t rows, fl_room *room)
+void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room)
 {
+    uint64_t keys[FL_BLOCK];
     const size_t slots = room->slots = fl_slots_for(rows);
     size_t cells = 0;
     room->side = fl_cell_side(field, rows);
     memset(room->keys, 0xFF, slots * sizeof *room->keys);
     for (size_t row = 0; row < rows; row++) {
         const real *reading = field + 3 * row, sums[4] = {1, reading[0], reading[1], reading[2]};
-        cells += (size_t)add_cell(room, 0, slots, fl_cell_key(reading, room->side), sums);
-        while (cells > FL_CELLS) {
-            room->side *= 2;
-            cells = coarsen(room, slots);
-        }
+        const size_t within = row % FL_BLOCK, left = rows - row < FL_BLOCK ? rows - row : FL_BLOCK;
+        if (within == 0) kernels->keys(reading, left, 1, room->side, keys);
+        cells += (size_t)add_cell(room, 0, slots, keys[within], sums);
+        if (cells <= FL_CELLS) continue;
+        for (; cells > FL_CELLS; room->side *= 2) cells = coarsen(room, slots);
+        kernels->keys(field + 3 * (row - within), within + left < FL_BLOCK ? within + left : FL_BLOCK, 1, room->side, keys);
     }
 }
 

@@ -10,6 +10,43 @@ enum { FEW = 50 };
 
 #define MOST_FREEDOM ((real)1.3)
 
+/* Gather stretches of so many readings, one from `every` to the next, of one recording of which all are used. */
+static void gather_all(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, size_t every,
+                       size_t length, const fl_room *room, fl_residuals *out)
+{
+    memset(room->passed, 1, view->rows);
+    for (size_t begin = 0; begin < view->rows; begin += every) {
+        const size_t left = view->rows - begin;
+        const fl_view some = {view->field + 3 * begin, left < length ? left : length, NULL, 1};
+        memset(room->passed + begin, 0, some.rows);
+        out->begins[out->stretches++] = out->n;
+        out->n += kernels->rows(&some, surface, 9, out->rows + 10 * out->n, out->directions + out->n);
+    }
+}
+
+/* The same of those readings that are used of one recording or more. */
+static void gather_used(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, size_t every,
+                        size_t length, const fl_room *room, fl_residuals *out)
+{
+    const int is_whole = every == length;
+    size_t free = 0, part = 0;
+    int is_begun = 0;
+    for (size_t row = 0; row < view->rows; row++) {
+        for (; part < room->parts && row >= (size_t)room->ends[part]; part++) is_begun = 0;
+        const int is_left_out = view->rejected && view->rejected[row];
+        const size_t within = is_left_out ? 0 : free;
+        if (!is_left_out) free = free + 1 < every ? free + 1 : 0; /* counted within a stretch and the gap behind it */
+        const int begins = within == 0 || (is_whole && !is_begun); /* a long one's next stretch waits for its place */
+        room->passed[row] = (unsigned char)(is_left_out || within >= length || !(begins || is_begun));
+        if (room->passed[row]) continue;
+        if (begins) out->begins[out->stretches++] = out->n;
+        is_begun = 1;
+        out->n++;
+    }
+    const fl_view some = {view->field, view->rows, room->passed, 1};
+    kernels->rows(&some, surface, 9, out->rows, out->directions);
+}
+
 /* The readings that are looked at, with their rows; all of them where they are not too many. */
 static void gather_stretches(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
                              fl_residuals *out)
@@ -17,25 +54,12 @@ static void gather_stretches(const fl_kernels *kernels, const fl_view *view, con
     const size_t used = fit->used, all = FL_LOOKED;
     const size_t every = used <= all ? used : (used + FL_STRETCHES - 1) / FL_STRETCHES;
     const size_t length = used <= all ? used : FL_STRETCH;
-    size_t free = 0, part = 0;
-    int is_begun = 0;
     out->n = 0, out->stretches = 0, out->width = 9;
     out->rows = room->rows, out->distances = room->distances, out->cells = room->order, out->begins = room->begins;
     out->directions = room->directions;
-    for (size_t row = 0; row < view->rows; row++) {
-        for (; part < room->parts && row >= (size_t)room->ends[part]; part++) is_begun = 0;
-        const int is_left_out = view->rejected && view->rejected[row];
-        const size_t within = is_left_out ? 0 : free++ % every;
-        const int begins = within == 0 || (used <= all && !is_begun); /* a long one's next stretch waits for its place */
-        room->passed[row] = (unsigned char)(is_left_out || within >= length || !(begins || is_begun));
-        if (room->passed[row]) continue;
-        if (begins) out->begins[out->stretches++] = out->n;
-        is_begun = 1;
-        out->n++;
-    }
+    if (!view->rejected && !room->parts) gather_all(kernels, view, &fit->surface, every, length, room, out);
+    else gather_used(kernels, view, &fit->surface, every, length, room, out);
     out->begins[out->stretches] = out->n;
-    const fl_view some = {view->field, view->rows, room->passed, 1};
-    kernels->rows(&some, &fit->surface, out->rows, out->directions);
     kernels->cells(out->directions, out->directions + FL_LOOKED, out->directions + 2 * FL_LOOKED, out->n, out->cells);
     for (size_t i = 0; i < out->n; i++) out->distances[i] = out->rows[10 * i + 9];
 }

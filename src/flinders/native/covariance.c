@@ -175,12 +175,9 @@ void fl_inverse(const real *matrix, int n, real *inverse)
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) vectors[i * n + j] = matrix[i * n + j] / (scale[i] * scale[j]);
     if (!fl_cholesky_regular(vectors, n, factor)) {
-        for (int j = 0; j < n; j++) {
-            real column[FL_WIDEST] = {0};
-            column[j] = 1 / scale[j];
-            fl_cholesky_solve(factor, n, column);
-            for (int i = 0; i < n; i++) inverse[i * n + j] = column[i] / scale[i];
-        }
+        fl_cholesky_inverse(factor, n, inverse);
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n; j++) inverse[i * n + j] /= scale[i] * scale[j];
         return;
     }
     fl_eigen(vectors, n, values);

@@ -1,7 +1,7 @@
 /* Whether the offset crept, or the field grew, while a recording was made: thirteen parameters by least squares.
  *
  * Residuals s = J δθ + t (n · ḃ + n · S u ġ) for −½ ≤ t ≤ ½ over the recording, compared with the scatter that the rest, as
- * it is correlated, gives ḃ and ġ by chance. What only noise tells apart is left out: flinders.diagnostics.drift.
+ * it is correlated, gives ḃ and ġ by chance. What only noise tells apart is left out: flinders.diagnostics.systematic.
  */
 #include "residuals.h"
 
@@ -123,7 +123,7 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     const real least = FL_FINEST * surface->radius, mean = square / (real)left.n;
     const real variance = mean > least * least ? mean : least * least;
     scattered context = {surface, &left};
-    fl_normal_equations(&left, matrix, gradient);
+    kernels->gram(left.rows, left.distances, left.n, PARAMETERS, matrix, gradient);
     for (int i = 0; i < PARAMETERS * PARAMETERS; i++) information[i] = matrix[i] / variance;
     fl_support_of(information, PARAMETERS, spurious, &context, &support);
     if (!observed_changes(&support, onto)) return;

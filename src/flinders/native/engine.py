@@ -51,6 +51,43 @@ SUMS: Final = layout("flinders_sums", np.float64)
 OPTIONS: Final = layout("flinders_options", np.float64)
 
 
+class _Array:
+    """Parameter that takes an array, which has to be contiguous, or None for null."""
+
+    @classmethod
+    def from_param(cls, array: NDArray[np.generic] | None) -> ctypes.c_void_p | None:
+        """Its address."""
+        return None if array is None else ctypes.c_void_p(array.ctypes.data)
+
+
+_A, _N, _D = _Array, ctypes.c_size_t, ctypes.c_double
+
+_ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
+    "default_options": (_A,),
+    "message": (ctypes.c_int,),
+    "record_size": (),
+    "real_size": (),
+    "kernels": (ctypes.c_int32,),
+    "workspace_size": (_N,),
+    "fit_parts": (_A, _A, _N, _A, _N, _A, _A, _N, _A),
+    "fit_many": (_A, _A, _A, _N, _A, _A, _N, _A),
+    "polish": (_A, _N, _A, _N, _A, _A, _A, _A, _N, _A),
+    "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
+    "sums_begin": (_A, _A, _D),
+    "sums_add": (_A, _A, _N),
+    "sums_merge": (_A, _A),
+    "sums_solve": (_A, _A),
+    "distances": (_A, _N, _A, _A),
+    "heading_errors": (_A, _D),
+}
+"""What functions of the library take."""
+
+_RESULTS: Final[dict[str, type]] = {
+    "workspace_size": _N, "record_size": _N, "real_size": _N, "message": ctypes.c_char_p,
+}  # fmt: skip
+"""What functions give that give no status."""
+
+
 class Engine:
     """A compiled engine.
 
@@ -79,16 +116,17 @@ class Engine:
 
     def __init__(self, path: Path | None = None) -> None:
         self._library = ctypes.CDLL(str(path or _library()))
-        for name in ("workspace_size", "record_size", "real_size"):
-            getattr(self._library, f"flinders_{name}").restype = ctypes.c_size_t
-        self._library.flinders_workspace_size.argtypes = [ctypes.c_size_t]
-        self._library.flinders_message.restype = ctypes.c_char_p
+        for name, arguments in _ARGUMENTS.items():
+            function = getattr(self._library, f"flinders_{name}")
+            function.argtypes, function.restype = arguments, _RESULTS.get(name, ctypes.c_int)
         found = int(self._library.flinders_record_size()), int(self._library.flinders_real_size())
         if found != (RECORD.itemsize, 8):
             raise RuntimeError(
                 f"the engine's record has {found[0]} bytes with numbers of {found[1]}, this module expects "
                 f"{RECORD.itemsize} and 8: run python -m flinders.native.build"
             )
+        self._defaults: Records = np.zeros((), dtype=OPTIONS)
+        self._library.flinders_default_options(self._defaults)
 
     def fit(
         self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
@@ -109,10 +147,16 @@ class Engine:
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
         record, (workspace, size) = np.zeros((), dtype=RECORD), self._workspace(len(readings))
         self._library.flinders_fit_parts(
-            _pointer(readings), _pointer(times), ctypes.c_size_t(len(readings)),
-            _pointer(parts), ctypes.c_size_t(0 if parts is None else len(parts)),
-            _pointer(self.options(**options)), _pointer(workspace), size, _pointer(record),
-        )  # fmt: skip
+            readings,
+            times,
+            len(readings),
+            parts,
+            0 if parts is None else len(parts),
+            self.options(**options),
+            workspace,
+            size,
+            record,
+        )
         return record
 
     def fit_many(
@@ -130,9 +174,15 @@ class Engine:
         records = np.zeros(len(lengths), dtype=RECORD)
         workspace, size = self._workspace(int(lengths.max(initial=0)))
         self._library.flinders_fit_many(
-            _pointer(readings), _pointer(times), _pointer(bounds), ctypes.c_size_t(len(lengths)),
-            _pointer(self.options(**options)), _pointer(workspace), size, _pointer(records),
-        )  # fmt: skip
+            readings,
+            times,
+            bounds,
+            len(lengths),
+            self.options(**options),
+            workspace,
+            size,
+            records,
+        )
         return records
 
     def polish(
@@ -155,11 +205,17 @@ class Engine:
         record = np.zeros((), dtype=RECORD)
         workspace, size = self._workspace(len(readings))
         self._library.flinders_polish(
-            _pointer(readings), ctypes.c_size_t(len(readings)),
-            _pointer(parts), ctypes.c_size_t(0 if parts is None else len(parts)),
-            _pointer(np.ascontiguousarray(centre, dtype=np.float64)), _pointer(_entries(shape)),
-            _pointer(self.options(**options)), _pointer(workspace), size, _pointer(record),
-        )  # fmt: skip
+            readings,
+            len(readings),
+            parts,
+            0 if parts is None else len(parts),
+            np.ascontiguousarray(centre, dtype=np.float64),
+            _entries(shape),
+            self.options(**options),
+            workspace,
+            size,
+            record,
+        )
         return record
 
     def drift(self, field: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, dip_deg: float = 60.0) -> Records:
@@ -176,21 +232,25 @@ class Engine:
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         record, (workspace, size) = np.zeros((), dtype=RECORD), self._workspace(len(readings))
         self._library.flinders_drift(
-            _pointer(readings), ctypes.c_size_t(len(readings)),
-            _pointer(np.ascontiguousarray(centre, dtype=np.float64)), _pointer(_entries(shape)),
-            ctypes.c_double(dip_deg), _pointer(workspace), size, _pointer(record),
-        )  # fmt: skip
+            readings,
+            len(readings),
+            np.ascontiguousarray(centre, dtype=np.float64),
+            _entries(shape),
+            dip_deg,
+            workspace,
+            size,
+            record,
+        )
         return record
 
-    def _workspace(self, rows: int) -> tuple[NDArray[np.uint8], ctypes.c_size_t]:
+    def _workspace(self, rows: int) -> tuple[NDArray[np.uint8], int]:
         """Memory that a recording of so many readings needs, and its size."""
         size = int(self._library.flinders_workspace_size(rows))
-        return np.empty(size, dtype=np.uint8), ctypes.c_size_t(size)
+        return np.empty(size, dtype=np.uint8), size
 
     def options(self, **changes: float) -> Records:
         """The default options, some of them changed; raises KeyError for one that there is not."""
-        options = np.zeros((), dtype=OPTIONS)
-        self._library.flinders_default_options(_pointer(options))
+        options = self._defaults.copy()
         for name, value in changes.items():
             if name not in (OPTIONS.names or ()):
                 raise KeyError(f"there is no option {name!r}: need one of {', '.join(OPTIONS.names or ())}")
@@ -208,35 +268,33 @@ class Engine:
     def sums(self, field: ArrayLike = (), *, origin: ArrayLike = (0.0, 0.0, 0.0), scale: float = 1.0) -> Records:
         """Sums of powers of readings about an origin, to which `add` adds."""
         sums = np.zeros((), dtype=SUMS)
-        self._library.flinders_sums_begin(
-            _pointer(sums), _pointer(np.array(origin, dtype=np.float64)), ctypes.c_double(scale)
-        )
+        self._library.flinders_sums_begin(sums, np.array(origin, dtype=np.float64), scale)
         return self.add(sums, field)
 
     def add(self, sums: Records, field: ArrayLike) -> Records:
         """Add readings to sums, in place; raises ValueError for values that are not finite."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
-        status = self._library.flinders_sums_add(_pointer(sums), _pointer(readings), ctypes.c_size_t(len(readings)))
+        status = self._library.flinders_sums_add(sums, readings, len(readings))
         if status:
             raise ValueError(self.message(status))
         return sums
 
     def merge(self, sums: Records, other: Records) -> Records:
         """Add other sums to sums, in place."""
-        self._library.flinders_sums_merge(_pointer(sums), _pointer(other))
+        self._library.flinders_sums_merge(sums, other)
         return sums
 
     def solve(self, sums: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0), unit: float = 1.0) -> Records:
         """The consistent fit of (35,) sums about an origin, of readings over a unit: the record."""
         record, row = np.zeros((), dtype=RECORD), np.zeros((), dtype=SUMS)
         row["sums"], row["origin"], row["scale"] = sums, origin, unit
-        self._library.flinders_sums_solve(_pointer(row), _pointer(record))
+        self._library.flinders_sums_solve(row, record)
         return record
 
     def heading_errors(self, record: Records, dip_deg: float) -> Records:
         """The record with the errors of headings and directions at an inclination."""
         row = np.array(record, dtype=RECORD)
-        if self._library.flinders_heading_errors(_pointer(row), ctypes.c_double(dip_deg)):
+        if self._library.flinders_heading_errors(row, dip_deg):
             raise ValueError(f"dip is {dip_deg:g}°, or the record has no ellipsoid: need one, and a dip of -89° to 89°")
         return row
 
@@ -244,9 +302,7 @@ class Engine:
         """(N,) Sampson distances of readings from the surface of a record."""
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         out, row = np.full(len(readings), math.nan), np.array(record, dtype=RECORD)
-        self._library.flinders_distances(
-            _pointer(readings), ctypes.c_size_t(len(readings)), _pointer(row), _pointer(out)
-        )
+        self._library.flinders_distances(readings, len(readings), row, out)
         return out
 
 
@@ -268,8 +324,3 @@ def _entries(shape: ArrayLike) -> Floats:
     """(6,) entries 11, 22, 33, 12, 13, 23 of a symmetric matrix."""
     entries: Floats = np.asarray(shape, dtype=np.float64)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
     return entries
-
-
-def _pointer(array: NDArray[np.generic] | None) -> ctypes.c_void_p:
-    """Address of an array, which has to be contiguous and lives as long as the address; null for None."""
-    return ctypes.c_void_p(None) if array is None else array.ctypes.data_as(ctypes.c_void_p)

@@ -16,38 +16,42 @@ static void gathered(const real v[3], const real u[3], real row[9])
     row[8] = v[1] * u[2] + v[2] * u[1];
 }
 
-/* rᵀ C r, not below zero. */
-static real variance_along(const real row[9], const real covariance[81])
+/* Rows (9, HEADINGS) of what each parameter does to the heading of a level vehicle, without its mean. */
+static void level_rows(const fl_surface *surface, real dip_deg, real rows[9][HEADINGS])
 {
-    real sum = 0;
-    for (int i = 0; i < 9; i++) {
-        real part = covariance[10 * i] * row[i] / 2;
-        for (int j = 0; j < i; j++) part += covariance[9 * i + j] * row[j];
-        sum += 2 * row[i] * part;
-    }
-    return sum > 0 ? sum : 0;
-}
-
-/* Heading error of a level vehicle, 1 sigma: over all headings and at the worst; its mean is a matter of mounting. */
-void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst)
-{
-    real rows[HEADINGS][9], mean[9] = {0}, sum = 0, largest = 0;
     const real dip = dip_deg / TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
     const real turn = fl_cos(2 * FL_PI / HEADINGS), slant = fl_sin(2 * FL_PI / HEADINGS);
     real cosine = 1, sine = 0;
     for (int k = 0; k < HEADINGS; k++) {
         const real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
-        real v[3];
+        real v[3], row[9];
         fl_sym3_apply(surface->inverse, across, v);
-        gathered(v, field, rows[k]);
-        for (int i = 0; i < 9; i++) mean[i] += rows[k][i] / HEADINGS;
+        gathered(v, field, row);
+        for (int i = 0; i < 9; i++) rows[i][k] = row[i];
         const real next = cosine * turn - sine * slant;
         sine = sine * turn + cosine * slant;
         cosine = next;
     }
+    for (int i = 0; i < 9; i++) {
+        real mean = 0;
+        for (int k = 0; k < HEADINGS; k++) mean += rows[i][k] / HEADINGS;
+        for (int k = 0; k < HEADINGS; k++) rows[i][k] -= mean;
+    }
+}
+
+/* Heading error of a level vehicle, 1 sigma: over all headings and at the worst; its mean is a matter of mounting. */
+void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst)
+{
+    real rows[9][HEADINGS], variances[HEADINGS] = {0}, part[HEADINGS], sum = 0, largest = 0;
+    level_rows(surface, dip_deg, rows);
+    for (int i = 0; i < 9; i++) { /* rᵀ C r of all headings side by side */
+        for (int k = 0; k < HEADINGS; k++) part[k] = covariance[10 * i] * rows[i][k] / 2;
+        for (int j = 0; j < i; j++)
+            for (int k = 0; k < HEADINGS; k++) part[k] += covariance[9 * i + j] * rows[j][k];
+        for (int k = 0; k < HEADINGS; k++) variances[k] += 2 * rows[i][k] * part[k];
+    }
     for (int k = 0; k < HEADINGS; k++) {
-        for (int i = 0; i < 9; i++) rows[k][i] -= mean[i];
-        const real variance = variance_along(rows[k], covariance);
+        const real variance = variances[k] > 0 ? variances[k] : 0;
         sum += variance;
         largest = variance > largest ? variance : largest;
     }

@@ -55,7 +55,8 @@ typedef flinders_real real;
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
-enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_STEPS = 50 };
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_STEPS = 50,
+       FL_REACH = 1 << 20 }; /* cells on either side of zero */
 
 /* Readings of a recording: every `stride`-th of those that are not rejected. */
 typedef struct {
@@ -88,11 +89,17 @@ typedef struct {
     void (*curvature)(const fl_view *view, const fl_surface *surface, real gradient[9]);
     void (*distances)(const fl_view *view, const fl_surface *surface, real *out);
     real (*cost)(const fl_view *view, const fl_surface *surface);
-    void (*rows)(const fl_view *view, const fl_surface *surface, real *out, real *directions);
+    size_t (*rows)(const fl_view *view, const fl_surface *surface, size_t width, real *out, real *directions);
+    void (*gram)(const real *rows, const real *distances, size_t n, int width, real *matrix, real *gradient);
     void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
     void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
                    real log_determinant[FL_LANES], real sums[55][FL_LANES]);
+    void (*keys)(const real *field, size_t n, size_t stride, real side, uint64_t *out);
+    void (*breaks)(const real *field, size_t n, real *out);
+    real (*steps)(const real *field, size_t n, real *out);
+    int (*ends)(const real *field, size_t rows, real lowest[3], real highest[3]);
+    size_t (*ordinary)(const real *field, size_t rows, const real lowest[3], const real highest[3]);
 } fl_kernels;
 
 const fl_kernels *fl_kernels_chosen(int which);
@@ -108,6 +115,7 @@ int fl_cholesky(real *matrix, int n);
 int fl_cholesky_regular(const real *matrix, int n, real *factor);
 void fl_forward(const real *factor, int n, real *x);
 void fl_cholesky_solve(const real *factor, int n, real *x);
+void fl_cholesky_inverse(const real *factor, int n, real *inverse);
 int fl_solve(real *matrix, int n, real *x);
 void fl_multiply(const real *a, const real *b, int n, int m, int k, real *out);
 void fl_sym3_inverse(const real shape[6], real inverse[6]);

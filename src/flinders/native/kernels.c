@@ -33,8 +33,8 @@ static size_t gather(const fl_view *view, cursor *at, real block[3][FL_BLOCK])
         at->row += m * view->stride;
     } else {
         for (; at->row < view->rows && m < FL_BLOCK; at->row++) {
-            if (view->rejected && view->rejected[at->row]) continue;
-            if (at->seen++ % view->stride) continue;
+            if (view->rejected[at->row]) continue;
+            if (view->stride > 1 && at->seen++ % view->stride) continue;
             for (int axis = 0; axis < 3; axis++) block[axis][m] = view->field[3 * at->row + axis];
             m++;
         }
@@ -193,7 +193,8 @@ static void curvature(const fl_view *view, const fl_surface *surface, real gradi
             real ux = xx * dx + xy * dy + xz * dz, uy = xy * dx + yy * dy + yz * dz, uz = xz * dx + yz * dy + zz * dz;
             real length = fl_sqrt(ux * ux + uy * uy + uz * uz);
             length = length > FL_SHORT ? length : FL_SHORT;
-            ux /= length, uy /= length, uz /= length;
+            const real per_length = 1 / length;
+            ux *= per_length, uy *= per_length, uz *= per_length;
             const real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz,
                        nz = xz * ux + yz * uy + zz * uz;
             const real kx = xx * nx + xy * ny + xz * nz, ky = xy * nx + yy * ny + yz * nz,
@@ -257,13 +258,14 @@ static real cost(const fl_view *view, const fl_surface *surface)
     return total(lanes);
 }
 
-/* (N, 10) rows of the Jacobian at the direction of each reading, and its distance; and these (3, FL_LOOKED) directions. */
-static void information(const fl_view *view, const fl_surface *surface, real *out, real *directions)
+/* (N, width + 1) rows that begin with the Jacobian at the direction of each reading and its distance; and these (3,
+ * FL_LOOKED) directions. Returns the readings. */
+static size_t information(const fl_view *view, const fl_surface *surface, size_t width, real *out, real *directions)
 {
     const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
     const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
     real block[3][FL_BLOCK], rows[13][FL_BLOCK];
-    size_t m;
+    size_t m, count = 0;
     cursor at = {0, 0};
     while ((m = gather(view, &at, block)) > 0) {
         for (int i = 0; i < FL_BLOCK; i++) {
@@ -272,21 +274,49 @@ static void information(const fl_view *view, const fl_surface *surface, real *ou
             real ux = xx * dx + xy * dy + xz * dz, uy = xy * dx + yy * dy + yz * dz, uz = xz * dx + yz * dy + zz * dz;
             real length = fl_sqrt(ux * ux + uy * uy + uz * uz);
             length = length > FL_SHORT ? length : FL_SHORT;
-            ux /= length, uy /= length, uz /= length;
+            const real per_length = 1 / length;
+            ux *= per_length, uy *= per_length, uz *= per_length;
             rows[10][i] = ux, rows[11][i] = uy, rows[12][i] = uz;
             real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz, nz = xz * ux + yz * uy + zz * uz;
             real steepness = fl_sqrt(nx * nx + ny * ny + nz * nz);
             steepness = steepness > FL_SHORT ? steepness : FL_SHORT;
-            nx /= steepness, ny /= steepness, nz /= steepness;
+            const real per_steepness = 1 / steepness;
+            nx *= per_steepness, ny *= per_steepness, nz *= per_steepness;
             rows[0][i] = nx, rows[1][i] = ny, rows[2][i] = nz;
             rows[3][i] = nx * ux, rows[4][i] = ny * uy, rows[5][i] = nz * uz;
             rows[6][i] = nx * uy + ny * ux, rows[7][i] = nx * uz + nz * ux, rows[8][i] = ny * uz + nz * uy;
-            rows[9][i] = (length - 1) / steepness;
+            rows[9][i] = (length - 1) * per_steepness;
         }
-        for (size_t i = 0; i < m; i++)
-            for (int row = 0; row < 10; row++) *out++ = rows[row][i];
-        for (int axis = 0; axis < 3; axis++) memcpy(directions + axis * FL_LOOKED, rows[10 + axis], m * sizeof(real));
-        directions += m;
+        for (size_t i = 0; i < m; i++, out += width + 1)
+            for (int row = 0; row < 10; row++) out[row] = rows[row][i];
+        for (int axis = 0; axis < 3; axis++)
+            memcpy(directions + axis * FL_LOOKED + count, rows[10 + axis], m * sizeof(real));
+        count += m;
+    }
+    return count;
+}
+
+/* Σ JJᵀ and Σ J s of rows (n, width + 1): four rows and four columns at a time, the distance behind the Jacobian. */
+static void gram(const real *rows, const real *distances, size_t n, int width, real *matrix, real *gradient)
+{
+    enum { COLUMNS = (FL_WIDEST + 4) / 4 * 4 };
+    real sums[COLUMNS][COLUMNS] = {{0}}, four[4][COLUMNS] = {{0}};
+    for (size_t i = 0; i < n; i += 4) {
+        for (size_t k = 0; k < 4; k++) {
+            if (i + k < n) {
+                memcpy(four[k], rows + (size_t)(width + 1) * (i + k), (size_t)width * sizeof(real));
+                four[k][width] = distances[i + k];
+            } else memset(four[k], 0, sizeof four[k]);
+        }
+        for (int a = 0; a < width; a++)
+            for (int begin = a / 4 * 4; begin <= width; begin += 4)
+                for (int b = begin; b < begin + 4; b++)
+                    sums[a][b] += four[0][a] * four[0][b] + four[1][a] * four[1][b] + four[2][a] * four[2][b] +
+                                  four[3][a] * four[3][b];
+    }
+    for (int a = 0; a < width; a++) {
+        gradient[a] = sums[a][width];
+        for (int b = a; b < width; b++) matrix[width * a + b] = matrix[width * b + a] = sums[a][b];
     }
 }
 
@@ -451,6 +481,120 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
     }
 }
 
+/* Keys of the cells that every so manieth reading falls into: three 21-bit indices. */
+static void keys(const real *field, size_t n, size_t stride, real side, uint64_t *out)
+{
+    const real finer = 1 / side, largest = 2 * (real)FL_REACH - 1; /* exact: a power of two */
+    int32_t index[3 * FL_BLOCK];
+    real places[3 * FL_BLOCK];
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        const real *from = field + 3 * stride * begin;
+        if (stride == 1) memcpy(places, from, 3 * m * sizeof(real));
+        else
+            for (size_t i = 0; i < m; i++) memcpy(places + 3 * i, from + 3 * stride * i, 3 * sizeof(real));
+        for (size_t i = 0; i < 3 * m; i++) {
+            real place = places[i] * finer + FL_REACH;
+            place = place > 0 ? place : 0;
+            place = place < largest ? place : largest;
+            index[i] = (int32_t)place;
+        }
+        for (size_t i = 0; i < m; i++)
+            out[begin + i] = (uint64_t)index[3 * i] << 42 | (uint64_t)index[3 * i + 1] << 21 | (uint64_t)index[3 * i + 2];
+    }
+}
+
+/* How far the path is from straight behind each of n readings: what two lead to, less what the next two come from. */
+static void breaks(const real *field, size_t n, real *out)
+{
+    real apart[3 * FL_BLOCK];
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        const real *at = field + 3 * begin;
+        for (size_t i = 0; i < 3 * m; i++)
+            apart[i] = fl_abs(((real)1.5 * at[i + 6] - (real)0.5 * at[i + 9]) - ((real)1.5 * at[i + 3] - (real)0.5 * at[i]));
+        for (size_t i = 0; i < m; i++) {
+            const real two = apart[3 * i] > apart[3 * i + 1] ? apart[3 * i] : apart[3 * i + 1];
+            out[begin + i] = two > apart[3 * i + 2] ? two : apart[3 * i + 2];
+        }
+    }
+}
+
+/* Squares of the n steps from each reading to the next; returns the largest. */
+static real steps(const real *field, size_t n, real *out)
+{
+    real parts[3 * FL_BLOCK], most[FL_LANES] = {0}, largest = 0;
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        const real *at = field + 3 * begin;
+        for (size_t i = 0; i < 3 * m; i++) parts[i] = (at[i + 3] - at[i]) * (at[i + 3] - at[i]);
+        for (size_t i = 3 * m; i < 3 * FL_BLOCK; i++) parts[i] = 0;
+        for (int i = 0; i < FL_BLOCK; i += FL_LANES)
+            for (int lane = 0; lane < FL_LANES; lane++) {
+                const real *part = parts + 3 * (i + lane), square = part[0] + part[1] + part[2];
+                most[lane] = square > most[lane] ? square : most[lane];
+                parts[i + lane] = square; /* which lies in front of what is still to be read */
+            }
+        memcpy(out + begin, parts, m * sizeof(real));
+    }
+    for (int lane = 0; lane < FL_LANES; lane++) largest = most[lane] > largest ? most[lane] : largest;
+    return largest;
+}
+
+enum { EIGHT = 24 }; /* numbers of eight readings */
+
+/* Smallest and largest reading of each axis; nonzero if one is not finite. */
+static int ends(const real *field, size_t rows, real lowest[3], real highest[3])
+{
+    real low[EIGHT], high[EIGHT], nothing[EIGHT] = {0}; /* times zero, what is not finite is not a number */
+    size_t i = 0;
+    int is_broken = 0;
+    for (int lane = 0; lane < EIGHT; lane++) low[lane] = high[lane] = field[lane % 3];
+    for (; i + EIGHT <= 3 * rows; i += EIGHT)
+        for (int lane = 0; lane < EIGHT; lane++) {
+            const real value = field[i + lane];
+            low[lane] = value < low[lane] ? value : low[lane];
+            high[lane] = value > high[lane] ? value : high[lane];
+            nothing[lane] += value * 0;
+        }
+    for (int lane = 0; i < 3 * rows; i++, lane++) {
+        low[lane] = field[i] < low[lane] ? field[i] : low[lane];
+        high[lane] = field[i] > high[lane] ? field[i] : high[lane];
+        nothing[lane] += field[i] * 0;
+    }
+    for (int lane = 0; lane < EIGHT; lane++) {
+        const int axis = lane % 3;
+        if (lane < 3 || low[lane] < lowest[axis]) lowest[axis] = low[lane];
+        if (lane < 3 || high[lane] > highest[axis]) highest[axis] = high[lane];
+        is_broken |= nothing[lane] != 0;
+    }
+    return is_broken;
+}
+
+/* How many readings, eight by eight, are at no end of an axis and have no value of the one before them. */
+static size_t ordinary(const real *field, size_t rows, const real lowest[3], const real highest[3])
+{
+    real low[EIGHT], high[EIGHT];
+    size_t row = 0, eights = 8;
+    for (int lane = 0; lane < EIGHT; lane++) low[lane] = lowest[lane % 3], high[lane] = highest[lane % 3];
+    for (; row + 8 <= rows; row += 8 * eights) {
+        real products_of[EIGHT], least = 1; /* a product is zero where one of its factors is */
+        while (row + 8 * eights > rows) eights /= 2;
+        for (int lane = 0; lane < EIGHT; lane++) products_of[lane] = 1;
+        for (size_t eight = 0; eight < eights; eight++) {
+            const real *at = field + 3 * (row + 8 * eight), *before = at - 3;
+            for (int lane = 0; lane < EIGHT; lane++) {
+                const real off = fl_abs((at[lane] - low[lane]) * (high[lane] - at[lane]) * (at[lane] - before[lane]));
+                products_of[lane] = off < products_of[lane] ? off : products_of[lane];
+            }
+        }
+        for (int lane = 0; lane < EIGHT; lane++) least = products_of[lane] < least ? products_of[lane] : least;
+        if (!(least > 0)) break;
+    }
+    return row;
+}
+
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, distances, cost, information, squares, cells, filter};
+    powers, products, curvature, distances, cost, information, gram, squares, cells, filter, keys, breaks,
+    steps, ends, ordinary};

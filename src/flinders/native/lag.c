@@ -70,10 +70,10 @@ static void gather(const fl_kernels *kernels, const fl_view *view, const fl_surf
 }
 
 /* Solve for all eleven, and take what they explain off the distances; not where they cannot be told apart. */
-static int solve(fl_residuals *left, real matrix[WIDTH * WIDTH], real inverse[WIDTH * WIDTH], real solution[WIDTH])
+static int solve(const fl_kernels *kernels, fl_residuals *left, real matrix[WIDTH * WIDTH], real inverse[WIDTH * WIDTH], real solution[WIDTH])
 {
     real gradient[WIDTH];
-    fl_normal_equations(left, matrix, gradient);
+    kernels->gram(left->rows, left->distances, left->n, WIDTH, matrix, gradient);
     if (!fl_is_distinct(matrix, WIDTH)) return 0;
     fl_inverse(matrix, WIDTH, inverse);
     fl_multiply(inverse, gradient, WIDTH, WIDTH, 1, solution);
@@ -105,12 +105,12 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, r
     gather(kernels, view, surface, room, &left);
     if (left.n == 0 || !fl_is_noisy(&left, surface)) return;
     fl_whiten(&left, &fit->slow);
-    if (!solve(&left, matrix, inverse, solution)) return;
+    if (!solve(kernels, &left, matrix, inverse, solution)) return;
     const real by_chance = chance(&left, record, matrix, inverse, solution);
     if (by_chance > 1) return;
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
         gather(kernels, view, surface, room, &left);
-        if (!solve(&left, matrix, inverse, solution)) return;
+        if (!solve(kernels, &left, matrix, inverse, solution)) return;
     }
     record->lag_by_chance = by_chance;
     for (int axis = 0; axis < AXES; axis++)

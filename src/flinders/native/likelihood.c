@@ -4,7 +4,7 @@
  */
 #include "internal.h"
 
-enum { HALVINGS = 30, PASSES = 3, GLANCE = 2000 };
+enum { HALVINGS = 30, PASSES = 3, GLANCE = 2000, LANES = 12 /* of three axes */ };
 
 #define LONGEST_STEP ((real)0.3)  /* of the radius */
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
@@ -278,9 +278,8 @@ static fl_view compact(const fl_view *view, real *copy)
     fl_view some = {copy, 0, NULL, 1};
     size_t free = 0;
     if (!view->rejected && view->stride == 1) return *view;
-    for (size_t row = 0; row < view->rows; row++) {
-        if (view->rejected && view->rejected[row]) continue;
-        if (free++ % view->stride) continue;
+    for (size_t row = 0; row < view->rows; row += view->rejected ? 1 : view->stride) {
+        if (view->rejected && (view->rejected[row] || free++ % view->stride)) continue;
         memcpy(copy + 3 * some.rows++, view->field + 3 * row, 3 * sizeof(real));
     }
     return some;
@@ -293,21 +292,22 @@ static int prepare(const fl_kernels *kernels, const fl_view *view, const flinder
     fl_view some = {view->field, view->rows, view->rejected, 1};
     const size_t free = fl_view_count(&some);
     const size_t stride = (free + FL_ENOUGH - 1) / FL_ENOUGH;
-    real square[3] = {0};
+    real sums[LANES] = {0}, squares[LANES] = {0};
     memset(task, 0, sizeof *task);
     some.stride = stride > 1 ? stride : 1;
     *is_part = stride > 1;
     task->kernels = kernels, task->options = options, task->some = compact(&some, copy);
     task->count = task->some.rows;
     if (!task->count) return 1;
-    for (size_t row = 0; row < task->count; row++)
-        for (int axis = 0; axis < 3; axis++) {
-            const real off = task->some.field[3 * row + axis] - start->centre[axis];
-            task->middle[axis] += off, square[axis] += off * off;
+    for (size_t i = 0; i < 3 * task->count; i += LANES)
+        for (size_t lane = 0; lane < LANES && i + lane < 3 * task->count; lane++) {
+            const real off = task->some.field[i + lane] - start->centre[lane % 3];
+            sums[lane] += off, squares[lane] += off * off;
         }
     for (int axis = 0; axis < 3; axis++) {
-        const real mean = task->middle[axis] / (real)task->count;
-        const real variance = square[axis] / (real)task->count - mean * mean;
+        real sum = 0, square = 0;
+        for (int lane = axis; lane < LANES; lane += 3) sum += sums[lane], square += squares[lane];
+        const real mean = sum / (real)task->count, variance = square / (real)task->count - mean * mean;
         task->spread += variance > 0 ? variance : 0;
         task->middle[axis] = start->centre[axis] + mean;
     }

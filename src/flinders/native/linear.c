@@ -207,6 +207,24 @@ void fl_cholesky_solve(const real *factor, int n, real *x)
     }
 }
 
+/* Inverse of L Lᵀ (n, n), which is symmetric: of each column what is on and below the diagonal. */
+void fl_cholesky_inverse(const real *factor, int n, real *inverse)
+{
+    for (int j = 0; j < n; j++) {
+        real x[LARGEST] = {0};
+        x[j] = 1;
+        for (int i = j; i < n; i++) {
+            for (int k = j; k < i; k++) x[i] -= factor[i * n + k] * x[k];
+            x[i] /= factor[i * n + i];
+        }
+        for (int i = n - 1; i >= j; i--) {
+            for (int k = i + 1; k < n; k++) x[i] -= factor[k * n + i] * x[k];
+            x[i] /= factor[i * n + i];
+            inverse[i * n + j] = inverse[j * n + i] = x[i];
+        }
+    }
+}
+
 /* Solve M x = b in place for a positive definite M, which is lost; nonzero if it is none. */
 int fl_solve(real *matrix, int n, real *x)
 {

@@ -17,11 +17,12 @@ enum { TERMS = 6, WIDTH = 9 + TERMS, HEADINGS = 72, FEWEST_INDEPENDENT = 40 };
 /* What terms of 1 make of an axis at a direction: six displacements, of x, y, z by the square and by the cube. */
 static void displacements(const fl_surface *surface, const real direction[3], real out[TERMS])
 {
+    const real per_radius = 1 / surface->radius;
     real local[3];
     fl_sym3_apply(surface->shape, direction, local);
     for (int axis = 0; axis < 3; axis++) {
-        const real part = local[axis] / surface->radius;
-        out[axis] = surface->radius * part * part;
+        const real part = local[axis] * per_radius;
+        out[axis] = local[axis] * part;
         out[3 + axis] = out[axis] * part;
     }
 }
@@ -91,7 +92,7 @@ void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fi
     gather(kernels, view, surface, room, &left);
     if (left.n == 0 || !fl_is_noisy(&left, surface)) return;
     fl_whiten(&left, &fit->slow);
-    fl_normal_equations(&left, matrix, gradient);
+    kernels->gram(left.rows, left.distances, left.n, WIDTH, matrix, gradient);
     if (!fl_is_distinct(matrix, WIDTH)) return;
     fl_inverse(matrix, WIDTH, inverse);
     fl_multiply(inverse, gradient, WIDTH, WIDTH, 1, solution);

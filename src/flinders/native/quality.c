@@ -96,26 +96,6 @@ static int64_t distinct(const real *field, size_t rows, const fl_room *room)
     return (int64_t)estimate;
 }
 
-/* Readings at the ends of the axes, and their range there. */
-static void ends(const real *field, size_t rows, flinders_record *record)
-{
-    real low[6][3], high[6][3];
-    for (size_t row = 0; row < rows; row++) {
-        const real *reading = field + 3 * row;
-        for (int end = 0; end < 6; end++) {
-            if (reading[end % 3] != (end < 3 ? record->lowest : record->highest)[end % 3]) continue;
-            for (int axis = 0; axis < 3; axis++) {
-                const int is_first = record->end_counts[end] == 0;
-                if (is_first || reading[axis] < low[end][axis]) low[end][axis] = reading[axis];
-                if (is_first || reading[axis] > high[end][axis]) high[end][axis] = reading[axis];
-            }
-            record->end_counts[end]++;
-        }
-    }
-    for (int end = 0; end < 6; end++)
-        for (int axis = 0; axis < 3; axis++) record->end_extent[3 * end + axis] = high[end][axis] - low[end][axis];
-}
-
 /* What time stamps say; those that are NaN are passed over. */
 static void clock_of(const real *time, size_t rows, flinders_record *record)
 {
@@ -134,26 +114,51 @@ static void clock_of(const real *time, size_t rows, flinders_record *record)
     }
 }
 
-/* Look at all readings once; nonzero if one is not finite. */
-int fl_quality(const real *field, const real *time, size_t rows, int all, const fl_room *room, flinders_record *record)
+/* How readings at the ends of the axes range, and how many there are. */
+typedef struct {
+    real low[6][3], high[6][3];
+} at_ends;
+
+/* Count a reading that is at an end of an axis. */
+static void count_ends(const real reading[3], flinders_record *record, at_ends *there)
 {
-    int64_t run = 0;
-    int is_broken = 0;
-    for (size_t i = 0; i < 3 * rows; i++) is_broken |= !(fl_abs(field[i]) <= FL_HUGE);
-    if (is_broken) return 1;
-    memcpy(record->lowest, field, sizeof record->lowest);
-    memcpy(record->highest, field, sizeof record->highest);
-    for (size_t row = 1; row < rows; row++) {
-        const real *here = field + 3 * row;
+    for (int end = 0; end < 6; end++) {
+        if (reading[end % 3] != (end < 3 ? record->lowest : record->highest)[end % 3]) continue;
         for (int axis = 0; axis < 3; axis++) {
-            record->lowest[axis] = here[axis] < record->lowest[axis] ? here[axis] : record->lowest[axis];
-            record->highest[axis] = here[axis] > record->highest[axis] ? here[axis] : record->highest[axis];
+            const int is_first = record->end_counts[end] == 0;
+            if (is_first || reading[axis] < there->low[end][axis]) there->low[end][axis] = reading[axis];
+            if (is_first || reading[axis] > there->high[end][axis]) there->high[end][axis] = reading[axis];
         }
-        run = here[0] == here[-3] && here[1] == here[-2] && here[2] == here[-1] ? run + 1 : 0;
+        record->end_counts[end]++;
+    }
+}
+
+/* Look at all readings; nonzero if one is not finite. */
+int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, int all, const fl_room *room,
+               flinders_record *record)
+{
+    at_ends there;
+    real lowest[3], highest[3];
+    int64_t run = 0;
+    if (kernels->ends(field, rows, lowest, highest)) return 1;
+    memcpy(record->lowest, lowest, sizeof lowest);
+    memcpy(record->highest, highest, sizeof highest);
+    for (size_t row = 0; row < rows; row++) {
+        const real *here = field + 3 * row;
+        if (row % 8 == 1) {
+            const size_t passed = kernels->ordinary(here, rows - row, lowest, highest);
+            run = passed ? 0 : run;
+            row += passed, here += 3 * passed;
+            if (row == rows) break;
+        }
+        count_ends(here, record, &there);
+        run = row > 0 && here[0] == here[-3] && here[1] == here[-2] && here[2] == here[-1] ? run + 1 : 0;
         record->repeats += run > 0;
         record->longest_repeat = run + 1 > record->longest_repeat ? run + 1 : record->longest_repeat;
     }
-    ends(field, rows, record);
+    for (int end = 0; end < 6; end++)
+        for (int axis = 0; axis < 3; axis++)
+            record->end_extent[3 * end + axis] = there.high[end][axis] - there.low[end][axis];
     if (time) clock_of(time, rows, record);
     if (all) record->distinct = distinct(field, rows, room);
     return 0;

@@ -16,9 +16,14 @@ fl_random fl_random_begin(void)
 /* High half of the product of two numbers. */
 static uint64_t high_product(uint64_t a, uint64_t b)
 {
+#ifdef __SIZEOF_INT128__
+    __extension__ typedef unsigned __int128 wide;
+    return (uint64_t)((wide)a * b >> 64);
+#else
     const uint64_t a1 = a >> 32, a0 = a & UINT32_MAX, b1 = b >> 32, b0 = b & UINT32_MAX;
     const uint64_t middle = a1 * b0 + (a0 * b0 >> 32), low = (middle & UINT32_MAX) + a0 * b1;
     return a1 * b1 + (middle >> 32) + (low >> 32);
+#endif
 }
 
 /* The next 64 bits. */

@@ -211,7 +211,7 @@ int flinders_fit_parts(const real *field, const real *time, size_t rows, const i
     if (rows == 0) return record->status = FLINDERS_TOO_FEW;
     if (fl_room_of(workspace, size, rows, &room)) return record->status = FLINDERS_NO_WORKSPACE;
     room.ends = ends, room.parts = ends ? parts : 0, room.time = time;
-    if (fl_quality(field, time, rows, options->statistics, &room, record)) return record->status = FLINDERS_NOT_FINITE;
+    if (fl_quality(kernels, field, time, rows, options->statistics, &room, record)) return record->status = FLINDERS_NOT_FINITE;
     record->status = refused(record, options);
     if (record->status != FLINDERS_OK && record->status != FLINDERS_UNMOVED) return record->status;
     sum_up(kernels, field, rows, record);
@@ -222,7 +222,7 @@ int flinders_fit_parts(const real *field, const real *time, size_t rows, const i
     memcpy(sums.origin, record->sums_origin, sizeof sums.origin);
     sums.scale = record->sums_scale;
     fl_view view = {field, rows, NULL, 1};
-    if (options->robust || options->statistics) fl_cloud(field, rows, &room);
+    if (options->robust || options->statistics) fl_cloud(kernels, field, rows, &room);
     if (fl_start(&sums, &start, &noise)) return record->status = FLINDERS_NOT_AN_ELLIPSOID;
     record->status = fit_from(kernels, &view, options, &start, NULL, &room, &fit, record);
     if (record->status == FLINDERS_UNDETERMINED) record->unobserved = fit.unseen;
@@ -254,7 +254,7 @@ int flinders_polish(const real *field, size_t rows, const int64_t *ends, size_t 
     if (fl_room_of(workspace, size, rows, &room)) return record->status = FLINDERS_NO_WORKSPACE;
     room.ends = ends, room.parts = ends ? parts : 0;
     if (fl_surface_of(centre, shape, &start)) return record->status = FLINDERS_NOT_AN_ELLIPSOID;
-    if (options->robust) fl_cloud(field, rows, &room);
+    if (options->robust) fl_cloud(kernels, field, rows, &room);
     record->status = fit_from(kernels, &view, options, &start, &start, &room, &fit, record);
     if (record->status == FLINDERS_UNDETERMINED) record->unobserved = fit.unseen;
     if (record->status != FLINDERS_OK) return record->status;

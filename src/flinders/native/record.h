@@ -41,7 +41,8 @@ typedef struct {
 } fl_room;
 
 int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room);
-int fl_quality(const real *field, const real *time, size_t rows, int all, const fl_room *room, flinders_record *record);
+int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, int all, const fl_room *room,
+               flinders_record *record);
 void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
                    flinders_record *record);
 void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
@@ -57,8 +58,7 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, r
             flinders_record *record);
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
-void fl_cloud(const real *field, size_t rows, fl_room *room);
-uint64_t fl_cell_key(const real reading[3], real side);
+void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
 size_t fl_slot(uint64_t *keys, size_t slots, uint64_t key);
 size_t fl_slots_for(size_t rows);
 real fl_median(real *values, size_t n);

@@ -7,8 +7,8 @@
 static void places_of(const fl_view *view, uint32_t *out)
 {
     size_t passed = 0, count = 0;
-    for (size_t row = 0; row < view->rows; row++)
-        if (!(view->rejected && view->rejected[row]) && passed++ % view->stride == 0) out[count++] = (uint32_t)row;
+    for (size_t row = 0; row < view->rows; row += view->rejected ? 1 : view->stride)
+        if (!view->rejected || (!view->rejected[row] && passed++ % view->stride == 0)) out[count++] = (uint32_t)row;
 }
 
 /* The readings that are looked at, evenly spaced, with nine derivatives each and room for further terms behind these;
@@ -27,14 +27,13 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
     out->begins = room->begins, out->cells = room->order;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
     if (count < FEWEST) return;
-    kernels->rows(&some, surface, out->rows, out->directions);
+    kernels->rows(&some, surface, (size_t)width, out->rows, out->directions);
     places_of(&some, out->places);
-    for (size_t i = count; i-- > 0;) memmove(out->rows + stride * i, out->rows + 10 * i, 10 * sizeof(real));
     for (size_t i = 0; i < count; i++) {
         real direction[3], *row = out->rows + stride * out->n;
         for (int axis = 0; axis < 3; axis++) direction[axis] = out->directions[axis * FL_LOOKED + i];
         if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0) continue; /* right in the centre */
-        memmove(row, out->rows + stride * i, 10 * sizeof(real));
+        if (out->n < i) memcpy(row, out->rows + stride * i, 10 * sizeof(real));
         for (int axis = 0; axis < 3; axis++) out->directions[axis * FL_LOOKED + out->n] = direction[axis];
         out->places[out->n] = out->places[i];
         out->distances[out->n++] = row[9];
@@ -77,38 +76,19 @@ void fl_whiten(fl_residuals *residuals, const fl_slow *slow)
     residuals->n = residuals->begins[1] = kept;
 }
 
-/* Σ JJᵀ and Σ J s: four rows and four columns at a time, the distance behind the Jacobian. */
-void fl_normal_equations(const fl_residuals *residuals, real *matrix, real *gradient)
-{
-    enum { COLUMNS = (FL_WIDEST + 4) / 4 * 4 };
-    const int n = residuals->width;
-    real sums[COLUMNS][COLUMNS] = {{0}}, rows[4][COLUMNS] = {{0}};
-    for (size_t i = 0; i < residuals->n; i += 4) {
-        for (size_t k = 0; k < 4; k++) {
-            const size_t row = i + k;
-            if (row < residuals->n) {
-                memcpy(rows[k], residuals->rows + (size_t)(n + 1) * row, (size_t)n * sizeof(real));
-                rows[k][n] = residuals->distances[row];
-            } else memset(rows[k], 0, sizeof rows[k]);
-        }
-        for (int a = 0; a < n; a++)
-            for (int begin = a / 4 * 4; begin < COLUMNS; begin += 4)
-                for (int b = begin; b < begin + 4; b++)
-                    sums[a][b] += rows[0][a] * rows[0][b] + rows[1][a] * rows[1][b] + rows[2][a] * rows[2][b] +
-                                  rows[3][a] * rows[3][b];
-    }
-    for (int a = 0; a < n; a++) {
-        gradient[a] = sums[a][n];
-        for (int b = a; b < n; b++) matrix[n * a + b] = matrix[n * b + a] = sums[a][b];
-    }
-}
-
 /* Take what the terms explain off the distances. */
 void fl_take_off(fl_residuals *residuals, const real *solution)
 {
     const int n = residuals->width;
-    for (size_t i = 0; i < residuals->n; i++)
-        for (int a = 0; a < n; a++) residuals->distances[i] -= residuals->rows[(size_t)(n + 1) * i + a] * solution[a];
+    for (size_t i = 0; i < residuals->n; i++) {
+        const real *row = residuals->rows + (size_t)(n + 1) * i;
+        real lanes[4] = {0};
+        int a = 0;
+        for (; a + 4 <= n; a += 4)
+            for (int lane = 0; lane < 4; lane++) lanes[lane] += row[a + lane] * solution[a + lane];
+        for (int lane = 0; a < n; a++, lane++) lanes[lane] += row[a] * solution[a];
+        residuals->distances[i] -= (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
+    }
 }
 
 /* Covariance of a solution, its residuals as they are correlated, from Σ JJᵀ and its inverse. Returns how many of the
@@ -118,6 +98,8 @@ real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix
     const int n = residuals->width;
     real autocovariance[FL_LAGS], white[FL_WIDEST * FL_WIDEST], scatter[FL_WIDEST * FL_WIDEST], half[FL_WIDEST * FL_WIDEST];
     const int lags = fl_autocovariance(residuals, autocovariance);
+    for (int i = 0; i < n * n; i++) covariance[i] = inverse[i] * autocovariance[0];
+    if (lags < 2) return (real)residuals->n - (real)n;
     for (int i = 0; i < n * n; i++) white[i] = matrix[i] * autocovariance[0];
     fl_scatter_in_time(residuals, white, autocovariance, lags, scatter);
     fl_multiply(inverse, scatter, n, n, n, half);

@@ -41,7 +41,6 @@ real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
 void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                       int width, fl_residuals *out);
-void fl_normal_equations(const fl_residuals *residuals, real *matrix, real *gradient);
 void fl_whiten(fl_residuals *residuals, const fl_slow *slow);
 void fl_take_off(fl_residuals *residuals, const real *solution);
 real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance);

@@ -14,17 +14,26 @@ enum { POINTS = 12, DRAWS = 256, SCORED = 600, FEW_DRAWS = 24, FEW_SCORED = 150,
 #define SETTLED ((real)1e-4)
 
 /* Leave all but a few readings of each cell out of a sample of at most 20,000; returns how many are in it. */
-static size_t spread_out(const real *field, size_t rows, fl_random *random, const fl_room *room)
+static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, fl_random *random,
+                         const fl_room *room)
 {
+    uint64_t keys[FL_BLOCK];
+    uint32_t *const slots = room->order + (rows < FL_ENOUGH ? rows : FL_ENOUGH);
     const size_t stride = (rows + FL_ENOUGH - 1) / FL_ENOUGH > 1 ? (rows + FL_ENOUGH - 1) / FL_ENOUGH : 1;
     const size_t n = (rows + stride - 1) / stride;
     size_t taken = 0;
     memset(room->passed, 1, rows);
     memset(room->counters, 0, room->slots);
+    for (size_t i = 0; i < n; i++) {
+        const size_t within = i % FL_BLOCK;
+        if (within == 0)
+            kernels->keys(field + 3 * stride * i, n - i < FL_BLOCK ? n - i : FL_BLOCK, stride, room->side, keys);
+        slots[i] = (uint32_t)fl_slot(room->keys, room->slots, keys[within]);
+    }
     fl_random_permutation(random, (uint32_t)n, room->order);
     for (size_t i = 0; i < n; i++) {
         const size_t row = room->order[i] * stride;
-        unsigned char *count = room->counters + fl_slot(room->keys, room->slots, fl_cell_key(field + 3 * row, room->side));
+        unsigned char *count = room->counters + slots[room->order[i]];
         if (*count >= PER_CELL) continue;
         *count += 1;
         room->passed[row] = 0;
@@ -147,7 +156,7 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
 int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room)
 {
     fl_random random = fl_random_begin();
-    const size_t n = spread_out(view->field, view->rows, &random, room);
+    const size_t n = spread_out(kernels, view->field, view->rows, &random, room);
     const fl_view spread = {view->field, view->rows, room->passed, 1};
     real farthest = 0, square = 0, fourth = 0;
     absolute(kernels, &spread, surface, room->distances);
@@ -255,7 +264,7 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
               const fl_room *room, fl_fit *fit, flinders_record *record)
 {
     fl_random random = fl_random_begin();
-    const size_t rows = view->rows, n = spread_out(view->field, rows, &random, room);
+    const size_t rows = view->rows, n = spread_out(kernels, view->field, rows, &random, room);
     const fl_view spread = {view->field, rows, room->passed, 1};
     fl_view part = {view->field, rows, NULL, (rows + FL_ENOUGH - 1) / FL_ENOUGH};
     real limit = 0;

@@ -212,6 +212,8 @@ def _rows(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) 
     rows = {}
     for place, text in lines:
         cells = split(text, delimiter)
+        if len(cells) < least:
+            continue
         filled = [cell for cell in cells if cell.strip()]
         numbers = sum(number(cell, decimal) is not None for cell in filled)
         if numbers >= least and 2 * numbers >= len(filled):

@@ -317,6 +317,7 @@ def quoted(cell: str) -> str:
     return '"' + cell.replace('"', '""') + '"' if any(sign in cell for sign in ',"\r\n') else cell
 
 
+@lru_cache(4096)
 def number(cell: str, decimal: str) -> float | None:
     """Read a cell: NaN where it is empty or says so, None where it is text."""
     text = cell.strip()

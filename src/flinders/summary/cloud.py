@@ -156,7 +156,8 @@ def natural_side(field: Floats) -> float:
         return 1.0
     centre = some.mean(axis=0)
     offsets = some - centre
-    radius = float(np.median(np.sqrt(np.einsum("ij,ij->i", offsets, offsets))))
+    apart = np.sort(np.sqrt(np.einsum("ij,ij->i", offsets, offsets)))
+    radius = float(apart[(len(apart) - 1) // 2] + apart[len(apart) // 2]) / 2.0  # np.median loads numpy.ma
     return float(2.0 ** np.round(np.log2(max(radius, SMALLEST_SIDE * largest) / 12.0)))
 
 

@@ -33,6 +33,12 @@ if TYPE_CHECKING:
 _STRETCH: Final = 65536
 """Readings summarised at a time: few enough to need little memory, enough to make adding up cheap."""
 
+FLAT, FLATTEST = 0.01, 0.2
+"""Thickness over width: readings as thin as the first are flat; as thick as the second they never are."""
+
+FLAT_NOISE, NEARLY_FLAT_NOISE = 1.5, 3.0
+"""Thickness over noise: below the first it is noise; below the second it hardly stands out of it."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Summary:
@@ -180,6 +186,23 @@ class _Deferred(Summary):
     def __reduce__(self) -> tuple[type[Summary], tuple[Moments, Cloud, DataQuality]]:
         """Leave the readings behind where it is sent or copied."""
         return Summary, (self.moments, self.cloud, self.health)
+
+
+def is_flat(principal_variances: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:
+    """Whether readings of (3,) ascending principal variances lie in one plane, as those of a level turn do."""
+    thickness, width = np.sqrt(principal_variances[[0, 2]]).tolist()
+    return bool(thickness < flat_below(width, noise, within=within))
+
+
+def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> float:
+    """Thickness below which readings are flat; width is their standard deviation along the longest axis.
+
+    Readings without any width, all alike or so far off that rounding leaves none, are never flat: no plane is seen.
+
+    >>> flat_below(30.0, 0.5), flat_below(30.0, 0.0), flat_below(30.0, np.inf), flat_below(0.0, 0.5)
+    (0.75, 0.3, 6.0, 0.0)
+    """
+    return min(max(within * noise, FLAT * width), FLATTEST * width)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,142 @@
+"""What residuals have in common beside noise: a field or iron that changed meanwhile, and axes that are not linear.
+
+Drift. An offset that creeps and a field that grows leave residuals that depend on time and direction together, as
+
+    s = J δθ + t (n · ḃ + n · S u ġ),      −½ ≤ t ≤ ½ over the recording
+
+beside what noise leaves. ḃ and ġ are found by least squares along with the nine parameters, and compared with the
+scatter that the remaining residuals, as they are correlated, would give them by chance. A sensor that is turned from
+pole to pole along a spiral has time and direction in one: what only noise tells apart there is left out
+(`flinders.likelihood.identifiability`).
+
+>>> from flinders.geometry.ellipsoid import Ellipsoid
+>>> rng = np.random.default_rng(1)
+>>> directions = rng.normal(size=(1000, 3))
+>>> directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+>>> field = 50.0 * directions + rng.normal(scale=0.5, size=directions.shape)
+>>> field[:, 0] += np.linspace(-2.0, 2.0, 1000)
+>>> drift = drift_of(field, Ellipsoid(np.zeros(3), 50.0 * np.eye(3)))
+>>> round(drift.offset[0], 1), round(drift.heading_deg, -1), drift.p_value < 0.001
+(4.0, 10.0, True)
+
+Axes. An axis that reads r q (t/r)² + r c (t/r)³ too much at t, its linear reading from the centre, r the radius of the
+ellipsoid, leaves residuals that no ellipsoid takes off, and moves offset and matrix as well. Near the end of its range,
+or in a strong field of the vehicle, a sensor does so. q and c of the three axes are found by least squares along with
+the nine parameters, weighted by the noise that the fit has found, slow noise included (`nonlinearity.c`).
+
+>>> field = 50.0 * directions + rng.normal(scale=0.5, size=directions.shape)
+>>> field[:, 0] += 0.03 * 50.0 * directions[:, 0] ** 2
+>>> nonlinearity = nonlinearity_in(engine().fit(field))
+>>> round(nonlinearity.quadratic[0], 2), round(nonlinearity.heading_deg), nonlinearity.is_proven
+(0.03, 2, True)
+>>> nonlinearity.axis, f"{nonlinearity.share:.0%}"
+('x', '3%')
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.native.engine import engine
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.geometry.ellipsoid import Ellipsoid
+    from flinders.native.engine import Records
+
+BY_CHANCE: Final = 1e-4
+"""Chance below which axes are taken as not linear: it makes as much in less than one of a thousand recordings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A steady change over a recording, from its beginning to its end.
+
+    Attributes
+    ----------
+    offset : (3,) float
+        In the unit of the readings.
+    strength : float
+        Of the field, as a fraction of it.
+    heading_deg : float
+        What the change of the offset does to a level heading, at the worst heading.
+    p_value : float
+        How often chance alone makes as much.
+    """
+
+    offset: tuple[float, float, float]
+    strength: float
+    heading_deg: float
+    p_value: float
+
+
+def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:
+    """Look for a steady change in (N, 3) readings, in the order of recording; None where nothing can be told of it."""
+    return drift_in(engine().drift(readings, ellipsoid.centre, ellipsoid.shape, dip_deg=dip_deg))
+
+
+def drift_in(record: Records) -> Drift | None:
+    """The steady change that a record tells of; None where it tells nothing."""
+    if np.isnan(record["drift_deg"]):
+        return None
+    return Drift(
+        offset=tuple(record["drift_offset"].tolist()),
+        strength=float(record["drift_strength"]),
+        heading_deg=float(record["drift_deg"]),
+        p_value=float(record["drift_by_chance"]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Nonlinearity:
+    """Quadratic and cubic terms of the axes.
+
+    Attributes
+    ----------
+    quadratic, cubic : (3,) float
+        What an axis reads too much where the field lies along it, as a fraction of the field.
+    heading_deg : float
+        What they do to a level heading, at the worst heading.
+    p_value : float
+        How often chance alone makes as much.
+    """
+
+    quadratic: tuple[float, float, float]
+    cubic: tuple[float, float, float]
+    heading_deg: float
+    p_value: float
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether chance does not explain them."""
+        return self.p_value < BY_CHANCE
+
+    @property
+    def axis(self) -> str:
+        """The axis with the largest terms."""
+        return "xyz"[int(np.argmax(self._sizes))]
+
+    @property
+    def share(self) -> float:
+        """What that axis reads too much at most, over the range from -1 to 1 of the field, a fraction of the field."""
+        return max(self._sizes)
+
+    @property
+    def _sizes(self) -> tuple[float, ...]:
+        return tuple(abs(q) + abs(c) for q, c in zip(self.quadratic, self.cubic, strict=True))
+
+
+def nonlinearity_in(record: Records) -> Nonlinearity | None:
+    """The terms that a record tells of; None where it tells nothing."""
+    if np.isnan(record["nonlinear_deg"]):
+        return None
+    terms = record["nonlinearity"].tolist()
+    return Nonlinearity(
+        quadratic=tuple(terms[:3]),
+        cubic=tuple(terms[3:]),
+        heading_deg=float(record["nonlinear_deg"]),
+        p_value=float(record["nonlinear_by_chance"]),
+    )
