@@ -347,11 +347,11 @@ def broken(**changes: Any) -> str:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "holds nothing"),
+        ("", "is empty: need the truth of a recording"),
         ("{", "cannot be read as JSON"),
         ("[]", "is JSON, but not the truth of a recording"),
         (broken(flinders="calibration"), "is JSON, but not the truth of a recording"),
-        (broken(schema=2), "schema is 2, this Flinders reads 1"),
+        (broken(schema=2), "written in schema 2, this Flinders reads up to 1"),
         (broken(more=1), "object contains unknown field more"),
         (broken(sensor__noise=float("nan")), "cannot be read as JSON"),
         (broken(sensor__noise=-1.0), "sensor.noise: expected float >= 0"),
