@@ -14,6 +14,7 @@ from scipy import stats
 import flinders
 from flinders import simulate
 from flinders.comparison.comparison import Strength, compare
+from flinders.comparison.pairs import EllipsoidPairs, Pairs
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import PARAMETERS, Fitted
@@ -316,3 +317,13 @@ def test_a_shift_across_the_deck_is_seen_by_a_level_turn_and_one_along_the_mast_
     for shift, verdict in (([1.0, 0.0, 0.0], "contradict"), ([0.0, 0.0, 5.0], "agree")):
         moved = replace(full, calibration=replace(full.calibration, offset=full.calibration.offset + shift))
         assert compare(moved, turn, dip_deg=dip).verdict == verdict
+
+
+def test_a_scale_that_is_left_out_is_no_direction_also_of_rounded_covariances() -> None:
+    """An engine's are symmetric to rounding: χ² of a check went from 35 to 73 by what that left of the scale."""
+    rng = np.random.default_rng(1)
+    root, shape = rng.normal(size=(9, 9)), np.diag([48.0, 50.0, 53.0])
+    covariance = root @ root.T * (1.0 + 1e-9 * rng.normal(size=(9, 9)))
+    first = EllipsoidPairs(np.zeros((1, 3)), shape[np.newaxis], covariance[np.newaxis])
+    second = EllipsoidPairs(np.ones((1, 3)), shape[np.newaxis] + 0.1, covariance[np.newaxis])
+    assert Pairs.of(first, second).chi_square()[1] == 8

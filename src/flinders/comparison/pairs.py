@@ -298,7 +298,7 @@ def without_scale(covariance: Floats, shape: Floats, reference: Floats) -> Float
     jacobian = np.tile(np.eye(9), (*shape.shape[:-2], 1, 1))
     jacobian[..., 3:, 3:] -= upper(shape)[..., :, np.newaxis] * trace_with(reference)[..., np.newaxis, :] / 3.0
     projected: Floats = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
-    return projected
+    return (projected + np.swapaxes(projected, -1, -2)) / 2.0  # whose rank is then 8 to rounding
 
 
 def trace_with(reference: Floats) -> Floats:
