@@ -153,7 +153,9 @@ def read(path: str | os.PathLike[str]) -> Truth:
 
 def loads(text: str | bytes, *, source: str = "truth") -> Truth:
     """Understand the text of such a file; `source` names it in the `UnreadableInput` for what is wrong."""
-    return understood(text, Truth, source, what="the truth of a recording", refused=UnreadableInput)
+    return understood(
+        text, Truth, source, what="the truth of a recording, as `flinders simulate` writes it", refused=UnreadableInput
+    )
 
 
 def dumps(truth: Truth) -> str:
