@@ -234,3 +234,15 @@ def test_both_devices_are_in_the_table_and_say_how_far_off_they_are() -> None:
 def test_an_unknown_target_names_those_there_are() -> None:
     with pytest.raises(UsageError, match=r"'adis99' is not known: use one of ardupilot, px4, .*adis16480, adis16488"):
         find("adis99")
+
+
+def test_what_saturation_would_cost_is_an_upper_bound_of_what_it_costs() -> None:
+    given = calibration(np.diag([2.02, 1.0, 0.495]), [20, 0, 0])
+    with pytest.raises(NotExportable) as caught:
+        Registers.of(given)
+    clipped = Registers((-4040, 0, 0, 32767, 0, 0, 0, 0, 0, 0, 0, -16548))
+    raw = given.unapply(50 * simulate.uniform(np.random.default_rng(0), 5000))
+    cost = np.linalg.norm(clipped.apply(10 * raw) - 10 * given.apply(raw), axis=1).max()
+    stated = caught.value.evidence["error_mG"]
+    assert isinstance(stated, float)
+    assert cost <= stated <= 1.3 * cost

@@ -200,7 +200,8 @@ def _square_basis(error: HeadingError, square: float | None, freedom: int) -> st
     level = f"held level, dip {abs(error.dip_deg):g}°"
     if square is None:
         return level
-    return f"{level}; χ² {f'= {square:.3g}' if square < 1000.0 else '> 1000'} for {freedom} degrees of freedom"
+    size = f"= {round(square, 6):.3g}" if square < 1000.0 else "> 1000"
+    return f"{level}; χ² {size} for {freedom} degrees of freedom"
 
 
 def _words(comparison: Comparison, *, is_limited: bool) -> str:

@@ -197,13 +197,18 @@ def _wanted(calibration: Calibration) -> Floats:
 
 
 def _refused(calibration: Calibration, wanted: Floats, registers: Registers) -> NotExportable:
-    """Say which registers cannot hold their value, and what is lost of each."""
+    """Say which registers cannot hold their value, what is lost of each, and what that would do."""
     beyond = [index for index, code in enumerate(registers.codes) if np.rint(wanted[index]) != code]
+    worst = _largest_error(calibration, registers)
+    angle = np.rad2deg(np.arcsin(min(worst / calibration.field_strength, 1.0))) if np.isfinite(worst) else 90.0
+    off = f"by up to {figures(worst / MG, 3)} mG and {figures(float(angle))}°" if angle < 90 else "in any direction"
+    losses = "; ".join(_loss(index, float(wanted[index])) for index in beyond)
     return NotExportable(
-        f"{'; '.join(_loss(index, float(wanted[index])) for index in beyond)}. {_advice(calibration)}",
+        f"{losses}. Cut to that, corrected readings would be off {off}. {_advice(calibration)}",
         beyond=[NAMES[index] for index in beyond],
         wanted={NAMES[index]: float(wanted[index] * STEPS[index]) for index in beyond},
         lost={NAMES[index]: float((wanted[index] - registers.codes[index]) * STEPS[index]) for index in beyond},
+        error_mG=float(worst / MG),
     )
 
 
@@ -225,6 +230,18 @@ def _loss(index: int, wanted: float) -> str:
         f"{NAMES[index]} would be {'+' * (wanted > 0)}{figures(wanted * step, sizes)}{unit} and holds {room}, "
         f"{figures(lost * step, 3)}{unit} are lost"
     )
+
+
+def _largest_error(calibration: Calibration, registers: Registers) -> float:
+    """A bound in µT of how far corrected readings would be off: of |F (W' W⁻¹ − I) u + W' b + H|, field F u."""
+    matrix, offset = in_recorded_axes(calibration)
+    effective = np.eye(3) + registers.soft_iron
+    with np.errstate(all="ignore"):
+        stretch = calibration.field_strength * (effective @ np.linalg.inv(matrix) - np.eye(3))
+        shift = effective @ offset + MG * registers.hard_iron
+        if not (np.isfinite(stretch).all() and np.isfinite(shift).all()):
+            return float("inf")
+        return float(np.linalg.norm(stretch, 2) + np.linalg.norm(shift))
 
 
 def _advice(calibration: Calibration) -> str:
