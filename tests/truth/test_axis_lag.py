@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+import flinders
+from flinders import Samples
+from flinders.fitting.result import Refused
 from flinders.native.engine import engine
 from flinders.simulate import tumble
 
 if TYPE_CHECKING:
     from tests.trials import Choose
 
-    from flinders import Samples
     from flinders.arrays import Floats
+    from flinders.simulate import Sensor
 
 
 def late(samples: Samples, lags_s: tuple[float, float, float]) -> Floats:
@@ -74,3 +77,37 @@ def _slow(rng: np.random.Generator, count: int, time_s: float) -> Floats:
     for row in range(1, count):
         noise[row] += keep * noise[row - 1]
     return np.asarray(noise)
+
+
+@pytest.mark.parametrize("lag_s", [0.02, 0.06])
+def test_the_claim_covers_what_a_lag_costs_and_names_the_axis(lag_s: float) -> None:
+    """Without it a sensor that is turned quickly is several claims off."""
+    tumbled = tumble(seed=7, noise=0.2)
+    samples, sensor = tumbled.samples, tumbled.sensor
+    fit = fitted(Samples.of(late(samples, (0.0, lag_s, 0.0)), unit="uT", time=samples.time))
+    finding = next(finding for finding in fit.findings if finding.code == "axis-lag")
+    assert finding.advice.startswith("axis y is read ")
+    assert " ms later than the others" in finding.advice
+    assert fit.axis_lag is not None
+    assert fit.axis_lag.is_timed
+    assert fit.heading_error_deg.worst >= finding.number == fit.axis_lag.heading_deg
+    true = heading_error(sensor, fit)
+    assert true < 2.5 * fit.heading_error_deg.worst
+
+
+def heading_error(sensor: Sensor, fit: flinders.Fit) -> float:
+    """Worst error of a level heading without its mean, degrees, where the field dips by 60°."""
+    turned = np.radians(np.arange(0.0, 360.0, 5.0))
+    level = 50.0 * np.stack([0.5 * np.cos(turned), -0.5 * np.sin(turned), np.full(72, np.sqrt(0.75))], axis=1)
+    corrected = fit.calibration.apply(level @ sensor.matrix.T + sensor.offset)
+    off = np.degrees(np.arctan2(-corrected[:, 1], corrected[:, 0]) - turned)
+    off = (off - off[0] + 180.0) % 360.0 - 180.0
+    return float(np.abs(off - off.mean()).max())
+
+
+def fitted(samples: Samples) -> flinders.Fit:
+    """The fit, refused or not."""
+    try:
+        return flinders.fit(samples)
+    except Refused as refusal:
+        return refusal.fit

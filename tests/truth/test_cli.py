@@ -163,7 +163,7 @@ def test_json_has_the_promised_keys(home: Path) -> None:
     assert set(found) - set(promised) == {
         "uncorrected_heading_error_deg", "textbook_heading_error_deg", "alignment_error_deg", "direction_error_deg",
         "bias_deg", "held", "unseen", "samples", "independent_samples", "strays", "distortion", "drift",
-        "nonlinearity", "conditions", "repeats",
+        "nonlinearity", "axis_lag", "conditions", "repeats",
         "covariance", "tilted_heading_error_deg", "attitude_limit_deg", "autocorrelation",
     }  # fmt: skip
     assert {"offset", "matrix", "field_strength", "unit"} <= set(found["calibration"])

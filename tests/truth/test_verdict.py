@@ -297,6 +297,7 @@ ELSEWHERE: Final = {
     "test_filters.py": ("filtered",),
     "test_two_axis.py": ("composed",),
     "test_nonlinearity.py": ("nonlinear-axis",),
+    "test_axis_lag.py": ("axis-lag",),
     "test_disturbances.py": (
         "disturbance", "disturbance-unmodelled", "disturbance-constant", "disturbance-collinear-attitude",
         "disturbances-collinear", "disturbance-uncertain",

@@ -1,4 +1,4 @@
-"""What residuals have in common beside noise: a field or iron that changed meanwhile, and axes that are not linear.
+"""What residuals have in common beside noise: a field or iron that changed, axes that are not linear, or late.
 
 Drift. An offset that creeps and a field that grows leave residuals that depend on time and direction together, as
 
@@ -31,6 +31,10 @@ the nine parameters, weighted by the noise that the fit has found, slow noise in
 (0.03, 2, True)
 >>> nonlinearity.axis, f"{nonlinearity.share:.0%}"
 ('x', '3%')
+
+Lags. An axis that is read later than the others reads less by its rate of change times that lag while the sensor turns,
+which moves offset and matrix. The lags about their mean are found along with the nine parameters in the same way
+(`lag.c`); one that all axes have in common leaves no residual, and does no harm.
 """
 
 from __future__ import annotations
@@ -48,7 +52,7 @@ if TYPE_CHECKING:
     from flinders.native.engine import Records
 
 BY_CHANCE: Final = 1e-4
-"""Chance below which axes are taken as not linear: it makes as much in less than one of a thousand recordings."""
+"""Chance below which axes count as not linear, or late: it makes as much in less than one of a thousand recordings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,4 +143,54 @@ def nonlinearity_in(record: Records) -> Nonlinearity | None:
         cubic=tuple(terms[3:]),
         heading_deg=float(record["nonlinear_deg"]),
         p_value=float(record["nonlinear_by_chance"]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLag:
+    """How late each axis is read.
+
+    Attributes
+    ----------
+    lags : (3,) float
+        Of x, y and z about their mean: s, or readings where the recording has no times.
+    is_timed : bool
+        Whether they are in s.
+    heading_deg : float
+        What they do to a level heading of a vehicle at rest, at the worst heading.
+    p_value : float
+        How often chance alone makes as much.
+    """
+
+    lags: tuple[float, float, float]
+    is_timed: bool
+    heading_deg: float
+    p_value: float
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether chance does not explain them."""
+        return self.p_value < BY_CHANCE
+
+    def __str__(self) -> str:
+        """The axis that differs most from the other two, and by how much.
+
+        >>> str(AxisLag((0.02, -0.01, -0.01), True, 0.8, 0.0)), str(AxisLag((0.4, 0.3, -0.7), False, 0.8, 0.0))
+        ('axis x is read 30 ms later than the others', 'axis z is read 1.05 readings earlier than the others')
+        """
+        axis = int(np.argmax(np.abs(self.lags)))
+        apart = 1.5 * self.lags[axis]  # from the mean of the other two
+        amount = f"{abs(apart) * 1000.0:.0f} ms" if self.is_timed else f"{abs(apart):.2f} readings"
+        return f"axis {'xyz'[axis]} is read {amount} {'later' if apart > 0.0 else 'earlier'} than the others"
+
+
+def lag_in(record: Records) -> AxisLag | None:
+    """The lags of axes that a record tells of; None where it tells nothing."""
+    if np.isnan(record["lag_deg"]):
+        return None
+    return AxisLag(
+        lags=tuple(record["axis_lag"].tolist()),
+        is_timed=not np.isnan(record["start"]),
+        heading_deg=float(record["lag_deg"]),
+        p_value=float(record["lag_by_chance"]),
     )

@@ -369,6 +369,35 @@ ROWS: Final = (
         alarm=True,
     ),
     CatalogueRow(
+        code="axis-lag",
+        subject="fit",
+        grades="note from a tenth of the target on; limits above the target; refuses above five times",
+        number=(
+            "heading error, at the worst heading, of axes that are read at different moments; told where chance makes "
+            "as much less often than once in ten thousand"
+        ),
+        limit="the target",
+        action=(
+            "nothing below the target, the heading error allows for it; else read all axes at once (one burst, block "
+            "data update), or turn the sensor more slowly"
+        ),
+        rule=Rule(
+            "lag_deg",
+            (Grade("note", 0.1, "target_deg"), Grade("limits", 1.0, "target_deg"), Grade("refuses", 5.0, "target_deg")),
+            limit=Limit(1.0, "target_deg"),
+        ),
+        said=(
+            "{axis_lag}: {lag_deg}° of heading, which the heading error allows for; read all axes at once (in one "
+            "burst, with block data update), or turn the sensor more slowly"
+        ),
+        plain=(
+            "The axes of the sensor are not read at the same moment, which spoils a calibration of a sensor that is "
+            "turned quickly: {angle} of heading. The errors given here allow for it."
+        ),
+        remedy="Read all axes at once, or turn the sensor more slowly.",
+        alarm=True,
+    ),
+    CatalogueRow(
         code="structure",
         subject="fit",
         grades="note",

@@ -339,11 +339,12 @@ def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
     thickness, width = np.sqrt(records["principal_variances"][:, [0, 2]]).T
     is_absolute = inside == MICROTESLA
     every = np.ones(len(records))
+    is_bent = ~np.isnan(_likelier(records, "nonlinear", "lag"))
     return {
         "radius": radius,
         "axis_ratio": axes[:, 2] / axes[:, 0],
         "noise_share": noise / radius,
-        "structure_share": np.where(_is_bent(records), np.nan, records["distortion"] / radius),
+        "structure_share": np.where(is_bent, np.nan, records["distortion"] / radius),
         "inflation": 2.0 * axes[:, 2] / (records["highest"] - records["lowest"]).max(axis=1),
         "flatness": thickness / width,
         "flatness_limit": np.array([flat_below(w, n) / w for w, n in zip(width.tolist(), noise.tolist(), strict=True)]),
@@ -361,24 +362,30 @@ def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
     """What the covariance says about heading, with what belongs to directions."""
     level = records["radius"] * np.cos(np.deg2rad(records["dip_deg"]))
     across = np.rad2deg(np.nan_to_num(records["distortion"]) / level)
-    structure_deg = np.where(_is_bent(records), np.fmax(across, records["nonlinear_deg"]), across)
+    structure_deg = np.fmax(across, np.fmax(_proven(records, "nonlinear"), _proven(records, "lag")))
     lag_one = np.nan_to_num(records["lag_one"])
     off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
     return {
         "worst_deg": np.hypot(wider * records["level_worst_deg"], structure_deg),
         "rms_deg": np.hypot(wider * records["level_rms_deg"], structure_deg),
         "structure_deg": structure_deg,
-        "nonlinear_deg": np.where(_is_bent(records), records["nonlinear_deg"], np.nan),
+        "nonlinear_deg": _likelier(records, "nonlinear", "lag"),
+        "lag_deg": _likelier(records, "lag", "nonlinear"),
         "next_correlation": lag_one,
         "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
         "alternating_deg": np.degrees(np.arctan2(off, level)),
     }
 
 
-def _is_bent(records: Records) -> NDArray[np.bool_]:
-    """(U,) of which units an axis is proven not to be linear."""
-    bent: NDArray[np.bool_] = records["nonlinear_by_chance"] < BY_CHANCE
-    return bent
+def _proven(records: Records, fault: str) -> Floats:
+    """(U,) heading error of a fault of axes, where it is proven; else NaN."""
+    return np.where(records[f"{fault}_by_chance"] < BY_CHANCE, records[f"{fault}_deg"], np.nan)
+
+
+def _likelier(records: Records, fault: str, other: str) -> Floats:
+    """(U,) the same, where chance explains the other fault better; else NaN."""
+    is_other = records[f"{other}_by_chance"] < np.minimum(records[f"{fault}_by_chance"], BY_CHANCE)
+    return np.where(is_other, np.nan, _proven(records, fault))
 
 
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:

@@ -18,7 +18,7 @@ import numpy as np
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
 from flinders.deprecation import renamed_keywords
-from flinders.diagnostics.systematic import drift_in, drift_of, nonlinearity_in
+from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
 from flinders.estimators import Readings, method_of, within_range
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.core.units import Unit
     from flinders.diagnostics.axis_swap import AxisSwap
-    from flinders.diagnostics.systematic import Drift, Nonlinearity
+    from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
     from flinders.estimators.disturbance import Driving
@@ -497,11 +497,11 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
-def _nonlinearity(estimate: Estimate, evidence: _Evidence) -> Nonlinearity | None:
-    """Whether axes answer along a curve: told of an ellipsoid fitted to the readings as they were recorded."""
+def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
+    """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to the readings as recorded."""
     if evidence.record is None or estimate.plane or estimate.unobserved or estimate.bias.any():
-        return None
-    return nonlinearity_in(evidence.record)
+        return None, None
+    return nonlinearity_in(evidence.record), lag_in(evidence.record)
 
 
 def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
@@ -563,8 +563,8 @@ def _judged(
     estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
     error = evidence.heading_error(estimate, request.dip_deg, is_scaled=driving is None)
     dip, distortion = error.dip_deg, _distortion(estimate)
-    nonlinearity = None if driving else _nonlinearity(estimate, evidence)
-    structure_deg = structure_error_deg(distortion, nonlinearity, estimate.ellipsoid.radius, dip)
+    nonlinearity, axis_lag = (None, None) if driving else _faults_of_axes(estimate, evidence)
+    structure_deg = structure_error_deg(distortion, (nonlinearity, axis_lag), estimate.ellipsoid.radius, dip)
     result = Fit(
         calibration=calibration,
         method=estimate.method,
@@ -585,6 +585,7 @@ def _judged(
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, evidence, dip),
         nonlinearity=nonlinearity,
+        axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
         repeats=claim.repeats,

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.diagnostics.systematic import Drift, Nonlinearity
+    from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.errors import FlindersError
     from flinders.estimators.outliers import Outlier
@@ -113,14 +113,16 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
-def structure_error_deg(distortion: float, nonlinearity: Nonlinearity | None, radius: float, dip_deg: float) -> float:
+def structure_error_deg(
+    distortion: float, faults: Iterable[Nonlinearity | AxisLag | None], radius: float, dip_deg: float
+) -> float:
     """Heading error from what belongs to the direction, at a dip of the field.
 
     It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not to
-    be linear (at the worst heading), whichever is larger.
+    be linear or to be late (at the worst heading), whichever is larger.
     """
     across = float(np.rad2deg(distortion / (radius * np.cos(np.deg2rad(dip_deg)))))
-    return max(across, nonlinearity.heading_deg) if nonlinearity is not None and nonlinearity.is_proven else across
+    return max(across, *(fault.heading_deg for fault in faults if fault is not None and fault.is_proven), 0.0)
 
 
 def error_record(error: HeadingError, target_deg: float) -> HeadingErrorRecord | None:
@@ -183,6 +185,8 @@ class Fit(Outcome):
         `structure_deg` of it is in the heading error.
     drift : Drift, optional
         Where the recording is one and long enough.
+    axis_lag : AxisLag, optional
+        How late each axis is read, likewise.
     nonlinearity : Nonlinearity, optional
         Of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
         `structure_deg` has it.
@@ -239,6 +243,7 @@ class Fit(Outcome):
     distortion: float = 0.0
     drift: Drift | None = None
     nonlinearity: Nonlinearity | None = None
+    axis_lag: AxisLag | None = None
     conditions: tuple[Condition, ...] = ()
     axis_swap: AxisSwap | None = None
     unmodelled: Unmodelled | None = None
@@ -376,9 +381,15 @@ class Fit(Outcome):
         return error.combined(self.structure_deg)
 
     @property
+    def faults_of_axes(self) -> tuple[Nonlinearity | AxisLag, ...]:
+        """Axes that are proven not to be linear, and those that are proven late; what chance explains least first."""
+        faults = [fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven]
+        return tuple(sorted(faults, key=lambda fault: fault.p_value))
+
+    @property
     def structure_deg(self) -> float:
         """Heading error from what belongs to the direction: `structure_error_deg`."""
-        return structure_error_deg(self.distortion, self.nonlinearity, self.ellipsoid.radius, self.known_dip_deg)
+        return structure_error_deg(self.distortion, self.faults_of_axes, self.ellipsoid.radius, self.known_dip_deg)
 
     @property
     def attitude_limit_deg(self) -> float:
@@ -444,6 +455,7 @@ class Fit(Outcome):
             "distortion": self.distortion,
             "drift": None if self.drift is None else dataclasses.asdict(self.drift),
             "nonlinearity": None if self.nonlinearity is None else dataclasses.asdict(self.nonlinearity),
+            "axis_lag": None if self.axis_lag is None else dataclasses.asdict(self.axis_lag),
             "conditions": list(self.conditions),
             "repeats": None if self.repeats is None else self.repeats.as_dict(),
             "coverage": self.coverage.as_dict(),

@@ -264,13 +264,19 @@ def _changes(fit: Fit) -> dict[str, float]:
 
 
 def _structure(fit: Fit) -> dict[str, float]:
-    """What belongs to the direction: an axis that is proven not to be linear, or else whatever it is."""
-    found = fit.nonlinearity if fit.nonlinearity is not None and fit.nonlinearity.is_proven else None
+    """What belongs to the direction: axes that are proven not to be linear or to be late, or else whatever it is.
+
+    Of the two the one that chance explains less is said, as each looks a little like the other.
+    """
+    likeliest = fit.faults_of_axes[:1]
+    bent = fit.nonlinearity if fit.nonlinearity in likeliest else None
+    late = fit.axis_lag if fit.axis_lag in likeliest else None
     return {
         "structure_deg": fit.structure_deg,
-        "structure_share": math.nan if found else fit.distortion / fit.ellipsoid.radius,
-        "nonlinear_deg": found.heading_deg if found else math.nan,
-        "nonlinear_share": found.share if found else math.nan,
+        "structure_share": math.nan if bent else fit.distortion / fit.ellipsoid.radius,
+        "nonlinear_deg": bent.heading_deg if bent else math.nan,
+        "nonlinear_share": bent.share if bent else math.nan,
+        "lag_deg": late.heading_deg if late else math.nan,
     }
 
 
@@ -373,6 +379,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "correlation": _correlation,
     "why_biased": _why_biased,
     "nonlinear_axis": lambda fit: "" if fit.nonlinearity is None else fit.nonlinearity.axis,
+    "axis_lag": lambda fit: str(fit.axis_lag or ""),
     "contradiction": lambda fit: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
     "swap": _swap,
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,

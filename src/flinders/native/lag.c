@@ -94,14 +94,28 @@ static real chance(const fl_residuals *left, const flinders_record *record, cons
     return fl_chance_of(square * fl_share_of_distinct(record), (real)freedom, independent);
 }
 
-/* Look for axes that are late; the record stays as it is where nothing can be told of them. The slow noise of the fit
- * makes chance of what it can, and is partly the lag itself: how large that is, plain least squares tell. */
+/* What lags that are left out move the nine parameters by, from the normal matrix of all eleven. */
+static void moved_by(const real *matrix, const real lags[CONTRASTS], real moved[9])
+{
+    real inner[81], inverse[81], pull[9];
+    for (int a = 0; a < 9; a++) {
+        pull[a] = 0;
+        for (int b = 0; b < 9; b++) inner[9 * a + b] = matrix[WIDTH * a + b];
+        for (int k = 0; k < CONTRASTS; k++) pull[a] += matrix[WIDTH * a + 9 + k] * lags[k];
+    }
+    fl_inverse(inner, 9, inverse);
+    fl_multiply(inverse, pull, 9, 9, 1, moved);
+}
+
+/* Look for axes that are late; the record stays as it is where nothing can be told of them. Slow noise that the fit has
+ * found is partly the lag itself: weighted by it the lags are too small, and what chance makes of them is no smaller
+ * than it is. So plain least squares say how large they are, and the weights of the fit by how much they move it. */
 void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
             flinders_record *record)
 {
     const fl_surface *const surface = &fit->surface;
     fl_residuals left;
-    real matrix[WIDTH * WIDTH], inverse[WIDTH * WIDTH], solution[WIDTH], moved[81], rms;
+    real matrix[WIDTH * WIDTH], inverse[WIDTH * WIDTH], solution[WIDTH], plain[WIDTH * WIDTH], moved[9], square[81], rms;
     gather(kernels, view, surface, room, &left);
     if (left.n == 0 || !fl_is_noisy(&left, surface)) return;
     fl_whiten(&left, &fit->slow);
@@ -110,12 +124,13 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, r
     if (by_chance > 1) return;
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
         gather(kernels, view, surface, room, &left);
-        if (!solve(kernels, &left, matrix, inverse, solution)) return;
+        if (!solve(kernels, &left, plain, inverse, solution)) return;
     }
     record->lag_by_chance = by_chance;
     for (int axis = 0; axis < AXES; axis++)
         record->axis_lag[axis] = contrasts[0][axis] * solution[9] + contrasts[1][axis] * solution[10];
+    moved_by(matrix, solution + 9, moved);
     for (int a = 0; a < 9; a++)
-        for (int b = 0; b < 9; b++) moved[9 * a + b] = solution[a] * solution[b];
-    fl_level_errors(surface, moved, dip_deg, &rms, &record->lag_deg);
+        for (int b = 0; b < 9; b++) square[9 * a + b] = moved[a] * moved[b];
+    fl_level_errors(surface, square, dip_deg, &rms, &record->lag_deg);
 }

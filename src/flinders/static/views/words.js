@@ -186,6 +186,7 @@ export const REASONS = Object.freeze({
     outliers: "Many readings do not belong to the rest.",
     structure: "The readings do not fit an ellipsoid.",
     "nonlinear-axis": "An axis of the sensor is not linear.",
+    "axis-lag": "The axes of the sensor are not read at once.",
     "axis-ratio": "One axis reads much more than another.",
 });
 
