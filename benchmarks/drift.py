@@ -287,7 +287,7 @@ def main() -> None:
         print(of_nothing())
         print(of_nothing(is_dated=False))
     else:
-        print("| fleet | recordings | steps found | steps beside | changes found | changes beside | widened | a year |")
+        print("| fleet | recordings | steps found | false steps | changes found | false changes | widened | a year |")
         print("|---|---:|---:|---:|---:|---:|---:|---:|")
         for name, fleet in fleets(500 if asked.quick else 5_000).items():
             print(line(name, fleet), flush=True)

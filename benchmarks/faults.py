@@ -158,7 +158,7 @@ def run(pieces: Iterable[Piece], workers: int, folder: Path | None) -> Tally:
 def table(total: Tally) -> list[str]:
     """Lay it out in Markdown: a row for each fault and severity, the good units first."""
     rows = [
-        "| fault | severity | units | good | limited | refused | no fit | found | missed and off | told by |",
+        "| fault | severity | units | good | limited | refused | no fit | found | missed and off | reported by |",
         "|---|---|---:|---:|---:|---:|---:|---:|---:|---|",
     ]
     order = ["", *FAULTS]

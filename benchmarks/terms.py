@@ -204,7 +204,7 @@ def trials_of(pool: ProcessPoolExecutor, title: str, trials: int) -> list[tuple[
 
 def aids_table(pool: ProcessPoolExecutor, trials: int) -> Iterator[str]:
     """Yield what each aid leaves of the heading error."""
-    yield "| aids | heading error level, rms ° | of magnitude alone | in own axes ° | of magnitude alone | refused |"
+    yield "| aiding | heading error level, rms ° | of magnitude alone | in own axes ° | of magnitude alone | refused |"
     yield "|---|---:|---:|---:|---:|---:|"
     alone = math.nan
     for title in AIDED:
@@ -346,7 +346,7 @@ def nees_table(
     pool: ProcessPoolExecutor, trials: int, motions: Sequence[str] = MOTIONS, cases: Sequence[str] | None = None
 ) -> Iterator[str]:
     """Yield the squared errors over what was claimed: least and most of the parameters of each block."""
-    yield "| motion | aids | " + " | ".join(BLOCKS) + " | b and S together | all together | heading over claim |"
+    yield "| motion | aiding | " + " | ".join(BLOCKS) + " | b and S together | all together | heading over claim |"
     yield "|---|---|" + "---:|" * (len(BLOCKS) + 3)
     for motion, title in product(motions, cases or CASES):
         rows = pool.map(scored_trial, repeat(motion), repeat(title), range(trials), chunksize=4)

@@ -145,7 +145,7 @@ def gain_table(trials: int) -> Iterator[str]:
 
 def departures_table(trials: int) -> Iterator[str]:
     """Yield how often a disturbance of four seconds in half a minute is found."""
-    yield "| disturbance, µT | sensors | found | laid to the right one | runs found elsewhere |"
+    yield "| disturbance, µT | sensors | found | attributed to the right one | runs with a false one |"
     yield "|---:|---:|---:|---:|---:|"
     for strength in DISTURBANCES_UT:
         for sensors in (2, 3):

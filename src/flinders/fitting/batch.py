@@ -31,7 +31,7 @@ from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.result import ALIKE, Fit, Refused
 from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.likelihood.magnitude import distances
@@ -339,7 +339,7 @@ def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
     thickness, width = np.sqrt(records["principal_variances"][:, [0, 2]]).T
     is_absolute = inside == MICROTESLA
     every = np.ones(len(records))
-    is_bent = ~np.isnan(_likelier(records, "nonlinear", "lag"))
+    is_bent = ~np.isnan(_named_fault(records, "nonlinear", "lag"))
     return {
         "radius": radius,
         "axis_ratio": axes[:, 2] / axes[:, 0],
@@ -369,8 +369,8 @@ def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
         "worst_deg": np.hypot(wider * records["level_worst_deg"], structure_deg),
         "rms_deg": np.hypot(wider * records["level_rms_deg"], structure_deg),
         "structure_deg": structure_deg,
-        "nonlinear_deg": _likelier(records, "nonlinear", "lag"),
-        "lag_deg": _likelier(records, "lag", "nonlinear"),
+        "nonlinear_deg": _named_fault(records, "nonlinear", "lag"),
+        "lag_deg": _named_fault(records, "lag", "nonlinear"),
         "next_correlation": lag_one,
         "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
         "alternating_deg": np.degrees(np.arctan2(off, level)),
@@ -382,10 +382,11 @@ def _proven(records: Records, fault: str) -> Floats:
     return np.where(records[f"{fault}_by_chance"] < BY_CHANCE, records[f"{fault}_deg"], np.nan)
 
 
-def _likelier(records: Records, fault: str, other: str) -> Floats:
-    """(U,) the same, where chance explains the other fault better; else NaN."""
-    is_other = records[f"{other}_by_chance"] < np.minimum(records[f"{fault}_by_chance"], BY_CHANCE)
-    return np.where(is_other, np.nan, _proven(records, fault))
+def _named_fault(records: Records, fault: str, other: str) -> Floats:
+    """(U,) the same, but NaN where the other is likelier to be the cause of both, as `Fit.faults_of_axes` says."""
+    cost, of_other = _proven(records, fault), _proven(records, other)
+    is_likelier = records[f"{other}_by_chance"] < records[f"{fault}_by_chance"]
+    return np.where(is_likelier & (of_other >= ALIKE * cost), np.nan, cost)
 
 
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:

@@ -73,6 +73,10 @@ TILTS: Final = (10.0, 30.0, 90.0)
 """Degrees of tilt at which it is said how much worse headings get."""
 
 
+ALIKE: Final = 0.5
+"""Of what one fault of axes costs: another that is likelier and costs as much is taken for the cause of both."""
+
+
 class Outcome:
     """A calibration with findings: it has a verdict, and a file it can be written to.
 
@@ -382,14 +386,22 @@ class Fit(Outcome):
 
     @property
     def faults_of_axes(self) -> tuple[Nonlinearity | AxisLag, ...]:
-        """Axes that are proven not to be linear, and those that are proven late; what chance explains least first."""
+        """Axes that are proven not to be linear, and axes that are proven late; what chance explains least first.
+
+        Each looks a little like the other: the second is left out where the first costs half as much or more.
+        """
         faults = [fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven]
-        return tuple(sorted(faults, key=lambda fault: fault.p_value))
+        faults.sort(key=lambda fault: fault.p_value)
+        return tuple(
+            fault for fault in faults if fault is faults[0] or faults[0].heading_deg < ALIKE * fault.heading_deg
+        )
 
     @property
     def structure_deg(self) -> float:
         """Heading error from what belongs to the direction: `structure_error_deg`."""
-        return structure_error_deg(self.distortion, self.faults_of_axes, self.ellipsoid.radius, self.known_dip_deg)
+        return structure_error_deg(
+            self.distortion, (self.nonlinearity, self.axis_lag), self.ellipsoid.radius, self.known_dip_deg
+        )
 
     @property
     def attitude_limit_deg(self) -> float:

@@ -264,13 +264,10 @@ def _changes(fit: Fit) -> dict[str, float]:
 
 
 def _structure(fit: Fit) -> dict[str, float]:
-    """What belongs to the direction: axes that are proven not to be linear or to be late, or else whatever it is.
-
-    Of the two the one that chance explains less is said, as each looks a little like the other.
-    """
-    likeliest = fit.faults_of_axes[:1]
-    bent = fit.nonlinearity if fit.nonlinearity in likeliest else None
-    late = fit.axis_lag if fit.axis_lag in likeliest else None
+    """What belongs to the direction: axes that are proven not to be linear or to be late, or else whatever it is."""
+    faults = fit.faults_of_axes
+    bent = fit.nonlinearity if fit.nonlinearity in faults else None
+    late = fit.axis_lag if fit.axis_lag in faults else None
     return {
         "structure_deg": fit.structure_deg,
         "structure_share": math.nan if bent else fit.distortion / fit.ellipsoid.radius,
