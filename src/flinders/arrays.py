@@ -9,7 +9,8 @@ flinders.errors.ArrayError: field has shape (2, 2): need (..., 3), one x, y, z t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeAlias
+import math
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ Floats: TypeAlias = NDArray[np.floating[Any]]
 """An array of double-precision numbers (of a solution of equations NumPy's types say no more than "floating").
 
 Its shape and unit are in the docstring that uses it."""
+
+FEW: Final = 9
+"""Numbers up to which Python is faster than NumPy."""
 
 
 def floats(values: ArrayLike, name: str = "values") -> Floats:
@@ -127,6 +131,8 @@ def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
 
 def refuse_gaps(array: Floats, name: str) -> None:
     """Raise `ArrayError` naming the first row that is not finite."""
+    if array.size <= FEW and all(map(math.isfinite, array.ravel().tolist())):
+        return
     is_finite = np.isfinite(array)
     if is_finite.all():
         return

@@ -16,7 +16,7 @@ from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.core.calibration_file import Provenance
     from flinders.core.samples import Recording
@@ -85,11 +85,11 @@ class OutputOptions(option.Group, heading=option.OUTPUT):
 
     def refuse_convergence(self, method: str) -> None:
         """Refuse a trace of a method that cannot be watched, or in a file that is neither a drawing nor a table."""
+        if self.convergence is None:
+            return
         from flinders.estimators import METHODS
         from flinders.estimators.reference.trace import Watched
 
-        if self.convergence is None:
-            return
         watched = [name for name, kind in METHODS.items() if issubclass(kind, Watched)]
         if method not in watched:
             raise UsageError(
@@ -128,10 +128,10 @@ class Estimation(option.Group, heading=option.METHOD):
 
     def own_options(self, taken: Iterable[str]) -> dict[str, Any]:
         """Options that the method has and others have not; none of those that are `taken`."""
-        from flinders.estimators import METHODS, method_of
+        from flinders.estimators import method_of
 
         method = method_of(self.method)
-        self._refuse_of_others(METHODS)
+        self._refuse_of_others()
         own: dict[str, Any] = {"robust": True} if self.robust else {}
         if self.prior is not None:
             own["prior"] = None if self.prior == "none" else self.prior
@@ -147,14 +147,18 @@ class Estimation(option.Group, heading=option.METHOD):
         method(**typed)
         return typed
 
-    def _refuse_of_others(self, methods: Mapping[str, object]) -> None:
-        """Refuse options that go with another method."""
+    def _refuse_of_others(self) -> None:
+        """Refuse options that go with another method; all methods are imported only where they are asked about."""
         if self.robust and self.method != "auto":
             raise UsageError(
                 f"--robust goes with --method auto: leave it out, or use --method robust instead of {self.method}"
             )
-        with_prior = [name for name, kind in methods.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
-        if self.prior is not None and self.method not in with_prior:
+        if self.prior is None:
+            return
+        from flinders.estimators import METHODS
+
+        with_prior = [name for name, kind in METHODS.items() if "prior" in getattr(kind, "__dataclass_fields__", {})]
+        if self.method not in with_prior:
             raise UsageError(
                 f"--prior goes with --method {' or '.join(with_prior)}: {self.method} has none, leave --prior out"
             )

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
 UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
+ROTATIONS: Final = get_args(Rotation)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,8 +106,8 @@ class Calibration:
 
     def __post_init__(self) -> None:
         """Check the numbers and keep read-only copies of them."""
-        if self.rotation not in get_args(Rotation):
-            raise UsageError(f"rotation is {self.rotation!r}: need one of {', '.join(get_args(Rotation))}")
+        if self.rotation not in ROTATIONS:
+            raise UsageError(f"rotation is {self.rotation!r}: need one of {', '.join(ROTATIONS)}")
         object.__setattr__(self, "matrix", frozen(_invertible(self.matrix, self.rotation)))
         object.__setattr__(self, "offset", frozen(triple(self.offset, "offset")))
         object.__setattr__(self, "field_strength", _positive(self.field_strength, "field_strength"))
@@ -567,14 +568,17 @@ def _cholesky_diagonal(array: Floats) -> tuple[float, ...]:
 
 def _symmetric(array: Floats, name: str, advice: str = "") -> Floats:
     """Let through a matrix that equals its transpose to within a millionth."""
-    lack = float(np.abs(array - array.T).max())
+    (_, d, e), (g, _, f), (h, i, _) = array.tolist()
+    lack = max(abs(d - g), abs(e - h), abs(f - i))
     if lack and lack > 1e-6 * np.abs(array).max():
         raise ArrayError(f"{name} is not symmetric: entries across the diagonal differ by up to {lack:.3g}{advice}")
     return array
 
 
-def _positive(value: ArrayLike | None, name: str) -> float:
+def _positive(value: ArrayLike | float | None, name: str) -> float:
     """Let through one positive finite number."""
+    if isinstance(value, float) and 0.0 < value < math.inf:
+        return float(value)
     number = floats(0.0 if value is None else value, name)
     if number.shape != () or not (np.isfinite(number) and number > 0):
         raise UsageError(f"{name} is {number}: need one positive number")

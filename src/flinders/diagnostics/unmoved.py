@@ -119,11 +119,11 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
     (...) bool
         False where the summary has to be asked: `unmoved_deg`, rails, a level turn.
     """
-    variances, size = records["principal_variances"], np.sqrt((records["mean"] ** 2).sum(axis=-1))
+    variances, size = records["principal_variances"], np.sqrt(np.add.reduce(records["mean"] ** 2, axis=-1))
     level = np.minimum(np.maximum(size, weakest), EARTH_UT[1]) if unit == MICROTESLA else size
     is_wide = variances[..., 2] > (NARROW_BALL * level) ** 2
     is_thick = variances[..., 0] > FLATTEST**2 * variances[..., 2]
-    counts = records["end_counts"].max(axis=-1)
+    counts = np.maximum.reduce(records["end_counts"], axis=-1)
     turned: NDArray[np.bool_] = is_wide & is_thick & ((counts < RAIL_COUNT) | (counts <= RAIL_SHARE * records["rows"]))
     return turned
 

@@ -153,10 +153,10 @@ class Rule:
     def severity(self, record: Mapping[str, Any]) -> Severity | None:
         """How severe it is for one record; None where it is not found."""
         number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None
-        for grade in self.grades:  # each asks for more than the one before
-            if not beyond(number, grade.factor * record[grade.of] if grade.of else grade.factor):
+        for worse, factor, of in self.grades:  # each asks for more than the one before
+            if not beyond(number, factor * record[of] if of else factor):
                 break
-            severity = grade.severity
+            severity = worse
         return severity if severity and all(need.holds(record) for need in self.needs) else None
 
     def holds(self, record: Mapping[str, Any]) -> dict[Severity, Any]:

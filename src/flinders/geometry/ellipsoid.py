@@ -30,6 +30,9 @@ GATHER: Final = np.zeros((12, 9))
 GATHER[[0, 1, 2], [0, 1, 2]] = 1.0
 GATHER[[3, 7, 11, 4, 6, 5, 9, 8, 10], [3, 4, 5, 6, 6, 7, 7, 8, 8]] = 1.0
 
+SYMMETRIC: Final = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
+"""(3, 3) which of the entries 11, 22, 33, 12, 13, 23 stands where in a symmetric matrix."""
+
 
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
@@ -122,8 +125,8 @@ class Ellipsoid:
 
 def symmetric(entries: Floats) -> Floats:
     """(3, 3) symmetric matrix of its entries 11, 22, 33, 12, 13, 23."""
-    xx, yy, zz, xy, xz, yz = entries
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    matrix: Floats = entries[SYMMETRIC]
+    return matrix
 
 
 def upper(matrix: Floats) -> Floats:

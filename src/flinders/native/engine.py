@@ -125,8 +125,9 @@ class Engine:
                 f"the engine's record has {found[0]} bytes with numbers of {found[1]}, this module expects "
                 f"{RECORD.itemsize} and 8: run python -m flinders.native.build"
             )
-        self._defaults: Records = np.zeros((), dtype=OPTIONS)
-        self._library.flinders_default_options(self._defaults)
+        defaults = _blank(OPTIONS)
+        self._library.flinders_default_options(defaults)
+        self._defaults = defaults.tobytes()
 
     def fit(
         self, field: ArrayLike, *, time: ArrayLike | None = None, ends: ArrayLike | None = None, **options: float
@@ -145,7 +146,7 @@ class Engine:
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
         times = None if time is None else np.ascontiguousarray(time, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
-        record, (workspace, size) = np.zeros((), dtype=RECORD), self._workspace(len(readings))
+        record, (workspace, size) = _blank(RECORD), self._workspace(len(readings))
         self._library.flinders_fit_parts(
             readings,
             times,
@@ -202,7 +203,7 @@ class Engine:
         """
         readings = np.ascontiguousarray(field, dtype=np.float64)
         parts = None if ends is None else np.ascontiguousarray(ends, dtype=np.int64)
-        record = np.zeros((), dtype=RECORD)
+        record = _blank(RECORD)
         workspace, size = self._workspace(len(readings))
         self._library.flinders_polish(
             readings,
@@ -230,7 +231,7 @@ class Engine:
             Inclination of the field, -89 to 89.
         """
         readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
-        record, (workspace, size) = np.zeros((), dtype=RECORD), self._workspace(len(readings))
+        record, (workspace, size) = _blank(RECORD), self._workspace(len(readings))
         self._library.flinders_drift(
             readings,
             len(readings),
@@ -250,7 +251,7 @@ class Engine:
 
     def options(self, **changes: float) -> Records:
         """The default options, some of them changed; raises KeyError for one that there is not."""
-        options = self._defaults.copy()
+        options: Records = np.ndarray((), OPTIONS, bytearray(self._defaults))
         for name, value in changes.items():
             if name not in (OPTIONS.names or ()):
                 raise KeyError(f"there is no option {name!r}: need one of {', '.join(OPTIONS.names or ())}")
@@ -267,7 +268,7 @@ class Engine:
 
     def sums(self, field: ArrayLike = (), *, origin: ArrayLike = (0.0, 0.0, 0.0), scale: float = 1.0) -> Records:
         """Sums of powers of readings about an origin, to which `add` adds."""
-        sums = np.zeros((), dtype=SUMS)
+        sums = _blank(SUMS)
         self._library.flinders_sums_begin(sums, np.array(origin, dtype=np.float64), scale)
         return self.add(sums, field)
 
@@ -286,7 +287,7 @@ class Engine:
 
     def solve(self, sums: ArrayLike, *, origin: ArrayLike = (0.0, 0.0, 0.0), unit: float = 1.0) -> Records:
         """The consistent fit of (35,) sums about an origin, of readings over a unit: the record."""
-        record, row = np.zeros((), dtype=RECORD), np.zeros((), dtype=SUMS)
+        record, row = _blank(RECORD), _blank(SUMS)
         row["sums"], row["origin"], row["scale"] = sums, origin, unit
         self._library.flinders_sums_solve(row, record)
         return record
@@ -318,6 +319,11 @@ def _library() -> Path:
         return library()
     except NoCompiler as error:
         raise NoEngine(str(error)) from error
+
+
+def _blank(fields: np.dtype[np.void]) -> Records:
+    """One row of a layout, all of it zero; `numpy.zeros` would go through its fields one by one."""
+    return np.ndarray((), fields, bytearray(fields.itemsize))
 
 
 def _entries(shape: ArrayLike) -> Floats:
