@@ -149,7 +149,7 @@ def test_an_asymmetric_truth_is_found_up_to_one_rotation(matrix: Floats) -> None
     npt.assert_allclose(rotation @ rotation.T, np.eye(3), atol=2e-3)
     finding = next(finding for finding in fit.findings if finding.code == "rotation-unknown")
     assert finding.severity == "note"
-    assert "how the axes sit in the vehicle is unseen" in finding.advice
+    assert "the mounting angle cannot be seen by a magnetometer" in finding.advice
     assert fit.calibration.rotation == "symmetric"
 
 

@@ -80,7 +80,7 @@ ROWS: Final = (
             "depend on it"
         ),
         rule=Rule("is_relative", (Grade("note", 0.0),), number="field_strength", limit=Limit(0.0)),
-        said="no field strength given: lengths ({length}) are relative, headings are not",
+        said="field strength unknown: lengths ({length}) are relative, headings unaffected",
         plain=(
             "The strength of the field at the place of recording was not given. The length of corrected readings,"
             " {length}, is therefore a convention. Headings do not depend on it."
@@ -94,7 +94,7 @@ ROWS: Final = (
         limit="",
         action="measure the mounting by other means: a magnetometer alone cannot see it",
         rule=Rule("is_unaligned", (Grade("note", 0.0),), number="nothing", limit=Limit(0.0)),
-        said="how the axes sit in the vehicle is unseen, and not in the heading error",
+        said="the mounting angle cannot be seen by a magnetometer and is not included",
         plain=(
             "How the sensor is turned against the vehicle cannot be seen by a magnetometer. A sensor that is "
             "mounted askew adds to the errors given here."
