@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import contextlib
 import os
+import subprocess
+import sys
 import tty
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from tests.sketches import SHAPES, printed
 
 import flinders
 from flinders import simulate
-from flinders.cli import main
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,8 +29,11 @@ FIVE: Final = (
 )  # fmt: skip
 
 
-def run(*words: str) -> Result:
-    return CliRunner().invoke(main, list(words), prog_name="flinders")
+def run(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
+    return subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
@@ -45,10 +48,7 @@ def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
 
 
 @pytest.mark.parametrize("name", FIVE)
-def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(name: str, tmp_path: Path) -> None:
     shape = next(shape for shape in SHAPES if shape["name"] == name)
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -56,17 +56,19 @@ def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
     sender = Thread(target=print_to, args=(master, shape, is_over))
     sender.start()
     try:
-        recorded = run("record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv")
+        recorded = run(
+            "record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv", folder=tmp_path
+        )
     finally:
         is_over.set()
         sender.join()
     os.close(slave)
     os.close(master)
-    assert recorded.exit_code == 0, recorded.stderr
-    calibrated = run("calibrate", "tumble.csv", "-o", "calibration.json")
-    assert calibrated.exit_code == 0, calibrated.stderr
-    exported = run("export", "--to", "arduino", "calibration.json", "-o", "calibration.h")
-    assert exported.exit_code == 0, exported.stderr
+    assert recorded.returncode == 0, recorded.stderr
+    calibrated = run("calibrate", "tumble.csv", "-o", "calibration.json", folder=tmp_path)
+    assert calibrated.returncode == 0, calibrated.stderr
+    exported = run("export", "--to", "arduino", "calibration.json", "-o", "calibration.h", folder=tmp_path)
+    assert exported.returncode == 0, exported.stderr
     assert "MAG_MATRIX" in (tmp_path / "calibration.h").read_text(encoding="utf-8")
     calibration = flinders.Calibration.load(tmp_path / "calibration.json")
     _, numbers = printed(shape, TUMBLE.samples)
