@@ -244,6 +244,21 @@ static void distances(const fl_view *view, const fl_surface *surface, real *out)
     }
 }
 
+/* Whether at least `fewest` readings are closer to the surface than a limit; those behind the point where no more can be
+ * are not looked at. */
+static int has_closer(const fl_view *view, const fl_surface *surface, real limit, size_t fewest)
+{
+    real block[3][FL_BLOCK], s[FL_BLOCK];
+    size_t m, left = fl_view_count(view), close = 0;
+    cursor at = {0, 0};
+    while (close + left >= fewest && (m = gather(view, &at, block)) > 0) {
+        sampson((const real(*)[FL_BLOCK])block, surface, s);
+        for (size_t i = 0; i < m; i++) close += fl_abs(s[i]) < limit;
+        left -= m;
+    }
+    return close >= fewest;
+}
+
 /* Sum of their squares. */
 static real cost(const fl_view *view, const fl_surface *surface)
 {
@@ -596,5 +611,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, distances, cost, information, gram, squares, cells, filter, keys, breaks,
+    powers, products, curvature, distances, has_closer, cost, information, gram, squares, cells, filter, keys, breaks,
     steps, ends, ordinary};

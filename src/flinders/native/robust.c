@@ -140,10 +140,9 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (quadric_of(local, order, quadric) || fl_surface_of_quadric(quadric, ORIGIN, 1, &tried)) continue;
         fl_sym3_values(tried.shape, axes);
         if (!(axes[2] < 5 * axes[0])) continue;
+        if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
-        const real score = fl_select(distances, chosen, chosen / 2);
-        if (!(score < best)) continue;
-        best = score;
+        best = fl_select(distances, chosen, chosen / 2);
         winner = tried;
     }
     if (!(best < FL_HUGE)) return 1;
