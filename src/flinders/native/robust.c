@@ -244,9 +244,9 @@ static size_t mark_far(const fl_kernels *kernels, const fl_view *view, const fl_
 static int fit_near(const fl_kernels *kernels, const fl_view *all, const flinders_options *options, int dense,
                     real limit, const fl_room *room, fl_fit *fit)
 {
-    const fl_surface start = fit->surface;
+    const fl_surface start = fit->used ? fit->posterior.surface : fit->surface; /* where steps ended */
     const fl_view every = {all->field, all->rows, NULL, 1};
-    mark_far(kernels, &every, &start, limit, room, room->far);
+    mark_far(kernels, &every, &fit->surface, limit, room, room->far);
     for (size_t begin = 0, part = 0; begin < all->rows; part++) {
         const size_t end = part < room->parts ? (size_t)room->ends[part] : all->rows;
         mark_runs(room->far + begin, end - begin, dense, room->rejected + begin);
