@@ -244,7 +244,8 @@ static size_t mark_far(const fl_kernels *kernels, const fl_view *view, const fl_
 static int fit_near(const fl_kernels *kernels, const fl_view *all, const flinders_options *options, int dense,
                     real limit, const fl_room *room, fl_fit *fit)
 {
-    const fl_surface start = fit->used ? fit->posterior.surface : fit->surface; /* where steps ended */
+    const int is_at_minimum = fit->used && fit->posterior.support.is_whole && fit->steps < FL_STEPS;
+    const fl_surface start = is_at_minimum ? fit->posterior.surface : fit->surface; /* which curvature corrected */
     const fl_view every = {all->field, all->rows, NULL, 1};
     mark_far(kernels, &every, &fit->surface, limit, room, room->far);
     for (size_t begin = 0, part = 0; begin < all->rows; part++) {
