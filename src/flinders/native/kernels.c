@@ -335,6 +335,27 @@ static void gram(const real *rows, const real *distances, size_t n, int width, r
     }
 }
 
+/* Add Σ J(i) Aᵀ over n consecutive rows (n, width + 1), A the sum of later Jacobians, J(i + lag) times the weight of the
+ * lag. Up to three numbers behind the width are read and not used. */
+static void lagged(const real *rows, size_t n, int width, const int *lags, const real *weights, int count, real *product)
+{
+    real sums[FL_WIDEST][FL_WIDEST + 3] = {{0}};
+    const int stride = width + 1;
+    for (size_t i = 0; i < n; i++) {
+        const real *const row = rows + (size_t)stride * i;
+        while (count > 0 && i + (size_t)lags[count - 1] >= n) count--;
+        for (int begin = 0; begin < width; begin += 4) {
+            real ahead[4] = {0};
+            for (int k = 0; k < count; k++)
+                for (int b = 0; b < 4; b++) ahead[b] += weights[k] * row[stride * lags[k] + begin + b];
+            for (int a = 0; a < width; a++)
+                for (int b = 0; b < 4; b++) sums[a][begin + b] += row[a] * ahead[b];
+        }
+    }
+    for (int a = 0; a < width; a++)
+        for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
+}
+
 /* How many sectors of half a band begin before directions at so large x of a radius; those at y >= 0 begin there. */
 static inline void pass_sectors(const real *begins, int n, const real x[FL_BLOCK], const real y[FL_BLOCK],
                                 const real radius[FL_BLOCK], real passed[FL_BLOCK])
@@ -623,5 +644,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, distances, has_closer, cost, information, gram, squares, cells, filter, keys, breaks,
+    powers, products, curvature, distances, has_closer, cost, information, gram, lagged, squares, cells, filter, keys, breaks,
     steps, ends, ordinary};
