@@ -336,21 +336,22 @@ static void gram(const real *rows, const real *distances, size_t n, int width, r
 }
 
 /* Add Σ J(i) Aᵀ over n consecutive rows (n, width + 1), A the sum of later Jacobians, J(i + lag) times the weight of the
- * lag. Up to three numbers behind the width are read and not used. */
+ * lag; lags ascend. */
 static void lagged(const real *rows, size_t n, int width, const int *lags, const real *weights, int count, real *product)
 {
-    real sums[FL_WIDEST][FL_WIDEST + 3] = {{0}};
-    const int stride = width + 1;
-    for (size_t i = 0; i < n; i++) {
-        const real *const row = rows + (size_t)stride * i;
-        while (count > 0 && i + (size_t)lags[count - 1] >= n) count--;
-        for (int begin = 0; begin < width; begin += 4) {
-            real ahead[4] = {0};
-            for (int k = 0; k < count; k++)
-                for (int b = 0; b < 4; b++) ahead[b] += weights[k] * row[stride * lags[k] + begin + b];
-            for (int a = 0; a < width; a++)
-                for (int b = 0; b < 4; b++) sums[a][begin + b] += row[a] * ahead[b];
+    real sums[FL_WIDEST + 1][FL_WIDEST + 1] = {{0}}, ahead[FL_BLOCK * (FL_WIDEST + 1)];
+    const size_t stride = (size_t)width + 1;
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        const real *const block = rows + stride * begin;
+        memset(ahead, 0, sizeof ahead);
+        for (int k = 0; k < count && begin + (size_t)lags[k] < n; k++) {
+            const size_t lag = (size_t)lags[k], left = n - begin - lag, numbers = stride * (left < m ? left : m);
+            for (size_t i = 0; i < numbers; i++) ahead[i] += weights[k] * block[stride * lag + i];
         }
+        for (size_t i = 0; i < m; i++)
+            for (int a = 0; a < width; a++)
+                for (int b = 0; b <= width; b++) sums[a][b] += block[stride * i + (size_t)a] * ahead[stride * i + (size_t)b];
     }
     for (int a = 0; a < width; a++)
         for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
