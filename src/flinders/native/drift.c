@@ -5,7 +5,7 @@
  */
 #include "residuals.h"
 
-enum { PARAMETERS = 13, STRIDE = 14, FEWEST_INDEPENDENT = 20, CHANGES = 4 };
+enum { PARAMETERS = 13, FEWEST_INDEPENDENT = 20, CHANGES = 4 };
 
 #define LEAST_SHARE ((real)0.1) /* part of a change in an unobserved direction, from which on it is not told */
 
@@ -37,7 +37,7 @@ static void spurious(void *context, real *matrix)
         fl_turning(from->surface, direction, turned);
         for (int t = 0; t < 2; t++) {
             memcpy(row, turned[t], sizeof turned[t]);
-            with_change(from->surface, residuals->rows[STRIDE * i + PARAMETERS], row);
+            with_change(from->surface, residuals->rows[residuals->stride * i + PARAMETERS], row);
             for (int a = 0; a < PARAMETERS; a++)
                 for (int b = 0; b <= a; b++) matrix[PARAMETERS * a + b] += row[a] * row[b];
         }
@@ -113,17 +113,17 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     real covariance[PARAMETERS * PARAMETERS];
     real gradient[PARAMETERS], solution[PARAMETERS], onto[CHANGES * CHANGES], change[CHANGES], spread[CHANGES * CHANGES];
     real square = 0, rms, moved[81] = {0};
-    fl_gather_evenly(kernels, view, surface, room, PARAMETERS, &left);
+    fl_gather_evenly(kernels, view, surface, room, 0, PARAMETERS, &left);
     if (left.n == 0) return;
     for (size_t i = 0; i < left.n; i++) {
-        real *row = left.rows + STRIDE * i;
+        real *row = left.rows + left.stride * i;
         with_change(surface, row[PARAMETERS], row);
         square += left.distances[i] * left.distances[i];
     }
     const real least = FL_FINEST * surface->radius, mean = square / (real)left.n;
     const real variance = mean > least * least ? mean : least * least;
     scattered context = {surface, &left};
-    kernels->gram(left.rows, left.distances, left.n, PARAMETERS, matrix, gradient);
+    kernels->gram(left.rows, left.stride, left.distances, left.n, PARAMETERS, matrix, gradient);
     for (int i = 0; i < PARAMETERS * PARAMETERS; i++) information[i] = matrix[i] / variance;
     fl_support_of(information, PARAMETERS, spurious, &context, &support);
     if (!observed_changes(&support, onto)) return;

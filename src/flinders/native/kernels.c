@@ -273,9 +273,9 @@ static real cost(const fl_view *view, const fl_surface *surface)
     return total(lanes);
 }
 
-/* (N, width + 1) rows that begin with the Jacobian at the direction of each reading and its distance; and these (3,
+/* (N, stride) rows that begin with the Jacobian at the direction of each reading and its distance; and these (3,
  * FL_LOOKED) directions. Returns the readings. */
-static size_t information(const fl_view *view, const fl_surface *surface, size_t width, real *out, real *directions)
+static size_t information(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions)
 {
     const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
     const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
@@ -302,7 +302,7 @@ static size_t information(const fl_view *view, const fl_surface *surface, size_t
             rows[6][i] = nx * uy + ny * ux, rows[7][i] = nx * uz + nz * ux, rows[8][i] = ny * uz + nz * uy;
             rows[9][i] = (length - 1) * per_steepness;
         }
-        for (size_t i = 0; i < m; i++, out += width + 1)
+        for (size_t i = 0; i < m; i++, out += stride)
             for (int row = 0; row < 10; row++) out[row] = rows[row][i];
         for (int axis = 0; axis < 3; axis++)
             memcpy(directions + axis * FL_LOOKED + count, rows[10 + axis], m * sizeof(real));
@@ -311,15 +311,15 @@ static size_t information(const fl_view *view, const fl_surface *surface, size_t
     return count;
 }
 
-/* Σ JJᵀ and Σ J s of rows (n, width + 1): four rows and four columns at a time, the distance behind the Jacobian. */
-static void gram(const real *rows, const real *distances, size_t n, int width, real *matrix, real *gradient)
+/* Σ JJᵀ and Σ J s of the first columns of rows (n, stride): four rows and four columns at a time, the distance behind the Jacobian. */
+static void gram(const real *rows, size_t stride, const real *distances, size_t n, int width, real *matrix, real *gradient)
 {
     enum { COLUMNS = (FL_WIDEST + 4) / 4 * 4 };
     real sums[COLUMNS][COLUMNS] = {{0}}, four[4][COLUMNS] = {{0}};
     for (size_t i = 0; i < n; i += 4) {
         for (size_t k = 0; k < 4; k++) {
             if (i + k < n) {
-                memcpy(four[k], rows + (size_t)(width + 1) * (i + k), (size_t)width * sizeof(real));
+                memcpy(four[k], rows + stride * (i + k), (size_t)width * sizeof(real));
                 four[k][width] = distances[i + k];
             } else memset(four[k], 0, sizeof four[k]);
         }
@@ -335,23 +335,24 @@ static void gram(const real *rows, const real *distances, size_t n, int width, r
     }
 }
 
-/* Add Σ J(i) Aᵀ over n consecutive rows (n, width + 1), A the sum of later Jacobians, J(i + lag) times the weight of the
- * lag; lags ascend. */
-static void lagged(const real *rows, size_t n, int width, const int *lags, const real *weights, int count, real *product)
+/* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of later Jacobians, J(i + lag) times
+ * the weight of the lag; lags ascend. */
+static void lagged(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights, int count,
+                   real *product)
 {
-    real sums[FL_WIDEST + 1][FL_WIDEST + 1] = {{0}}, ahead[FL_BLOCK * (FL_WIDEST + 1)];
-    const size_t stride = (size_t)width + 1;
+    real sums[FL_WIDEST][FL_WIDEST] = {{0}}, ahead[FL_BLOCK * FL_COLUMNS];
+    const size_t unused = stride - (size_t)width;
     for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
         const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
         const real *const block = rows + stride * begin;
         memset(ahead, 0, sizeof ahead);
         for (int k = 0; k < count && begin + (size_t)lags[k] < n; k++) {
-            const size_t lag = (size_t)lags[k], left = n - begin - lag, numbers = stride * (left < m ? left : m);
+            const size_t lag = (size_t)lags[k], left = n - begin - lag, numbers = stride * (left < m ? left : m) - unused;
             for (size_t i = 0; i < numbers; i++) ahead[i] += weights[k] * block[stride * lag + i];
         }
         for (size_t i = 0; i < m; i++)
             for (int a = 0; a < width; a++)
-                for (int b = 0; b <= width; b++) sums[a][b] += block[stride * i + (size_t)a] * ahead[stride * i + (size_t)b];
+                for (int b = 0; b < width; b++) sums[a][b] += block[stride * i + (size_t)a] * ahead[stride * i + (size_t)b];
     }
     for (int a = 0; a < width; a++)
         for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
