@@ -13,7 +13,7 @@ void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_sur
 {
     fl_gather_evenly(kernels, view, surface, room, FL_LAGS_OF_AXES, COLUMNS, out);
     fl_add_lags(view, room, out);
-    fl_add_nonlinear(surface, out);
+    kernels->nonlinear(surface, out->directions, out->n, out->stride, out->rows + FL_LAGS_OF_AXES);
     for (size_t i = 0; i < out->n; i++) out->rows[out->stride * i + COLUMNS] = out->distances[i];
 }
 

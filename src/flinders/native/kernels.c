@@ -311,6 +311,45 @@ static size_t information(const fl_view *view, const fl_surface *surface, size_t
     return count;
 }
 
+/* Six terms behind the Jacobian of rows (n, stride): what the square and the cube of each axis' distance from the centre
+ * over the radius, t, make of the distance from the surface; of the (3, FL_LOOKED) directions of the readings. */
+static void nonlinear(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows)
+{
+    static const unsigned char ENTRY[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
+    const real *const x = directions, *const y = directions + FL_LOOKED, *const z = directions + 2 * FL_LOOKED;
+    const real per_radius = 1 / surface->radius;
+    real squares_of[FL_BLOCK], cubes_of[FL_BLOCK];
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        for (int axis = 0; axis < 3; axis++) {
+            const unsigned char *entry = ENTRY[axis];
+            const real sx = surface->shape[entry[0]], sy = surface->shape[entry[1]], sz = surface->shape[entry[2]];
+            for (size_t i = 0; i < m; i++) {
+                const real local = sx * x[begin + i] + sy * y[begin + i] + sz * z[begin + i], t = local * per_radius;
+                squares_of[i] = local * t, cubes_of[i] = squares_of[i] * t;
+            }
+            for (size_t i = 0; i < m; i++) {
+                real *const row = rows + stride * (begin + i), normal = row[axis];
+                row[9 + axis] = normal * squares_of[i], row[12 + axis] = normal * cubes_of[i];
+            }
+        }
+    }
+}
+
+/* Take what the first columns of rows (n, stride) explain off the distances. */
+static void take_off(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances)
+{
+    for (size_t i = 0; i < n; i++) {
+        const real *row = rows + stride * i;
+        real four[4] = {0};
+        int a = 0;
+        for (; a + 4 <= width; a += 4)
+            for (int lane = 0; lane < 4; lane++) four[lane] += row[a + lane] * solution[a + lane];
+        for (int lane = 0; a < width; a++, lane++) four[lane] += row[a] * solution[a];
+        distances[i] -= (four[0] + four[2]) + (four[1] + four[3]);
+    }
+}
+
 /* Σ JJᵀ and Σ J s of the first columns of rows (n, stride): four rows and four columns at a time, the distance behind the Jacobian. */
 static void gram(const real *rows, size_t stride, const real *distances, size_t n, int width, real *matrix, real *gradient)
 {
@@ -646,5 +685,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, distances, has_closer, cost, information, gram, lagged, squares, cells, filter, keys, breaks,
+    powers, products, curvature, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares, cells, filter, keys, breaks,
     steps, ends, ordinary};

@@ -56,17 +56,6 @@ static real level_error(const fl_surface *surface, const real solution[WIDTH], r
     return TO_DEG * worst;
 }
 
-/* Fill the six terms of each row. */
-void fl_add_nonlinear(const fl_surface *surface, fl_residuals *all)
-{
-    for (size_t i = 0; i < all->n; i++) {
-        real direction[3], added[TERMS], *row = all->rows + all->stride * i + FL_LAGS_OF_AXES;
-        for (int axis = 0; axis < 3; axis++) direction[axis] = all->directions[axis * FL_LOOKED + i];
-        displacements(surface, direction, added);
-        for (int term = 0; term < TERMS; term++) row[9 + term] = row[term % 3] * added[term];
-    }
-}
-
 /* Whether a solution takes off what residuals of one direction have in common at different times. */
 static int explains(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                     const real solution[WIDTH])
@@ -75,8 +64,7 @@ static int explains(const fl_kernels *kernels, const fl_view *view, const fl_sur
     fl_gather_axes(kernels, view, surface, room, &left);
     kernels->cells(left.directions, left.directions + FL_LOOKED, left.directions + 2 * FL_LOOKED, left.n, left.cells);
     const real before = fl_common_variance(&left, surface);
-    left.rows += FL_LAGS_OF_AXES, left.width = WIDTH;
-    fl_take_off(&left, solution);
+    kernels->take_off(left.rows + FL_LAGS_OF_AXES, left.stride, left.n, WIDTH, solution, left.distances);
     return fl_common_variance(&left, surface) < (1 - EXPLAINED) * before;
 }
 

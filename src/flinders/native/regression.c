@@ -81,21 +81,6 @@ void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
     residuals->n = residuals->begins[1] = kept;
 }
 
-/* Take what the terms explain off the distances. */
-void fl_take_off(fl_residuals *residuals, const real *solution)
-{
-    const int n = residuals->width;
-    for (size_t i = 0; i < residuals->n; i++) {
-        const real *row = residuals->rows + residuals->stride * i;
-        real lanes[4] = {0};
-        int a = 0;
-        for (; a + 4 <= n; a += 4)
-            for (int lane = 0; lane < 4; lane++) lanes[lane] += row[a + lane] * solution[a + lane];
-        for (int lane = 0; a < n; a++, lane++) lanes[lane] += row[a] * solution[a];
-        residuals->distances[i] -= (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
-    }
-}
-
 /* Covariance of a solution, its residuals as they are correlated, from Σ JJᵀ and its inverse. Returns how many of the
  * residuals are independent, beyond those that the terms take. */
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
@@ -147,7 +132,7 @@ int fl_regress(const fl_kernels *kernels, const fl_residuals *all, int first, in
     if (!is_distinct(out->matrix, width)) return 0;
     fl_inverse(out->matrix, width, out->inverse);
     fl_multiply(out->inverse, gradient, width, width, 1, out->solution);
-    fl_take_off(left, out->solution);
+    kernels->take_off(left->rows, left->stride, left->n, width, out->solution, left->distances);
     return 1;
 }
 
