@@ -93,7 +93,7 @@ typedef struct {
     size_t (*rows)(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions);
     void (*nonlinear)(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows);
     void (*take_off)(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances);
-    void (*gram)(const real *rows, size_t stride, const real *distances, size_t n, int width, real *matrix, real *gradient);
+    void (*gram)(const real *rows, size_t n, int columns, real *matrix);
     void (*lagged)(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights, int count,
                    real *product);
     void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);

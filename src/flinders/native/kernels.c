@@ -350,28 +350,26 @@ static void take_off(const real *rows, size_t stride, size_t n, int width, const
     }
 }
 
-/* Σ JJᵀ and Σ J s of the first columns of rows (n, stride): four rows and four columns at a time, the distance behind the Jacobian. */
-static void gram(const real *rows, size_t stride, const real *distances, size_t n, int width, real *matrix, real *gradient)
+/* Add products of the columns of four rows, four columns at a time: those on and above the diagonal, and some more. */
+static inline void add_four(const real *rows, size_t stride, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
 {
-    enum { COLUMNS = (FL_WIDEST + 4) / 4 * 4 };
-    real sums[COLUMNS][COLUMNS] = {{0}}, four[4][COLUMNS] = {{0}};
-    for (size_t i = 0; i < n; i += 4) {
-        for (size_t k = 0; k < 4; k++) {
-            if (i + k < n) {
-                memcpy(four[k], rows + stride * (i + k), (size_t)width * sizeof(real));
-                four[k][width] = distances[i + k];
-            } else memset(four[k], 0, sizeof four[k]);
-        }
-        for (int a = 0; a < width; a++)
-            for (int begin = a / 4 * 4; begin <= width; begin += 4)
-                for (int b = begin; b < begin + 4; b++)
-                    sums[a][b] += four[0][a] * four[0][b] + four[1][a] * four[1][b] + four[2][a] * four[2][b] +
-                                  four[3][a] * four[3][b];
-    }
-    for (int a = 0; a < width; a++) {
-        gradient[a] = sums[a][width];
-        for (int b = a; b < width; b++) matrix[width * a + b] = matrix[width * b + a] = sums[a][b];
-    }
+    const real *const one = rows, *const two = one + stride, *const three = two + stride, *const four = three + stride;
+    for (int a = 0; a < columns; a++)
+        for (int begin = a / 4 * 4; begin < columns; begin += 4)
+            for (int b = begin; b < begin + 4; b++)
+                sums[a][b] += one[a] * one[b] + two[a] * two[b] + three[a] * three[b] + four[a] * four[b];
+}
+
+/* Products of the columns of rows (n, columns), a symmetric matrix. */
+static void gram(const real *rows, size_t n, int columns, real *matrix)
+{
+    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}}, last[5 * FL_COLUMNS] = {0};
+    const size_t stride = (size_t)columns, most = n > 4 ? (n - 1) / 4 * 4 : 0;
+    for (size_t i = 0; i < most; i += 4) add_four(rows + stride * i, stride, columns, sums);
+    memcpy(last, rows + stride * most, stride * (n - most) * sizeof(real));
+    add_four(last, stride, columns, sums);
+    for (int a = 0; a < columns; a++)
+        for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
 }
 
 /* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of later Jacobians, J(i + lag) times

@@ -90,10 +90,11 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, c
     fl_residuals all;
     fl_regression plain;
     const real *lags = found->solution;
-    real moved[9], square[81], rms;
+    real products[FL_COLUMNS * FL_COLUMNS], moved[9], square[81], rms;
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
         fl_gather_axes(kernels, view, &fit->surface, room, &all);
-        if (!fl_regress(kernels, &all, 0, WIDTH, &plain)) return;
+        kernels->gram(all.rows, all.n, all.width + 1, products);
+        if (!fl_regress(kernels, &all, products, 0, WIDTH, &plain)) return;
         lags = plain.solution;
     }
     record->lag_by_chance = by_chance;

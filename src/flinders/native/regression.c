@@ -16,7 +16,7 @@ static void places_of(const fl_view *view, uint32_t *out)
 }
 
 /* The readings that are looked at, evenly spaced, with nine derivatives each, room for further terms before and behind
- * these, and the time from -0.5 to 0.5; none where they are too few. */
+ * these, and the distance; none where they are too few. */
 void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                       int before, int width, fl_residuals *out)
 {
@@ -41,7 +41,7 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
         for (int axis = 0; axis < 3; axis++) out->directions[axis * FL_LOOKED + out->n] = direction[axis];
         out->places[out->n] = out->places[i];
         out->distances[out->n++] = row[before + 9];
-        row[width] = (real)i / (real)(count - 1) - (real)0.5;
+        row[width] = out->distances[out->n - 1];
     }
     out->begins[0] = 0, out->begins[1] = out->n;
 }
@@ -120,15 +120,27 @@ static int is_distinct(const real *matrix, int n)
     return !fl_cholesky(scaled, n);
 }
 
-/* Explain residuals by so many columns of their rows from the first on; 0 where these cannot be told apart. */
-int fl_regress(const fl_kernels *kernels, const fl_residuals *all, int first, int width, fl_regression *out)
+/* Normal equations of some columns, from products of all, the last of which is the distance. */
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient)
+{
+    for (int a = 0; a < width; a++) {
+        const real *const row = products + columns * (first + a);
+        memcpy(matrix + width * a, row + first, (size_t)width * sizeof(real));
+        gradient[a] = row[columns - 1];
+    }
+}
+
+/* Explain residuals by so many columns of their rows from the first on, of products of all columns; 0 where these cannot be
+ * told apart. */
+int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,
+               fl_regression *out)
 {
     real gradient[FL_WIDEST];
     fl_residuals *const left = &out->left;
     *left = *all;
     left->rows += first, left->width = width;
+    fl_normal_equations(products, all->width + 1, first, width, out->matrix, gradient);
     for (size_t i = 0; i < all->n; i++) left->distances[i] = all->rows[all->stride * (i + 1) - 1];
-    kernels->gram(left->rows, left->stride, left->distances, left->n, width, out->matrix, gradient);
     if (!is_distinct(out->matrix, width)) return 0;
     fl_inverse(out->matrix, width, out->inverse);
     fl_multiply(out->inverse, gradient, width, width, 1, out->solution);

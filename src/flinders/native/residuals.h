@@ -48,7 +48,9 @@ typedef struct {
 void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                       int before, int width, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
-int fl_regress(const fl_kernels *kernels, const fl_residuals *all, int first, int width, fl_regression *out);
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
+int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,
+               fl_regression *out);
 real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
                         const flinders_record *record);
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
