@@ -518,14 +518,14 @@ static inline void follow_strength(real value, real decay, const filters *at, re
 }
 
 /* Add the products of two innovations of a few rows. */
-static inline void add_pair(const lanes *weighed, const lanes *other, size_t rows, real *restrict sum)
+static inline void add_pair(lanes *weighed, lanes *other, size_t rows, real *restrict sum)
 {
     for (size_t row = 0; row < rows; row++)
         for (int lane = 0; lane < FL_LANES; lane++) sum[lane] += weighed[row][lane] * other[row][lane];
 }
 
 /* Add the products of all pairs of innovations of a few rows over their variances. */
-static inline void add_innovations(lanes (*innovation)[FEW], const lanes *weight, size_t rows, lanes *restrict sums)
+static inline void add_innovations(lanes (*innovation)[FEW], lanes *weight, size_t rows, lanes *restrict sums)
 {
     for (int a = 0, sum = 0; a < 10; a++) {
         lanes weighed[FEW];
@@ -562,9 +562,9 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
             for (int i = 0; i < 10; i++) follow_strength(row[i], decay, &at, state[i][0], innovation[i][of]);
         }
         if (of + 1 < FEW && k + 1 < series->n) continue;
-        add_innovations(innovation, (const lanes *)weight, of + 1, sums);
+        add_innovations(innovation, weight, of + 1, sums);
         for (int lane = 0; lane < FL_LANES; lane++)
-                log_determinant[lane] += fl_log2(at.product[lane]), at.product[lane] = 1;
+            log_determinant[lane] += fl_log2(at.product[lane]), at.product[lane] = 1;
     }
 }
 
