@@ -146,7 +146,12 @@ def claims(log: HeadingLog) -> dict[str, Any]:
     claimed: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "tilted": None}
     if not log.fit.states_uncertainty:
         return claimed
-    ellipsoid, covariance, down, tilt_deg = log.fit.ellipsoid, log.fit.covariance, log.down(), log.voyage.tilt_deg
+    ellipsoid, covariance, down, tilt_deg = (
+        log.fit.ellipsoid,
+        log.fit.claimed_covariance,
+        log.down(),
+        log.voyage.tilt_deg,
+    )
     claimed["level"] = level_error(ellipsoid, covariance, dip_deg=dip, down=down)
     if tilt_deg >= 1.0:
         claimed["tilted"] = tilted_error(ellipsoid, covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)

@@ -34,6 +34,7 @@ from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
 from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.heading.confidence import bounds_deg, deviation_covariances
 from flinders.likelihood.magnitude import distances
 from flinders.native.engine import engine
 from flinders.summary.summary import flat_below
@@ -115,8 +116,10 @@ class FitColumns:
         ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two.
     worst_deg, rms_deg, dip_deg : (U,) float
         Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
+    bound_deg : (U,) float
+        That it stays within at all headings with a probability of 95 %.
     offset, matrix, covariance : (U, 3), (U, 9), (U, 45) float, in `unit_of_field`
-        Of the calibration; the upper triangle of the covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), row by row.
+        Of the calibration; the upper triangle of `Fit.claimed_covariance`, row by row.
     noise, radius : (U,) float, in `unit_of_field`
     coverage : (U,) float
         Share of the sphere that was seen.
@@ -133,6 +136,7 @@ class FitColumns:
     method: NDArray[np.object_]
     worst_deg: Floats
     rms_deg: Floats
+    bound_deg: Floats
     dip_deg: Floats
     offset: Floats
     matrix: Floats
@@ -254,7 +258,7 @@ class _Table:
 
     records: Records  # (U,)
     quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
-    covariance: Floats  # (U, 81) with what repeated and few readings add
+    covariance: Floats  # (U, 9, 9) with all that widens it, as `Fit.claimed_covariance`
     inside: str  # unit of the readings: ``uT`` or ``counts``
 
     @classmethod
@@ -271,7 +275,7 @@ class _Table:
             **_changes(records, disturbed),
             **{name: np.full(len(records), value) for name, value in NOT_ASKED.items()},
         }
-        return cls(records, quantities, records["covariance"] * factor[:, np.newaxis], inside)
+        return cls(records, quantities, _claimed(records, factor, quantities["structure_deg"]), inside)
 
     @property
     def findings(self) -> dict[tuple[str, Severity], NDArray[np.bool_]]:
@@ -329,6 +333,15 @@ def _repetition(records: Records) -> tuple[Floats, Floats]:
     repetition = np.maximum(1.0, share / known)
     few = [widening_by_few(freedom) for freedom in (rows / repetition - 9.0).tolist()]
     return repetition, repetition * few
+
+
+def _claimed(records: Records, factor: Floats, structure_deg: Floats) -> Floats:
+    """(U, 9, 9) covariances, a factor wider, with what belongs to the direction, as `Fit.claimed_covariance`."""
+    claimed = (records["covariance"] * factor[:, np.newaxis]).reshape(-1, 9, 9)
+    sigma = np.deg2rad(structure_deg) * np.cos(np.deg2rad(records["dip_deg"]))
+    shapes = _shapes(records)
+    claimed[:, :3, :3] += (sigma**2)[:, np.newaxis, np.newaxis] * (shapes @ shapes)
+    return claimed
 
 
 def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
@@ -460,7 +473,10 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
     strength, matrix = _corrections(records)
     columns.readings[places], columns.used[places] = records["rows"], records["used"]
     columns.offset[places], columns.matrix[places] = records["centre"], matrix.reshape(-1, 9)
-    columns.covariance[places] = table.covariance[kept][:, UPPER]
+    covariance = table.covariance[kept]
+    columns.covariance[places] = covariance.reshape(-1, 81)[:, UPPER]
+    deviations = deviation_covariances(_shapes(records), covariance, records["dip_deg"])
+    columns.bound_deg[places] = bounds_deg(deviations)
     columns.noise[places], columns.radius[places] = records["noise"], strength
     columns.worst_deg[places], columns.rms_deg[places] = (table.quantities[n][kept] for n in ("worst_deg", "rms_deg"))
     columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
@@ -517,4 +533,5 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
         return
     columns.offset[place], columns.radius[place] = result.calibration.offset, result.calibration.field_strength
     columns.matrix[place] = result.calibration.matrix.ravel()
-    columns.covariance[place] = result.covariance.ravel()[UPPER]
+    columns.covariance[place] = result.claimed_covariance.ravel()[UPPER]
+    columns.bound_deg[place] = result.heading_bound_deg
