@@ -38,13 +38,12 @@ from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.aiding import Aiding
 from flinders.geometry.plane import PLANES, down_of
-from flinders.heading.confidence import bounds_deg
+from flinders.heading.confidence import level_bound_deg
 from flinders.heading.error_propagation import (
     STEEPEST_DIP_DEG,
     DirectionError,
     HeadingError,
     attitude_limit_deg,
-    deviation_covariance,
     direction_error_deg,
     level_error,
     raw_error,
@@ -400,8 +399,7 @@ class Fit(Outcome):
         if not self.states_uncertainty:
             return math.nan
         dip, down = self.known_dip_deg, down_of(self.plane)
-        deviation = deviation_covariance(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
-        return float(bounds_deg(deviation[np.newaxis])[0])
+        return level_bound_deg(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
 
     @property
     def heading_words(self) -> str:

@@ -23,9 +23,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.geometry.ellipsoid import GATHER
+from flinders.heading.error_propagation import deviation_covariance
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.geometry.ellipsoid import Ellipsoid
 
 PROBABILITY: Final = 0.95
 HEADINGS: Final = 36
@@ -37,6 +39,14 @@ LEAST, MOST = 1.9599, 3.0803
 HALVINGS: Final = 12
 CHUNK: Final = 64
 """Units of which the errors are in memory at a time."""
+
+
+def level_bound_deg(
+    ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
+) -> float:
+    """Bound the heading error of a level vehicle, degrees; parameters as those of `level_error`."""
+    deviation = deviation_covariance(ellipsoid, covariance, dip_deg=dip_deg, down=down)
+    return float(bounds_deg(deviation[np.newaxis])[0])
 
 
 def bounds_deg(covariances: Floats) -> Floats:

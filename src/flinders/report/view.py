@@ -122,7 +122,7 @@ class View(Struct, frozen=True, kw_only=True):
 
     verdict: Literal["good", "limited", "refused"]
     sentence: str  # the verdict in plain words
-    condition: str = ""  # what a good verdict rests on and nothing shows
+    condition: str = ""  # what a good verdict rests on and nothing shows, in a few words
     method: str
     unit: str  # "µT" or "counts", of all that is a field
     field_strength: float | None = None
@@ -195,7 +195,7 @@ def view(
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=sentence(fit, claims.get("attitude_limit_deg")),
-        condition=condition(fit),
+        condition=condition(fit).partition(":")[0],
         **({} if fit.is_flat else _drawn(fit, corrected)),
         **claims,
     )
