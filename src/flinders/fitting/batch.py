@@ -385,6 +385,8 @@ def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
         "nonlinear_deg": _named_fault(records, "nonlinear", "lag"),
         "lag_deg": _named_fault(records, "lag", "nonlinear"),
         "next_correlation": lag_one,
+        "noise_lasts": np.nan_to_num(records["noise_lasts"]),
+        "unsteady_deg": np.rad2deg(records["noise"] * np.sqrt(np.maximum(lag_one, 0.0)) / level),
         "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
         "alternating_deg": np.degrees(np.arctan2(off, level)),
     }

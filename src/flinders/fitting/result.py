@@ -171,6 +171,8 @@ class Fit(Outcome):
         Independent readings that say as much as those used, whose residuals are correlated.
     autocorrelation : float, optional
         Correlation of a residual with the next; None where the residuals were not looked at.
+    noise_lasts : float
+        Probability that slow noise lasts longer than a third of the recording.
     outliers : tuple of Outlier
         Runs of readings that were rejected.
     unobserved : int
@@ -238,6 +240,7 @@ class Fit(Outcome):
     textbook_covariance: Floats | None = None
     independent_samples: float = np.inf
     autocorrelation: float | None = None
+    noise_lasts: float = 0.0
     outliers: tuple[Outlier, ...] = ()
     distortion: float = 0.0
     drift: Drift | None = None
@@ -431,6 +434,13 @@ class Fit(Outcome):
         return structure_error_deg(
             self.distortion, (self.nonlinearity, self.axis_lag), self.ellipsoid.radius, self.known_dip_deg
         )
+
+    @property
+    def unsteady_deg(self) -> float:
+        """Heading error of a single moment, 1 σ, because of what lasts from one reading to the next."""
+        lasting = self.noise * math.sqrt(max(self.autocorrelation or 0.0, 0.0))
+        level = self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg))
+        return math.degrees(lasting / level)
 
     @property
     def attitude_limit_deg(self) -> float:

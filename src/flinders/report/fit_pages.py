@@ -153,7 +153,7 @@ def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
 
 def good_to(fit: Fit) -> str:
     """Say to how much the worst heading is good, and to how much it should be."""
-    return f"worst heading good to {fit.heading_words}; the target is {fit.target_deg:g}°"
+    return f"headings good to {fit.heading_words.removesuffix(')')}; target {fit.target_deg:g}°)"
 
 
 def _graded(quality: Verdict, words: str, *more: str) -> Table:
@@ -178,7 +178,7 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
     if fit.verdict == "refused":
         return _graded(fit.verdict, f"not fit for use, {refused}", basis)
     within = good_to(fit)
-    words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with these limits:"
+    words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
     return _graded(fit.verdict, words, f"{basis}; held level, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
 
 
@@ -367,7 +367,7 @@ def _composed(composed: Fit, after: str | None) -> RenderableType:
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
     basis = f"{in_words(turns_of(composed.method))}; held level, dip {error.dip_deg:g}°"
-    said = _graded(composed.verdict, f"{words}, with these limits:", basis)
+    said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
     return Group(page(result, said), findings(composed.findings))
