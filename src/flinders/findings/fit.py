@@ -212,7 +212,11 @@ ROWS: Final = (
         action="record away from iron, and from currents that change",
         # `docs/adversary.md`: a steel desk makes 1.3 to 2.1 targets of it and was called good, wrongly, 10 times of 16;
         # noise of the sensor that lasts for 4 or 10 s and is claimed rightly makes up to 1.3
-        rule=Rule("unsteady_deg", (Grade("limits", 1.25, "target_deg"),), needs=_WITHIN_TARGET),
+        rule=Rule(
+            "unsteady_deg",
+            (Grade("limits", 1.25, "target_deg"),),
+            needs=(*_WITHIN_TARGET, Needs("next_correlation", ">=", 0.5)),
+        ),
         said=(
             "from moment to moment the field is off by {unsteady_deg}° of heading, more than the target: iron or "
             "currents near by, which also move offset and matrix where they follow the attitude, unseen; record "
@@ -236,7 +240,7 @@ ROWS: Final = (
         rule=Rule(
             "noise_lasts",
             (Grade("limits", 0.15),),
-            needs=(*_WITHIN_TARGET, Needs("worst_deg", ">", 0.25, "target_deg")),
+            needs=(*_WITHIN_TARGET, Needs("worst_deg", ">", 0.25, "target_deg"), Needs("next_correlation", ">=", 0.15)),
         ),
         said=(
             "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that how large it "
