@@ -57,6 +57,7 @@ MARKS: Final = {  # byte order marks
     codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
 }  # fmt: skip
 
+COMMENTS: Final = ("#", "%", "//")  # What a line that is none of a recording begins with
 SPACES: Final = " "  # The delimiter that stands for any run of spaces and tabs
 MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})  # What loggers write for no value
 MINUS: Final = "\N{MINUS SIGN}"  # What text processors make of a hyphen before a number

@@ -27,8 +27,7 @@ import numpy as np
 
 from flinders.errors import UnreadableInput
 from flinders.readers._extras import needs, reading
-from flinders.readers._reader import Reader
-from flinders.readers._source import spooled
+from flinders.readers._source import Reader, spooled
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.zipped import ZIP, member_chunks, members
 

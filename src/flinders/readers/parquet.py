@@ -14,7 +14,7 @@ import numpy as np
 from flinders.core.samples import BLOCK
 from flinders.readers._extras import needs, reading
 from flinders.readers._names import TIME, meaning
-from flinders.readers._reader import Reader
+from flinders.readers._source import Reader
 from flinders.readers._table import WIDEST, Table, TableRecording, open_table
 
 if TYPE_CHECKING:

@@ -50,9 +50,8 @@ from flinders.readers._parameters import (
     unapplied,
     unused,
 )
-from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
-from flinders.readers._source import refusal
+from flinders.readers._source import Reader, refusal
 from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses
 
 if TYPE_CHECKING:

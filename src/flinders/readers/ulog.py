@@ -41,8 +41,8 @@ from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
 from flinders.readers._parameters import stage_of, stages, unapplied
-from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
+from flinders.readers._source import Reader
 from flinders.targets import px4
 
 if TYPE_CHECKING:
