@@ -32,8 +32,9 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
-from flinders.readers._columns import FIRST, IN_SAMPLES, Choice
+from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
+from flinders.readers._names import FIRST, Choice
 from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
 from flinders.readers._table import TableRecording
 from flinders.readers.ros import METADATA, is_bag_folder

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.core.samples import Samples
+from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UsageError
 from flinders.geometry import quaternions
-from flinders.readers._clock import cut_digits, seconds
 from flinders.readers._likeness import advice, ascends, groups
 from flinders.readers._names import (
     ACCELERATION,
@@ -27,12 +27,14 @@ from flinders.readers._names import (
     FACTORS,
     FACTORS_OF_MOTORS,
     FIELD,
+    FIRST,
     RATE,
     STRENGTH,
     TEMPERATURE,
     THROTTLE,
     THROTTLES,
     TIME,
+    Choice,
     Meaning,
     Vector,
     companion,
@@ -40,6 +42,7 @@ from flinders.readers._names import (
     kind_of_chip,
     label,
     meaning,
+    numbered,
     passed_over,
     tells_nothing,
     vectors,
@@ -55,76 +58,18 @@ if TYPE_CHECKING:
     from flinders.readers._source import Source
 
 OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds of which each motor may have a column
-IN_SAMPLES: Final = (  # kinds that stand beside the field, as `Samples` calls them
-    TIME, ACCELERATION, RATE, TEMPERATURE, CURRENT, STRENGTH, THROTTLE, ATTITUDE, CURRENTS, THROTTLES,
-)  # fmt: skip
+IN_SAMPLES: Final = COLUMNS[1:]  # kinds that stand beside the field
 VALID: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}  # values out of range become NaN
 SHARES: Final = ("share", "percent", "pct", "%")  # units of a throttle that count from 0; pulses count from `REST_US`
 REST_US: Final = 1000.0  # pulse that asks a motor for nothing; a thousand more asks for all
 PULSES_US: Final = (800.0, 2200.0)  # shortest and longest of such pulses
+# From which value on a time counts from 1970, in ns, µs, ms and s; four times it is the year 2096.
+EPOCHS: Final = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3), (1e9, 1.0))
+COARSE: Final = 10  # readings to one time from which on its digits are too few: buffers of sensors give a few at once
+COARSE_S: Final = 1.0  # resolution from which on a time that never changes is cut, and its clock not at rest
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
-MOST_NAMED: Final = 8  # magnetometers that a line names; an array may have dozens
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Which of several magnetometers is meant: the one that was asked for, else the one a calibration was made from.
-
-    >>> Choice("2").among(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").among(["mag"], "one.csv")
-    (1, 0)
-    >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
-    Traceback (most recent call last):
-    flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
-        (mag_left), 2 (mag_right); say with --sensor which one it is for
-    """
-
-    sensor: str | None = None  # asked for, by its number from 1 or its name
-    preferred: str | None = None  # the name of the one that a calibration was made from
-    is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
-
-    @property
-    def is_open(self) -> bool:
-        """Nobody says which: the first is taken, and the others are named."""
-        return self.sensor is None and self.preferred is None
-
-    def among(self, names: Sequence[str], source: str) -> int:
-        """Look up its place among these names, from 0; UsageError for one that there is not, with those there are."""
-        wanted = self.preferred if self.sensor is None else self.sensor
-        if wanted is None or (self.sensor is None and len(names) == 1):
-            return 0
-        for place, name in enumerate(names):
-            numbers = () if self.sensor is None else (str(place + 1),)
-            if wanted.strip().casefold() in (*numbers, name.casefold(), name.casefold().removeprefix("/")):
-                return place
-        verb = "are" if len(names) > 1 else "is"
-        there = numbered([f"{number} ({name})" for number, name in enumerate(names, 1)])
-        what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
-        if self.sensor is None:
-            raise UsageError(
-                f"{what}, which the calibration is for: there {verb} {there}; say with --sensor which one it is for"
-            )
-        raise UsageError(f"{what}: there {verb} {there or 'none'}")
-
-    def refuse_alone(self, source: str) -> None:
-        """Refuse to choose from a table of one magnetometer."""
-        if self.sensor is not None and not self.is_name:
-            raise UsageError(
-                f"{source} has one magnetometer: leave --sensor out; its columns are chosen with --columns"
-            )
-
-
-FIRST: Final = Choice()  # Nobody says which
-
-
-def numbered(words: Sequence[str]) -> str:
-    """Put numbers and names of magnetometers into a sentence, as many as fit.
-
-    >>> numbered(["2 MAG2", "3 MAG3"])
-    '2 MAG2, 3 MAG3'
-    """
-    more = f" and {len(words) - MOST_NAMED} more" if len(words) > MOST_NAMED else ""
-    return ", ".join(words[:MOST_NAMED]) + more
+LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +273,7 @@ class _Header:
                 continue
             reason = "" if _numeric(self.values[:, place]) else "not numbers"
             if kind == TIME and not reason:
-                reason = cut_digits(self.values[:, place], self.meanings[place].unit)
+                reason = _cut_digits(self.values[:, place], self.meanings[place].unit)
             if not reason:
                 return _column(kind, [place], self.names)
             self._leave_out(self.names[place].strip(), reason)
@@ -531,9 +476,56 @@ def _numeric(values: Floats) -> bool:
 
 
 def _timed(column: Column, unit: str, values: Floats) -> Column:
-    """Give a column of time its factor to seconds and the start of its clock."""
-    factor, start = seconds(values, unit)
-    return replace(column, factor=factor, start=start)
+    """Find the factor to seconds, and where a clock that counts from 1970 starts."""
+    values = values[np.isfinite(values)]
+    first = float(values[0]) if len(values) else 0.0
+    factor = _factor_to_seconds(values, unit)
+    return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
+
+
+@np.errstate(over="ignore")
+def _cut_digits(values: Floats, unit: str) -> str:
+    """Say that a time was written with too few digits: many readings share each, and the next is one digit later."""
+    values = values[np.isfinite(values)]
+    changes = np.flatnonzero(np.diff(values)) + 1
+    runs = np.diff([0, *changes, len(values)])
+    inside = runs[1:-1] if len(runs) > 2 else runs  # the first and the last may go on
+    if len(values) < 2 * COARSE or np.median(inside) < COARSE:
+        return ""
+    distinct, factor = values[[0, *changes]], _factor_to_seconds(values, unit)
+    steps = _resolutions(distinct)
+    if len(distinct) > 1:
+        jump = float(np.min(np.abs(np.diff(distinct))))
+        steps = [jump] if any(step / 2 < jump < 2 * step for step in steps) else []
+    else:
+        steps = [step for step in steps if step * factor >= COARSE_S]
+    many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
+    reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
+    return reason.format(max(steps) * factor, many) if steps else ""
+
+
+def _factor_to_seconds(values: Floats, unit: str) -> float:
+    """Factor of a time's stated unit, else a guess from its size, then from its steps of 10 µs to 10 s."""
+    if unit:
+        return FACTORS[TIME][unit]
+    first = float(values[0]) if len(values) else 0.0
+    with np.errstate(over="ignore"):  # of numbers that are no times
+        step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
+    for least, factor in EPOCHS:
+        if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
+            return factor
+    return 1.0 if step < 2 else 1e-3 if step < 1e3 else 1e-6 if step < 5e5 else 1e-9
+
+
+def _resolutions(values: Floats) -> list[float]:
+    """Tell which units in the last digit these numbers may have: the last that is written, and that of float32."""
+    digits = [Decimal(repr(value)).normalize().as_tuple().exponent for value in values.tolist() if value]
+    if not digits:
+        return []
+    written = 10.0 ** min(map(int, digits))
+    single = np.abs(values.astype(np.float32))
+    is_single = bool(np.all(single == np.abs(values)))
+    return [written, float(np.spacing(single.max()))] if is_single else [written]
 
 
 class ColumnsRecording:

@@ -24,8 +24,19 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
-from flinders.readers._columns import FIRST, Choice, Columns, choose
-from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning, names_magnetometer, vectors
+from flinders.readers._columns import Columns, choose
+from flinders.readers._names import (
+    ACCELERATION,
+    FIELD,
+    FIRST,
+    RATE,
+    Choice,
+    Meaning,
+    is_unit,
+    meaning,
+    names_magnetometer,
+    vectors,
+)
 from flinders.readers._source import derived
 from flinders.readers._tokenizer import (
     COMMENTS,

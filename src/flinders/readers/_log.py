@@ -24,7 +24,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import TimeSpan
 from flinders.errors import UnreadableInput
-from flinders.readers._columns import Choice, numbered
+from flinders.readers._names import Choice, numbered
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

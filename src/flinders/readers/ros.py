@@ -38,7 +38,7 @@ import numpy as np
 
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput, counted
-from flinders.readers._clock import LONG
+from flinders.readers._columns import LONG
 from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._resample import TimeSeries, blocks, resampled

@@ -25,9 +25,9 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
-from flinders.readers._columns import FIRST, Choice, ColumnsRecording, unit_of, wanted_acceleration
+from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration
 from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
-from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
+from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._source import File, Progress, Reader, derived, foreign_kind
 from flinders.readers._tokenizer import (
