@@ -9,7 +9,8 @@ imported does not count.
 reading     from a CSV file to the exported header: ``calibrate`` and ``export --to arduino``
 line        from a line of a serial port to what the page is told: the transcript, the session, a message
 live fit    from the readings of a session to the view that its pages draw
-row group   from a row group of a Parquet file to a row of the table: ``fleet``
+row group   from a row group of a Parquet file to a row of the table: ``fleet``, all but what its worker does
+worker      from the readings of that row group to the row: the same in one process, less the files of the other
 """
 
 from __future__ import annotations
@@ -84,8 +85,8 @@ def _three_tumbles() -> Floats:
     return np.concatenate([simulate.tumble(seed=seed, n=300).samples.field for seed in range(3)])
 
 
-def a_row_group(folder: Path) -> None:
-    """From a row group of a Parquet file to a row of the table."""
+def a_row_group(folder: Path, workers: int = 1) -> None:
+    """From a row group of a Parquet file to a row of the table; a worker is another process, and not traced."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -94,7 +95,7 @@ def a_row_group(folder: Path) -> None:
     columns |= {f"m{axis}_uT": field[:, place] for place, axis in enumerate("xyz")}
     parquet.write_table(pa.table(columns), folder / "units.parquet", row_group_size=300)
     units, table = str(folder / "units.parquet"), str(folder / "table.parquet")
-    _command("fleet", units, "-o", table, "--unit-column", "unit", "--workers", "1")
+    _command("fleet", units, "-o", table, "--unit-column", "unit", "--workers", str(workers))
 
 
 def a_line(_: Path) -> None:
@@ -148,8 +149,10 @@ def main() -> None:
         "a live fit, to its view": a_live_fit,
         "a row group": a_row_group,
     }
-    for name, walk in walks.items():
-        files = entered(walk)
+    paths = {name: entered(walk) for name, walk in walks.items()}
+    whole = entered(functools.partial(a_row_group, workers=0))
+    paths["its worker"] = [file for file in whole if file not in paths["a row group"]]
+    for name, files in paths.items():
         print(f"{name:<26} {len(files):>3} files")
         if asked.list:
             print("".join(f"    {file}\n" for file in files))

@@ -37,9 +37,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import UnreadableInput, counted
+from flinders.errors import UnreadableInput, counted, needs, reading
 from flinders.readers._columns import LONG
-from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._resample import TimeSeries, blocks, resampled
 from flinders.readers._scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan
