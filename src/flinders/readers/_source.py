@@ -102,9 +102,9 @@ class File:
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
         """Return the first lines, a block of them, and whether they are all."""
-        with contextlib.closing(self.lines(encoding)) as stretches:
-            first = next(stretches, Lines(1, "", 0, 0))
-            return first.texts, next(stretches, None) is None
+        with contextlib.closing(self.lines(encoding)) as blocks:
+            first = next(blocks, Lines(1, "", 0, 0))
+            return first.texts, next(blocks, None) is None
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:

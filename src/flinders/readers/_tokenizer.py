@@ -135,7 +135,7 @@ class EndsEarly(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """A stretch of lines."""
+    """Consecutive lines of a text."""
 
     first: int  # the number of the first
     text: str  # all of them, with LF between them
@@ -148,7 +148,7 @@ class Lines:
         return range(self.first, self.first + self.count)
 
     def blocks(self) -> Iterator[Lines]:
-        """Cut them into stretches of `BLOCK`."""
+        """Cut them into blocks of `BLOCK`."""
         if self.count <= BLOCK:
             yield self
             return

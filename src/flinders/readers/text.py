@@ -112,9 +112,9 @@ class TextRecording(ColumnsRecording):
         """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in."""
         pending: tuple[Skipped, ...] = ()
         clock = self.span.clock(self.source)
-        for stretch in self._pass(self.layout.columns):
-            pending = added(pending, stretch.left_out)
-            for lines, samples in self._samples(stretch):
+        for block in self._pass(self.layout.columns):
+            pending = added(pending, block.left_out)
+            for lines, samples in self._samples(block):
                 within = clock.within(samples)
                 if within.any():
                     yield lines[within], replace(clock.selected(samples, within), skipped=pending)
@@ -174,7 +174,7 @@ class TextRecording(ColumnsRecording):
         """How it is written."""
         return str(self.layout)
 
-    def _pass(self, columns: Columns) -> Iterator[_Stretch]:
+    def _pass(self, columns: Columns) -> Iterator[_Block]:
         """Go over these columns of the file once, noting what is left out, and judge it at the end."""
         tally, others = Tally(), 0
         self.skipped = ()
@@ -188,30 +188,30 @@ class TextRecording(ColumnsRecording):
             self.skipped = added(self.skipped, left_out)
             if self.progress:
                 self.progress(lines.done, self.file.size)
-            yield _Stretch(lines, rows, usable, left_out)
+            yield _Block(lines, rows, usable, left_out)
         tally.judge(self.source, self.skipped)
 
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
         file, encoding = self.file, self.layout.encoding
-        parse, stretches = None, file.lines(encoding)
+        parse, segments = None, file.lines(encoding)
         if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
-            stretches = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
-        for stretch in stretches:
-            if (whole := self._parsed(stretch, parse)) and (usable := self._usable(whole, columns)).all():
-                yield stretch, whole, usable
+            segments = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
+        for segment in segments:
+            if (whole := self._parsed(segment, parse)) and (usable := self._usable(whole, columns)).all():
+                yield segment, whole, usable
                 continue
-            for lines in stretch.blocks():
+            for lines in segment.blocks():
                 rows = self._parsed(lines, parse) or self._rows(lines, grid)
                 yield lines, rows, self._usable(rows, columns)
 
     def _parsed(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
-        """Read a stretch by pyarrow, where it is used and there is nothing but readings."""
+        """Read a block by pyarrow, where it is used and there is nothing but readings."""
         values = parse(lines) if parse and self._is_all_readings(lines) else None
         return None if values is None else NumberRows(values, lines.numbers, [])
 
     def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
-        """Read the lines of a stretch that should be readings."""
+        """Read the lines of a block that should be readings."""
         texts, first = lines.texts, lines.first
         if self._is_all_readings(lines) and all(map(str.strip, texts)):
             return rows_of(texts, lines.numbers, grid)
@@ -220,7 +220,7 @@ class TextRecording(ColumnsRecording):
         return rows_of([texts[place] for place in places], [first + place for place in places], grid)
 
     def _is_all_readings(self, lines: Lines) -> bool:
-        """Tell whether a stretch is below the header and holds neither that nor a comment; blank lines it may hold."""
+        """Tell whether a block is below the header and holds neither that nor a comment; blank lines it may hold."""
         layout, text = self.layout, lines.text
         others = (*COMMENTS, layout.header_text) if layout.header_text else COMMENTS
         # one character is found in a tenth of the time that two take
@@ -233,10 +233,10 @@ class TextRecording(ColumnsRecording):
             usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
         return np.asarray(usable.all(axis=1), dtype=np.bool_)
 
-    def _samples(self, stretch: _Stretch) -> Iterator[tuple[Floats, Samples]]:
+    def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
         """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
-        values = stretch.rows.values if stretch.usable.all() else stretch.rows.values[stretch.usable]
-        lines = stretch.rows.numbers[stretch.usable]
+        values = block.rows.values if block.usable.all() else block.rows.values[block.usable]
+        lines = block.rows.numbers[block.usable]
         for start in range(0, len(lines), BLOCK):
             rows = slice(start, start + BLOCK)
             yield lines[rows], self._samples_of(self.layout.columns, values[rows])
@@ -291,7 +291,7 @@ class Tally:
         self.first = self.last = (0, "")
 
     def add(self, rows: NumberRows, usable: NDArray[np.bool_]) -> None:
-        """Count one stretch."""
+        """Count one block."""
         self.rows += len(usable)
         self.usable += int(usable.sum())
         if rows.unreadable:
@@ -315,7 +315,7 @@ class Tally:
 
 
 def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tuple[Skipped, ...]:
-    """Account for the rows of a stretch that cannot be used, and the lines that are none."""
+    """Account for the rows of a block that cannot be used, and the lines that are none."""
     accounts = []
     if not usable.all():
         gaps = [rows.lines[int(place)] for place in np.flatnonzero(~usable)]
@@ -328,7 +328,7 @@ def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tu
     )
 
 
-class _Stretch(NamedTuple):
+class _Block(NamedTuple):
     """Some lines, what was read from them, which of the rows can be used, and what is left out."""
 
     lines: Lines
