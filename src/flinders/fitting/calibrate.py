@@ -17,7 +17,6 @@ import numpy as np
 
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
@@ -187,7 +186,6 @@ class _Evidence(NamedTuple):
         return max(errors, key=lambda error: error.worst)
 
 
-@renamed_keywords(drivers="disturbances", aids="aiding")
 def fit(
     source: Recording | Summary | ArrayLike,
     *,

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
 import numpy as np
 
 from flinders.core.files import replacing
-from flinders.errors import DocumentError, MissingExtra
+from flinders.errors import DocumentError, needs
 from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 
 if TYPE_CHECKING:
@@ -276,12 +276,8 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 
 def needs_arrow() -> Any:  # noqa: ANN401
     """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
-    try:
-        import pyarrow
-        import pyarrow.ipc
-    except ImportError:
-        raise MissingExtra("pyarrow", "fleet", "the table of a fleet") from None
-    return pyarrow
+    needs("pyarrow.ipc", "fleet", "the table of a fleet")
+    return needs("pyarrow", "fleet", "the table of a fleet")
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
