@@ -35,6 +35,8 @@ def recordings(draw: st.DrawFn) -> Samples:
 def same_lows(a: Lows, b: Lows) -> None:
     assert np.array_equal(a.values, b.values)
     assert np.array_equal(a.counts, b.counts)
+    assert np.array_equal(a.next_values, b.next_values)
+    assert np.array_equal(a.next_counts, b.next_counts)
     assert np.array_equal(a.least, b.least)
     assert np.array_equal(a.most, b.most)
 
@@ -54,6 +56,9 @@ def same(a: DataQuality, b: DataQuality) -> None:
     assert np.array_equal(a.last, b.last, equal_nan=True)
     same_lows(a.lows, b.lows)
     same_lows(a.highs, b.highs)
+    assert np.array_equal(a.seen.hashes, b.seen.hashes)
+    assert np.array_equal(a.seen.counts, b.seen.counts)
+    assert a.seen.level == b.seen.level
     same_clock(a.clock, b.clock)
     assert a.skipped == b.skipped
 

@@ -73,20 +73,34 @@ ROWS: Final = (
         alarm=True,
     ),
     CatalogueRow(
+        code="quantised",
+        subject="recording",
+        grades="note",
+        number="coarsest step of an axis; looked for where many readings share its end value, and its next one",
+        limit="0",
+        action="nothing: the heading error allows for it; a smaller range of the sensor has finer steps",
+        rule=Rule("step", (Grade("note", 0.0),)),
+        said=(
+            "readings go in coarse steps of {step}, which the heading error allows for; a smaller range of the "
+            "sensor, or a file with more digits, has finer ones"
+        ),
+        plain="The sensor is read in coarse steps. The errors given here allow for it.",
+    ),
+    CatalogueRow(
         code="stale-repeats",
         subject="recording",
         grades="note",
-        number="share of the readings that repeat the one before",
+        number="share of the readings that another one equals",
         limit="0.1",
         action="nothing: the uncertainty counts them once; log no faster than the sensor measures",
         rule=Rule("repeated_share", (Grade("note", 0.1),)),
         said=(
-            "{repeated_share:.0%} of the readings repeat the one before (the log is faster than its sensor): the "
-            "uncertainty counts them once"
+            "{repeated_share:.0%} of the readings repeat another one exactly (a log faster than its sensor, coarse "
+            "steps, or copied rows): the uncertainty counts them once"
         ),
         plain=(
-            "Of the readings, {number:.0%} only repeat the one before, because the log is faster than the sensor."
-            " They count once."
+            "Of the readings, {number:.0%} only repeat another one, because the log is faster than the sensor, its "
+            "steps are coarse, or rows were copied. They count once."
         ),
     ),
     CatalogueRow(

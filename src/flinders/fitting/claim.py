@@ -118,7 +118,7 @@ def _widened(
 
 def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     """Factor by which repeated readings widen a covariance that does not know of them yet."""
-    share = statistics.rows / max(statistics.rows - statistics.repeats, 1)
+    share = statistics.rows / max(statistics.distinct, 1)
     if estimate.textbook is None:
         return share
     known, independent = estimate.covariance.diagonal().tolist(), estimate.textbook.diagonal().tolist()

@@ -48,7 +48,7 @@ OF_CALIBRATION: Final = (
     "rotation-unknown",
 )
 """Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = ("stale-repeats", "time-back", "time-gap", "skipped-rows")
+OF_RECORDING: Final = ("quantised", "stale-repeats", "time-back", "time-gap", "skipped-rows")
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
@@ -404,7 +404,8 @@ def _recording_record(health: DataQuality | Statistics) -> Record:
     return Record(
         {
             "rows": health.rows,
-            "repeated_share": health.repeats / max(health.rows, 1),
+            "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
+            "step": health.step,
             "backward_steps": clock.backward_steps,
             "longest_step_s": clock.longest_step,
             "usual_step_s": clock.usual_step,
