@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError
+from flinders.estimators import ROWS
 
 if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
@@ -128,7 +129,7 @@ def _repetition(estimate: Estimate, statistics: Statistics) -> float:
 
 def _freedom(estimate: Estimate, count: float) -> float:
     """Readings beyond those that the parameters take up."""
-    return count - (5 if estimate.plane else 9)
+    return count - (ROWS[estimate.method].parameters if estimate.method in ROWS else 5 if estimate.plane else 9)
 
 
 def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
