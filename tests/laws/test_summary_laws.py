@@ -52,6 +52,8 @@ def same_clock(a: TimeStamps, b: TimeStamps) -> None:
 
 def same(a: DataQuality, b: DataQuality) -> None:
     assert (a.rows, a.repeats) == (b.rows, b.repeats)
+    assert a.path.count == b.path.count
+    npt.assert_allclose(a.path.squares, b.path.squares)
     assert np.array_equal(a.first, b.first, equal_nan=True)
     assert np.array_equal(a.last, b.last, equal_nan=True)
     same_lows(a.lows, b.lows)

@@ -104,6 +104,24 @@ ROWS: Final = (
         ),
     ),
     CatalogueRow(
+        code="unordered",
+        subject="recording",
+        grades="note",
+        number="correlation of one reading with the next, of a hundred readings or more without times",
+        limit="0.3",
+        action="keep the rows in the order of recording, with their times, or record again",
+        rule=Rule("path_correlation", (Grade("note", 0.3),), comparison="<", needs=(Needs("rows", ">=", 100.0),)),
+        said=(
+            "each reading is as far from the next as from any other, as where rows were sorted or shuffled: noise that "
+            "changes slowly cannot be seen, and the heading error does not allow for it; keep the order of recording"
+        ),
+        plain=(
+            "The readings are in no order of time, so that errors which change slowly cannot be seen. The errors given "
+            "here do not allow for them."
+        ),
+        remedy="Keep the readings in the order in which they were recorded.",
+    ),
+    CatalogueRow(
         code="time-back",
         subject="recording",
         grades="note",

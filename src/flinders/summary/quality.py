@@ -174,6 +174,31 @@ class DistinctReadings:
 
 
 @dataclass(frozen=True, slots=True)
+class Steps:
+    """Steps from one reading to the next: how many, and the sum of their squares."""
+
+    count: int = 0
+    squares: float = 0.0
+
+    @classmethod
+    def of(cls, axes: Floats) -> Steps:
+        """Look at readings axis by axis, (3, N)."""
+        steps = np.diff(axes).ravel()
+        return cls(axes.shape[1] - 1, float(steps @ steps))
+
+    def __add__(self, other: Steps) -> Steps:
+        return Steps(self.count + other.count, self.squares + other.squares)
+
+    def correlation(self, spread: float) -> float:
+        """Correlation of one reading with the next, of readings whose distance from their mean is `spread` (rms).
+
+        >>> Steps.of(np.array([[1.0, -1.0, 1.0, -1.0]])).correlation(spread=1.0)
+        -1.0
+        """
+        return 1.0 - self.squares / (2.0 * self.count * spread**2) if self.count and spread else np.nan
+
+
+@dataclass(frozen=True, slots=True)
 class TimeStamps:
     """Time stamps of a recording, or of several.
 
@@ -275,6 +300,8 @@ class DataQuality:
         Usable readings.
     repeats : int
         Readings equal to the one before in all three axes.
+    path : Steps
+        From one reading to the next.
     first, last : (3,) float
         The first and the last reading; NaN where there is none.
     lows : Lows
@@ -291,6 +318,7 @@ class DataQuality:
 
     rows: int = 0
     repeats: int = 0
+    path: Steps = Steps()
     first: Floats = field(default_factory=lambda: np.full(3, np.nan))
     last: Floats = field(default_factory=lambda: np.full(3, np.nan))
     lows: Lows = field(default_factory=Lows)
@@ -309,6 +337,7 @@ class DataQuality:
         return cls(
             rows=len(readings),
             repeats=_repeats(axes),
+            path=Steps.of(axes),
             first=readings[0].copy(),
             last=readings[-1].copy(),
             lows=Lows.along(axes),
@@ -322,13 +351,15 @@ class DataQuality:
         """`other` goes on where this ends."""
         both = self.merged(other)
         repeats = both.repeats + int(np.array_equal(self.last, other.first))
-        return replace(both, repeats=repeats, clock=self.clock + other.clock)
+        seam = Steps.of(np.stack([self.last, other.first], axis=1)) if self.rows and other.rows else Steps()
+        return replace(both, repeats=repeats, path=both.path + seam, clock=self.clock + other.clock)
 
     def merged(self, other: DataQuality) -> Self:
         """Both, where `other` is a recording of its own: its first reading repeats none and follows none."""
         return type(self)(
             rows=self.rows + other.rows,
             repeats=self.repeats + other.repeats,
+            path=self.path + other.path,
             first=self.first if self.rows else other.first,
             last=other.last if other.rows else self.last,
             lows=self.lows + other.lows,

@@ -120,6 +120,7 @@ class Summary:
         return Statistics(
             rows=health.rows,
             distinct=health.distinct,
+            path_correlation=health.path.correlation(self.moments.spread),
             extent=float(health.extent.max()),
             principal_variances=self.moments.principal_variances,
             rails=health.rails,
@@ -216,6 +217,8 @@ class Statistics:
         Usable readings.
     distinct : int
         Different readings.
+    path_correlation : float
+        Of one reading with the next.
     extent : float
         Range of the axis that ranges farthest.
     principal_variances : (3,) float
@@ -232,6 +235,7 @@ class Statistics:
 
     rows: int
     distinct: int
+    path_correlation: float
     extent: float
     principal_variances: Floats
     rails: tuple[Rail, ...]
@@ -261,6 +265,7 @@ class Statistics:
         return cls(
             rows=int(record["rows"]),
             distinct=int(record["distinct"]),
+            path_correlation=float(record["path_correlation"]),
             extent=float((record["highest"] - record["lowest"]).max()),
             principal_variances=record["principal_variances"],
             rails=(),
