@@ -192,7 +192,8 @@ class FitError(FlindersError):
 class TooFewSamples(FitError):
     """Fewer usable readings (`found`) than the method has unknowns (`needed`); `skipped` says what was left out.
 
-    How the sensor should have been turned is `how`, here and below.
+    Where readings repeat each other, `found` of `of` are different. How the sensor should have been turned is `how`,
+    here and below.
     """
 
     code = "too-few-samples"
@@ -203,15 +204,17 @@ class TooFewSamples(FitError):
         found: int,
         needed: int,
         method: str,
+        of: int = 0,
         skipped: Iterable[object] = (),
         how: str = "through all directions",
     ) -> None:
         self.found, self.needed, self.method, self.how = found, needed, method, how
+        readings = f"{counted(found, 'different reading')} among {of:,}" if of else counted(found, "usable reading")
         self.skipped = tuple(map(str, skipped))
         besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""
         check = "check what was left out, and " if self.skipped else ""
         super().__init__(
-            f"{counted(found, 'usable reading')}{besides}, {method!r} needs at least {needed:,}: "
+            f"{readings}{besides}, {method!r} needs at least {needed:,}: "
             f"{check}record for longer while turning the sensor {how}",
             found=found,
             needed=needed,

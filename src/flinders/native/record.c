@@ -114,7 +114,7 @@ static int refused(const flinders_record *record, const flinders_options *option
     real largest = 0, size = 0;
     if (!(options->prior >= 0 && isfinite(options->prior)) || !(fl_abs(options->dip_deg) <= 89))
         return FLINDERS_BAD_OPTION;
-    if (record->rows < 10) return FLINDERS_TOO_FEW;
+    if (record->rows < 10 || (options->statistics && record->distinct < 10)) return FLINDERS_TOO_FEW;
     for (int axis = 0; axis < 3; axis++) {
         const real low = fl_abs(record->lowest[axis]), high = fl_abs(record->highest[axis]);
         largest = low > largest ? low : largest;
