@@ -474,10 +474,11 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
 def _named(findings: Mapping[tuple[str, Severity], Any]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
     """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
     there = np.stack(list(findings.values()), axis=1)
+    bits = np.packbits(there, axis=1)
+    _, first, kind = np.unique(bits.view(f"V{bits.shape[1]}").ravel(), return_index=True, return_inverse=True)
     limits = np.array([severity == "limits" for _, severity in findings])
-    kinds, kind = np.unique(there, axis=0, return_inverse=True)
-    named, verdicts = np.empty(len(kinds), dtype=object), np.empty(len(kinds), dtype=object)
-    for place, row in enumerate(kinds):
+    named, verdicts = np.empty(len(first), dtype=object), np.empty(len(first), dtype=object)
+    for place, row in enumerate(there[first]):
         named[place] = tuple(code for (code, _), is_there in zip(findings, row, strict=True) if is_there)
         verdicts[place] = "limited" if (row & limits).any() else "good"
     return named[kind], verdicts[kind]
