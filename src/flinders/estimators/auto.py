@@ -159,7 +159,8 @@ def trimmed_covariance(field: Floats) -> Floats:
     for _ in range(TRIMS):
         local = field - field.mean(axis=0)
         across = np.abs(local @ np.linalg.eigh(local.T @ local)[1][:, 0])
-        field = field[across <= np.quantile(across, 1.0 - TRIMMED)]
+        last = int((1.0 - TRIMMED) * (len(field) - 1))
+        field = field[across <= np.partition(across, last)[last]]
     return np.cov(field.T)
 
 

@@ -523,9 +523,10 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
-    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
-    return unmodelled_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
+    return unmodelled_of(
+        readings.recording, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond
+    )
 
 
 def _independent(estimate: Estimate, count: float) -> float:
