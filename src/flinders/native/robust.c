@@ -140,10 +140,9 @@ static int subset_start(const fl_kernels *kernels, const fl_view *view, size_t n
         if (quadric_of(local, order, quadric) || fl_surface_of_quadric(quadric, ORIGIN, 1, &tried)) continue;
         fl_sym3_values(tried.shape, axes);
         if (!(axes[2] < 5 * axes[0])) continue;
+        if (!kernels->has_closer(&points, &tried, best, chosen / 2 + 1)) continue;
         absolute(kernels, &points, &tried, distances);
-        const real score = fl_select(distances, chosen, chosen / 2);
-        if (!(score < best)) continue;
-        best = score;
+        best = fl_select(distances, chosen, chosen / 2);
         winner = tried;
     }
     if (!(best < FL_HUGE)) return 1;
@@ -245,9 +244,10 @@ static size_t mark_far(const fl_kernels *kernels, const fl_view *view, const fl_
 static int fit_near(const fl_kernels *kernels, const fl_view *all, const flinders_options *options, int dense,
                     real limit, const fl_room *room, fl_fit *fit)
 {
-    const fl_surface start = fit->surface;
+    const int is_at_minimum = fit->used && fit->posterior.support.is_whole && fit->steps < FL_STEPS;
+    const fl_surface start = is_at_minimum ? fit->posterior.surface : fit->surface; /* which curvature corrected */
     const fl_view every = {all->field, all->rows, NULL, 1};
-    mark_far(kernels, &every, &start, limit, room, room->far);
+    mark_far(kernels, &every, &fit->surface, limit, room, room->far);
     for (size_t begin = 0, part = 0; begin < all->rows; part++) {
         const size_t end = part < room->parts ? (size_t)room->ends[part] : all->rows;
         mark_runs(room->far + begin, end - begin, dense, room->rejected + begin);
