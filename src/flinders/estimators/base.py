@@ -40,12 +40,15 @@ class Correlation:
         Standard deviation of the distortion that belongs to directions, in the unit of the readings.
     excess_variance : float
         Factor by which blocks of the recording scatter more than that allows, in variance.
+    lasting : float
+        Probability that slow noise lasts longer than a third of the recording.
     """
 
     lag_one: float
     time: float
     direction: float
     excess_variance: float = 1.0
+    lasting: float = 0.0
 
     @property
     def is_white(self) -> bool:

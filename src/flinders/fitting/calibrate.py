@@ -580,6 +580,7 @@ def _judged(
         textbook_covariance=estimate.textbook,
         independent_samples=_independent(estimate, statistics.rows / claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
+        noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, evidence, dip),

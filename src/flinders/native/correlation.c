@@ -165,6 +165,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     scattered(fit, scatter, record->covariance);
     if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, &fit->slow, step, weighed, explained))
         return;
+    record->noise_lasts = fit->slow.lasts;
     fl_raise(record->covariance, explained, 9, 0);
     for (int i = 0; i < 81; i++) record->covariance[i] += weighed[i] - explained[i];
     move(fit, step);
