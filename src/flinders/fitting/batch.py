@@ -32,7 +32,8 @@ from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
-from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
+from flinders.fitting.shrinkage import may_be_corrected
+from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.confidence import bounds_deg, deviation_covariances
 from flinders.native.engine import engine
@@ -209,6 +210,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     for places, whole, offsets in _groups(units):
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
+        known &= ~may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
             known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
         table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
@@ -288,7 +290,16 @@ class _Table:
 
 
 NOT_ASKED: Final = dict.fromkeys(
-    ("alignment_deg", "apart_deg", "apart_by_chance", "apart_beyond_claim_deg", "swap_gain", "farthest"), np.nan
+    (
+        "alignment_deg",
+        "apart_deg",
+        "apart_by_chance",
+        "apart_beyond_claim_deg",
+        "swap_gain",
+        "farthest",
+        "uncorrected_deg",
+    ),
+    np.nan,
 ) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
 """Quantities of what no record tells; a unit of which one of them matters is fitted by itself."""
 
@@ -417,6 +428,7 @@ def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
         "unobserved": records["unobserved"],
         "prior_share": records["prior_influence"],
         "independent": independent,
+        "independent_needed": np.where(independent == records["used"], ENOUGH, ENOUGH_CORRELATED),
         "independent_share": independent / records["used"],
     }
 

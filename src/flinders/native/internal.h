@@ -181,6 +181,7 @@ typedef struct {
     real held;
     size_t used;
     int unseen, steps;
+    int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
     fl_slow slow;
     fl_posterior posterior;
 } fl_fit;
