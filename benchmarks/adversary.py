@@ -363,7 +363,7 @@ def all_late(rng: Generator) -> Floats:
 
 
 def _slow(sigma: float, time_s: float, *, log: Rows | None = None) -> Effect:
-    return Effect(body=partial(remembering, sigma=sigma, time_s=time_s), log=log)
+    return Effect(body=partial(remembering, sigma=sigma, time_s=time_s), log=log, is_timed=log is None)
 
 
 EFFECTS: Final[dict[str, Effect]] = {

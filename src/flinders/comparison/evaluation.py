@@ -19,7 +19,7 @@ import numpy as np
 from flinders.comparison.comparison import CHANCE, DIRECTIONS, printed
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
-from flinders.geometry.angles import heading_errors
+from flinders.geometry.plane import heading_errors
 from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
     DirectionError,

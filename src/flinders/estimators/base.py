@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 
+from flinders.errors import UsageError
+from flinders.likelihood.prior import SPREAD
+
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.data import Readings
@@ -120,6 +123,12 @@ class Estimate:
     follows: Literal["", "constant", "varying"] = ""
     may_be_swapped: bool = True
     z_down: bool | None = True
+
+
+def check_prior(spread: object) -> None:
+    """Let the spread of a prior through that means something, or None for no prior; else raise UsageError."""
+    if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < np.inf):
+        raise UsageError(f"prior is {spread!r}: need a positive number such as {SPREAD:g}, or None")
 
 
 class Estimator(Protocol):

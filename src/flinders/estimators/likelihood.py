@@ -11,7 +11,7 @@ import numpy as np
 from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
-from flinders.estimators.base import Correlation, Estimate, Method
+from flinders.estimators.base import Correlation, Estimate, Method, check_prior
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.outliers import outliers_among
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
@@ -87,7 +87,7 @@ class Likelihood:
 
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing."""
-        prior.check(self.prior)
+        check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

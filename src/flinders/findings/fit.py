@@ -74,6 +74,22 @@ ROWS: Final = (
         remedy="{remedy}",
     ),
     CatalogueRow(
+        code="corrected-before",
+        subject="fit",
+        grades="note",
+        number="heading error of the readings as recorded, at the worst heading, degrees",
+        limit="the heading error of the calibration",
+        action="leave the readings as they are, where the advice says so: the calibration hardly improves on them",
+        rule=Rule("uncorrected_deg", (Grade("note", -1.0),), limit=Limit(1.0, "worst_deg")),
+        said=(
+            "the readings were corrected before: as recorded they give headings to {uncorrected_deg:angle} (worst "
+            "heading), and with this calibration, which is shrunk towards leaving them as they are, to "
+            "{worst_deg:angle}: {leave}"
+        ),
+        plain="The readings were corrected before, and are off by {angle} of heading as they are.",
+        remedy="If they are good enough, leave them as they are.",
+    ),
+    CatalogueRow(
         code="rotation-uncertain",
         subject="fit",
         grades="limits",
@@ -196,9 +212,9 @@ ROWS: Final = (
         subject="fit",
         grades="limits",
         number="independent readings: all, or as many independent ones as say the same where residuals are correlated",
-        limit="20",
+        limit="15, or 20 where residuals are correlated",
         action="record for longer, turning all the time",
-        rule=Rule("independent", (Grade("limits", 20.0),), comparison="<"),
+        rule=Rule("independent", (Grade("limits", 1.0, "independent_needed"),), comparison="<"),
         said="only {independent_readings}: record for longer, turning all the time",
         plain="There is little to go by: the number of independent readings is only {number:.0f}.",
         remedy="Record for longer, turning all the time.",

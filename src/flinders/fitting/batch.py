@@ -32,10 +32,10 @@ from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
-from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
+from flinders.fitting.shrinkage import may_be_corrected
+from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.confidence import bounds_deg, deviation_covariances
-from flinders.likelihood.magnitude import distances
 from flinders.native.engine import engine
 from flinders.summary.summary import flat_below
 
@@ -210,8 +210,9 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     for places, whole, offsets in _groups(units):
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
+        known &= ~may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
-            known[at] = not _may_be_level(records[at], units[places[at]])
+            known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
         table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
         _fill(columns, places[known], table)
     for place in np.flatnonzero(~columns.by_record).tolist():
@@ -289,7 +290,16 @@ class _Table:
 
 
 NOT_ASKED: Final = dict.fromkeys(
-    ("alignment_deg", "apart_deg", "apart_by_chance", "apart_beyond_claim_deg", "swap_gain", "farthest"), np.nan
+    (
+        "alignment_deg",
+        "apart_deg",
+        "apart_by_chance",
+        "apart_beyond_claim_deg",
+        "swap_gain",
+        "farthest",
+        "uncorrected_deg",
+    ),
+    np.nan,
 ) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
 """Quantities of what no record tells; a unit of which one of them matters is fitted by itself."""
 
@@ -303,20 +313,23 @@ def _tells_all(records: Records, inside: str) -> NDArray[np.bool_]:
     return tells
 
 
-def _inliers(record: Records, one: Samples) -> Samples:
-    """The readings of a unit without its outliers."""
-    if not record["is_robust"]:
-        return one
-    surface = Ellipsoid(record["centre"], symmetric(record["shape"]))
-    return one[np.abs(distances(one.field, surface)) <= record["rejected_beyond"]]
+def _surface(record: Records) -> Ellipsoid:
+    """The ellipsoid of a record."""
+    return Ellipsoid(record["centre"], symmetric(record["shape"]))
 
 
-def _may_be_level(record: Records, one: Samples) -> bool:
+def _limit(record: Records) -> float:
+    """Distance from it beyond which readings are outliers."""
+    return float(record["rejected_beyond"]) if record["is_robust"] else np.inf
+
+
+def _may_be_level(record: Records, field: Floats) -> bool:
     """Whether a unit with outliers may have been turned in one plane, which a few of them hide: a look at some."""
-    field = _inliers(record, one[:: max(1, len(one) // LOOKED)]).field
-    if len(field) < FEWEST_LEFT:
+    some = field[:: max(1, len(field) // LOOKED)]
+    some = some[np.abs(engine().distances(some, record)) <= _limit(record)]
+    if len(some) < FEWEST_LEFT:
         return False
-    return _thickness(np.cov(field.T)) < NEVER_FLAT and _thickness(trimmed_covariance(field)) < MAY_BE_FLAT
+    return _thickness(np.cov(some.T)) < NEVER_FLAT and _thickness(trimmed_covariance(some)) < MAY_BE_FLAT
 
 
 def _thickness(covariance: Floats) -> float:
@@ -415,6 +428,7 @@ def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
         "unobserved": records["unobserved"],
         "prior_share": records["prior_influence"],
         "independent": independent,
+        "independent_needed": np.where(independent == records["used"], ENOUGH, ENOUGH_CORRELATED),
         "independent_share": independent / records["used"],
     }
 
@@ -433,12 +447,11 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
 
 def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict[str, Floats]:
     """Whether something changed within a recording, or follows what was recorded beside it."""
-    unmodelled_deg, shapes = np.full(len(records), np.nan), _shapes(records)
+    unmodelled_deg = np.full(len(records), np.nan)
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        surface, inliers = Ellipsoid(record["centre"], shapes[place]), _inliers(record, one)
-        unmodelled = unmodelled_of(inliers, surface, dip_deg=float(record["dip_deg"]), time=time)
+        unmodelled = unmodelled_of(one, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
         unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
     return {
         "drift_deg": records["drift_deg"],
@@ -491,10 +504,11 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
 def _named(findings: Mapping[tuple[str, Severity], Any]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
     """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
     there = np.stack(list(findings.values()), axis=1)
+    bits = np.packbits(there, axis=1)
+    _, first, kind = np.unique(bits.view(f"V{bits.shape[1]}").ravel(), return_index=True, return_inverse=True)
     limits = np.array([severity == "limits" for _, severity in findings])
-    kinds, kind = np.unique(there, axis=0, return_inverse=True)
-    named, verdicts = np.empty(len(kinds), dtype=object), np.empty(len(kinds), dtype=object)
-    for place, row in enumerate(kinds):
+    named, verdicts = np.empty(len(first), dtype=object), np.empty(len(first), dtype=object)
+    for place, row in enumerate(there[first]):
         named[place] = tuple(code for (code, _), is_there in zip(findings, row, strict=True) if is_there)
         verdicts[place] = "limited" if (row & limits).any() else "good"
     return named[kind], verdicts[kind]

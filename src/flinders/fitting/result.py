@@ -200,6 +200,9 @@ class Fit(Outcome):
         A disturbance that was recorded, moves the readings, and is not followed.
     repeats : Repeats, optional
         Several recordings, compared with each other; their scatter is in the covariance.
+    is_shrunk : bool
+        Whether the readings were corrected before, and the fit is shrunk towards leaving them as they are:
+        `flinders.fitting.shrinkage`.
     plane : str, optional
         ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of
         a turn about the third axis.
@@ -250,6 +253,7 @@ class Fit(Outcome):
     axis_swap: AxisSwap | None = None
     unmodelled: Unmodelled | None = None
     repeats: Repeats | None = None
+    is_shrunk: bool = False
     plane: Plane | None = None
     disturbances: tuple[DisturbanceEstimate, ...] = ()
     disturbances_covariance: Floats | None = None

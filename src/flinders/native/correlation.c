@@ -101,7 +101,7 @@ static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const
         white[i] = 0;
         for (int block = 0; block < FL_BLOCKS; block++) white[i] += blocks.squares[block][i] * autocovariance[0];
     }
-    fl_scatter_in_time(residuals, white, autocovariance, lags, in_time);
+    fl_scatter_in_time(kernels, residuals, white, autocovariance, lags, in_time);
     for (int i = 0; i < 81; i++) in_time[i] *= freedom;
     record->excess_variance = 1 + share * (fl_creep(&blocks, in_time) - 1);
     for (int i = 0; i < 81; i++) scatter[i] += share * record->excess_variance * in_time[i];

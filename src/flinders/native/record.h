@@ -4,7 +4,7 @@
 
 #include "internal.h"
 
-enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096, FL_REGISTERS = 4096,
+enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
        FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
 
 #ifdef FLINDERS_FLOAT
@@ -31,7 +31,6 @@ typedef struct {
     real *directions;        /* (3, FL_LOOKED) of the readings whose rows there are */
     real *some;              /* (3 * min(rows, 20000),) readings that a fit is iterated on */
     real *matrices;          /* (2 * 100 * 100,) covariance of a distortion, cell by cell */
-    unsigned char *registers; /* (FL_REGISTERS,) */
     real *series;            /* (12 * min(rows, FL_LOOKED),) averages of successive residuals */
     const real *time;        /* (rows,) or NULL; not of the workspace */
     const int64_t *ends;     /* (parts,) of the recordings that the readings are; not of the workspace */

@@ -23,11 +23,12 @@ from rich.text import Text
 from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
-from flinders.fitting.advice import condition, movement
+from flinders.fitting.advice import movement
 from flinders.fitting.result import Fit, fit_of
 from flinders.geometry.plane import across
 from flinders.report.formatting import (
     aligned,
+    condition,
     degrees,
     matrix_entries,
     mounting,

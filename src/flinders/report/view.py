@@ -28,12 +28,12 @@ from msgspec import Struct
 from flinders.arrays import runs
 from flinders.core.units import label
 from flinders.findings.row import ANY_ANGLE_DEG
-from flinders.fitting.advice import WORTH_IT, condition, movement
+from flinders.fitting.advice import WORTH_IT, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
 from flinders.heading.guidance import guide
-from flinders.report.formatting import reach
+from flinders.report.formatting import condition, reach
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
