@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
 
-from flinders.estimators.base import Method
+from flinders.estimators.base import Method, check_prior
 from flinders.estimators.likelihood import fitted
 from flinders.likelihood import prior
 
@@ -68,7 +68,7 @@ class Robust:
 
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing."""
-        prior.check(self.prior)
+        check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

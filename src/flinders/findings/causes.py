@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from flinders.findings.row import Severity
 
-OF_RESIDUALS: Final = ("nonlinear-axis", "axis-lag", "structure", "correlated")
+OF_RESIDUALS: Final = ("unsteady-field", "lasting-noise", "nonlinear-axis", "axis-lag", "structure", "correlated")
 """What residuals show, whatever made them."""
 
 OF_A_SURFACE: Final = ("prior", "unobservable-parameters", "axis-ratio", "field-strength")
@@ -53,6 +53,7 @@ CAUSES: Final = (
     Cause("field-changed", "limits", ("noise", *OF_RESIDUALS)),
     Cause("heading-error", "limits", ()),
     Cause("coverage", "limits", ("prior", "unobservable-parameters")),
+    Cause("lasting-noise", "limits", ("few-samples", "correlated")),
     Cause("few-samples", "limits", ("correlated",)),
     Cause("quantised", "note", ("stale-repeats",)),
 )

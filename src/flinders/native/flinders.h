@@ -131,6 +131,7 @@ typedef struct flinders_record {
     flinders_real correlation_time; /* readings that say as much as one independent one */
     flinders_real distortion;     /* standard deviation of what belongs to the direction, not to the moment, unit */
     flinders_real excess_variance; /* factor by which blocks scatter more than that allows, in variance */
+    flinders_real noise_lasts;    /* probability that slow noise lasts longer than a third of the recording; NaN: none */
     flinders_real drift_offset[3]; /* change of the offset from the first reading to the last, unit; NaN: nothing is known */
     flinders_real drift_strength; /* change of the field, a fraction of it */
     flinders_real drift_deg;      /* what that change of the offset does to a level heading, at the worst one */
@@ -153,6 +154,17 @@ typedef struct flinders_record {
     flinders_real longest_step;   /* between two times, s */
     int64_t backward_steps;       /* steps of the clock that go back */
 } flinders_record;
+
+/* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
+typedef struct flinders_disturbance {
+    int64_t used;               /* readings that were looked at; 0 where they are too few */
+    int64_t stride;             /* every how many-th of the inliers these are */
+    flinders_real range;        /* of the disturbance, in its unit */
+    flinders_real farthest;     /* of its values from their mean, in its unit */
+    flinders_real explained;    /* sum of squares that it explains beside the nine parameters, unit² */
+    flinders_real left;         /* sum of squares that nothing explains, unit² */
+    flinders_real per_unit[3];  /* by how much it moves the offset for each unit of it */
+} flinders_disturbance;
 
 #ifdef __cplusplus
 extern "C" {
@@ -189,6 +201,12 @@ FLINDERS_API int flinders_fit_parts(const flinders_real *field, const flinders_r
 FLINDERS_API int flinders_drift(const flinders_real *field, size_t rows, const flinders_real centre[3],
                                 const flinders_real shape[6], flinders_real dip_deg, void *workspace, size_t size,
                                 flinders_record *record);
+
+/* Regress the distances of readings from a known ellipsoid on a disturbance: values (rows,), NaN where it is not known.
+ * Readings farther off than `limit` are left out, and of more than 5,000 every second, third ... is looked at. */
+FLINDERS_API int flinders_regress(const flinders_real *field, const flinders_real *values, size_t rows,
+                                  const flinders_real centre[3], const flinders_real shape[6], flinders_real limit,
+                                  void *workspace, size_t size, flinders_disturbance *found);
 
 /* Fit many: readings of recording i are rows offsets[i] to offsets[i + 1]; the worst status is returned. */
 FLINDERS_API int flinders_fit_many(const flinders_real *field, const flinders_real *time, const int64_t *offsets,
