@@ -547,10 +547,9 @@ def test_what_changed_and_by_how_much_is_told() -> None:
 
 
 def test_a_stuck_rail_is_told_from_the_end_of_a_sphere() -> None:
-    rails = [finding.advice for finding in at_the_rails().findings if finding.code == "saturated"]
-    assert len(rails) >= 2
-    assert any("highest value of x (60)" in advice for advice in rails)
-    assert any("lowest value of y (-60)" in advice for advice in rails)
+    advice = only(at_the_rails(), "saturated").advice
+    assert "highest value of x (60)" in advice
+    assert "lowest value of y (-60)" in advice
     coarse = judged(plain(5000, sensor=Sensor(np.eye(3), np.zeros(3), 0.2, resolution=4.0)))
     assert "saturated" not in {finding.code for finding in coarse.findings}
 
