@@ -17,7 +17,6 @@ import numpy as np
 
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
@@ -188,7 +187,6 @@ class _Evidence(NamedTuple):
         return max(errors, key=lambda error: error.worst)
 
 
-@renamed_keywords(drivers="disturbances", aids="aiding")
 def fit(
     source: Recording | Summary | ArrayLike,
     *,
@@ -532,9 +530,10 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
-    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
-    return unmodelled_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
+    return unmodelled_of(
+        readings.recording, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond
+    )
 
 
 def _independent(estimate: Estimate, count: float) -> float:
@@ -590,6 +589,7 @@ def _judged(
         textbook_covariance=final.textbook,
         independent_samples=_independent(estimate, statistics.rows / claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
+        noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, evidence, dip),

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.findings import CatalogueRow, Condition
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.summary.quality import DataQuality, Rail
+    from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
 OF_CALIBRATION: Final = (
@@ -48,7 +48,7 @@ OF_CALIBRATION: Final = (
     "rotation-unknown",
 )
 """Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = ("stale-repeats", "time-back", "time-gap", "skipped-rows")
+OF_RECORDING: Final = ("quantised", "stale-repeats", "unordered", "time-back", "time-gap", "skipped-rows")
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
@@ -266,6 +266,8 @@ def _changes(fit: Fit) -> dict[str, float]:
         "drift": math.nan if drift is None else float(np.linalg.norm(drift.offset)),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
+        "noise_lasts": fit.noise_lasts,
+        "unsteady_deg": fit.unsteady_deg,
         **_alternation(fit),
     }
 
@@ -400,7 +402,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
 """Words of the sentences about a fit."""
 
 
-def of_recording(health: DataQuality | Statistics) -> Iterator[Finding]:
+def of_recording(health: Statistics) -> Iterator[Finding]:
     """What a recording says about itself."""
     for rail in health.rails:
         yield from _applied((CATALOGUE["saturated"],), _rail_record(rail))
@@ -412,13 +414,15 @@ def _rail_record(rail: Rail) -> Record:
     return Record(numbers, rail_end=lambda: rail.end, rail_axis=lambda: "xyz"[rail.axis])
 
 
-def _recording_record(health: DataQuality | Statistics) -> Record:
+def _recording_record(health: Statistics) -> Record:
     clock, skipped = health.clock, sum(part.rows for part in health.skipped)
     few = skipped <= 0.1 * health.rows
     return Record(
         {
             "rows": health.rows,
-            "repeated_share": health.repeats / max(health.rows, 1),
+            "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
+            "step": health.step,
+            "path_correlation": math.nan if clock.steps else health.path_correlation,
             "backward_steps": clock.backward_steps,
             "longest_step_s": clock.longest_step,
             "usual_step_s": clock.usual_step,

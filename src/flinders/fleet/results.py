@@ -18,18 +18,17 @@ Unknown values are NaN here and null in Arrow and Parquet.
 
 from __future__ import annotations
 
-import heapq
 import math
 import re
 from collections import Counter
 from dataclasses import dataclass, fields, replace
-from itertools import islice
+from functools import cache
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
 
 import numpy as np
 
 from flinders.core.files import replacing
-from flinders.errors import DocumentError, MissingExtra
+from flinders.errors import DocumentError, needs
 from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ VERSION: Final = "2"
 """Version of the columns, in the metadata of a file; the first had no `batch`."""
 SIGN: Final = b"flinders.fleet"
 """Key of that metadata, by which a table of a fleet is recognised."""
-LATER: Final = {"batch": ""}
+LATER: Final = {"batch": "", "bound_deg": math.nan}
 """Columns that tables of earlier releases lack, and their values."""
 GROUP: Final = 65_536
 """Rows in a row group of the table."""
@@ -88,12 +87,14 @@ class UnitResult:
         Method of the final fit.
     worst_deg, rms_deg : float
         Heading error of a level vehicle, 1 σ, at a dip of `dip_deg`.
+    bound_deg : float
+        Heading error that it stays within at all headings with a probability of 95 %.
     dip_deg : float
     offset : 3 float, in `unit_of_field`
     matrix : 9 float
         Row by row.
     covariance : 45 float
-        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.covariance`: its upper triangle, row by row.
+        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row.
     noise, radius : float, in `unit_of_field`
         Noise of the readings about the ellipsoid; strength of the corrected field.
     coverage : float
@@ -118,6 +119,7 @@ class UnitResult:
     method: str = ""
     worst_deg: float = math.nan
     rms_deg: float = math.nan
+    bound_deg: float = math.nan
     dip_deg: float = math.nan
     offset: tuple[float, ...] = _missing(3)
     matrix: tuple[float, ...] = _missing(9)
@@ -232,7 +234,7 @@ class UnitResults(FitColumns):
             If columns are missing.
         """
         refuse_other_table(table.column_names, NAMES)
-        columns: dict[str, Any] = {name: objects([value] * len(table)) for name, value in LATER.items()}
+        columns: dict[str, Any] = {name: _column(name, [value] * len(table)) for name, value in LATER.items()}
         names = [name for name in NAMES if name in table.column_names]
         return cls(**columns | {name: _from_arrow(name, table.column(name)) for name in names})
 
@@ -276,12 +278,9 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 
 def needs_arrow() -> Any:  # noqa: ANN401
     """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
-    try:
-        import pyarrow
-        import pyarrow.ipc
-    except ImportError:
-        raise MissingExtra("pyarrow", "fleet", "the table of a fleet") from None
-    return pyarrow
+    needs("pyarrow.compute", "fleet", "the table of a fleet")
+    needs("pyarrow.ipc", "fleet", "the table of a fleet")
+    return needs("pyarrow", "fleet", "the table of a fleet")
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
@@ -294,6 +293,7 @@ def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | 
         )
 
 
+@cache
 def schema() -> Any:  # noqa: ANN401
     """Columns and types of the table in Arrow and Parquet."""
     arrow = needs_arrow()
@@ -410,8 +410,7 @@ def texts(column: Any) -> list[str]:  # noqa: ANN401
 def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
     """Merge Arrow files of rows, each sorted by `KEY`, into a Parquet file; of equal rows the first come first.
 
-    A file is opened when its first row comes next, and a row group is taken from a few files, so that memory is that of
-    a row group. Raises OutputError.
+    Memory is that of the keys of all rows and of a row group. Raises OutputError.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -445,41 +444,39 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
 
 def _groups(parts: Sequence[Path]) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    rows = heapq.merge(*(_keys(path, place) for place, path in enumerate(parts)))
-    while group := [(place, row) for _, place, row in islice(rows, GROUP)]:
-        yield _gathered(parts, np.array(group))
+    arrow = needs_arrow()
+    keys = [_keys(path) for path in parts]
+    begins = np.cumsum([0, *map(len, keys)])
+    by = [(name, "ascending") for name in KEY]
+    whole = arrow.concat_tables([schema().empty_table().select(KEY), *keys])
+    order = arrow.compute.sort_indices(whole, by).to_numpy().astype(np.int64)
+    for first in range(0, len(order), GROUP):
+        yield _gathered(parts, begins, order[first : first + GROUP])
 
 
-def _keys(path: Path, place: int) -> Iterator[tuple[Any, int, int]]:
-    """Sort key, number of the file and number of each row; a file is left closed until its second row is asked for."""
-    if not len(_mapped(path)):
-        return
-    yield _key_columns(_mapped(path).slice(0, 1))[0], place, 0
-    for row, key in enumerate(_key_columns(_mapped(path).slice(1)), start=1):
-        yield key, place, row
+def _keys(path: Path) -> Any:  # noqa: ANN401
+    """Columns of `KEY` of a file; of the others nothing is read."""
+    arrow = needs_arrow()
+    only = arrow.ipc.IpcReadOptions(included_fields=[NAMES.index(name) for name in KEY])
+    with arrow.OSFile(str(path)) as file:
+        return arrow.ipc.open_file(file, options=only).read_all().select(KEY)
+
+
+def _gathered(parts: Sequence[Path], begins: NDArray[np.int64], rows: NDArray[np.int64]) -> Any:  # noqa: ANN401
+    """Table of (G,) rows, counted through all files; each of these begins at one of `begins`."""
+    arrow = needs_arrow()
+    of_part = np.searchsorted(begins, rows, side="right") - 1
+    order = np.argsort(of_part, kind="stable")
+    places, first = np.unique(of_part[order], return_index=True)
+    taken = zip(places.tolist(), np.split(rows[order], first[1:]), strict=True)
+    pieces = [_mapped(parts[place]).take(numbers - begins[place]) for place, numbers in taken]
+    return arrow.concat_tables(pieces).combine_chunks().take(np.argsort(order))
 
 
 def _mapped(path: Path) -> Any:  # noqa: ANN401
     """Rows of a file, mapped into memory and not read."""
     arrow = needs_arrow()
     return arrow.ipc.open_file(arrow.memory_map(str(path))).read_all()
-
-
-def _key_columns(table: Any) -> list[tuple[str, str, float]]:  # noqa: ANN401
-    """Cells of `KEY` of each row; a missing time comes last."""
-    unit, recording, start = (table.column(name).to_pylist() for name in KEY)
-    return list(zip(unit, recording, (math.inf if time is None else time for time in start), strict=True))
-
-
-def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: ANN401
-    """Table of (G, 2) rows, each the number of a file and of a row in it."""
-    arrow = needs_arrow()
-    order = np.argsort(rows[:, 0], kind="stable")
-    places, first = np.unique(rows[order, 0], return_index=True)
-    taken = zip(places.tolist(), np.split(rows[order, 1], first[1:]), strict=True)
-    pieces = (_mapped(parts[place]).take(numbers) for place, numbers in taken)
-    whole = arrow.concat_tables([schema().empty_table(), *pieces])
-    return whole.combine_chunks().take(np.argsort(order))
 
 
 # --------------------------------------------------------------------------------------------------------------- counts

@@ -4,6 +4,8 @@
 
 enum { FEW_STEPS = 8 }; /* after which outliers are looked for, as they make for many */
 
+#define QUIETER ((real)0.75) /* of the noise of all readings, that of a majority which a load left alone */
+
 /* Fill options with their defaults. */
 void flinders_default_options(flinders_options *options)
 {
@@ -114,7 +116,7 @@ static int refused(const flinders_record *record, const flinders_options *option
     real largest = 0, size = 0;
     if (!(options->prior >= 0 && isfinite(options->prior)) || !(fl_abs(options->dip_deg) <= 89))
         return FLINDERS_BAD_OPTION;
-    if (record->rows < 10) return FLINDERS_TOO_FEW;
+    if (record->rows < 10 || (options->statistics && record->distinct < 10)) return FLINDERS_TOO_FEW;
     for (int axis = 0; axis < 3; axis++) {
         const real low = fl_abs(record->lowest[axis]), high = fl_abs(record->highest[axis]);
         largest = low > largest ? low : largest;
@@ -199,17 +201,21 @@ static int fit_from(const fl_kernels *kernels, fl_view *view, const flinders_opt
     const int may_ask = options->robust && view->rows >= 12;
     const int looks_early = may_ask && !start_of_majority;
     int status = fl_polish(kernels, view, options, start, looks_early ? FEW_STEPS : FL_STEPS, room->some, fit);
-    int asks = may_ask && status == FLINDERS_OK && fl_asks_for_robust(kernels, view, &fit->surface, room);
-    if (!asks && looks_early && status == FLINDERS_OK && fit->steps == FEW_STEPS) { /* it goes on from where it stands */
+    int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, &fit->surface, room) : 0;
+    if (asks != 1 && looks_early && status == FLINDERS_OK && fit->steps == FEW_STEPS) { /* it goes on from where it stands */
         const fl_surface so_far = fit->surface;
         status = fl_polish(kernels, view, options, &so_far, FL_STEPS - FEW_STEPS, room->some, fit);
         fit->steps += FEW_STEPS;
-        asks = status == FLINDERS_OK && fl_asks_for_robust(kernels, view, &fit->surface, room);
+        asks = status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, &fit->surface, room) : 0;
     }
     if (!asks && options->robust < 2) return status;
     const int found = fl_robust(kernels, view, options, start_of_majority, room, &most, record);
     if (found != FLINDERS_OK) fl_forget_outliers(view, record);
     if (found != FLINDERS_OK && options->robust < 2) return status;
+    if (asks == FL_SUSPECTS && options->robust < 2 && most.noise > QUIETER * fit->noise) {
+        fl_forget_outliers(view, record);
+        return status;
+    }
     *fit = most;
     return found;
 }
