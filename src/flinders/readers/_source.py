@@ -24,7 +24,6 @@ import io
 import os
 import stat
 import sys
-import tempfile
 import weakref
 import zlib
 from collections import Counter
@@ -219,6 +218,8 @@ def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, o
 
     Nothing, what is no text, and what cannot be written raise `UnreadableInput`; `empty` says what to do about nothing.
     """
+    import tempfile
+
     path: Path | None = None
     source: File | None = None
     try:
