@@ -221,7 +221,7 @@ def test_sums_add_and_merge_and_solve() -> None:
     expected = Consistent().estimate(Readings.of(field))
     record = call.solve(merged["sums"], origin=merged["origin"], unit=float(merged["scale"]))
     npt.assert_allclose(surface(record).parameters, expected.ellipsoid.parameters, rtol=1e-7, atol=1e-6)
-    npt.assert_allclose(record["noise"], expected.noise, rtol=1e-6)
+    npt.assert_allclose(record["noise"], expected.noise * np.sqrt(1.0 - 9 / len(field)), rtol=1e-6)
 
 
 @pytest.mark.parametrize("world", WORLDS)
@@ -233,8 +233,14 @@ def test_coverage_is_that_of_the_cloud(world: str) -> None:
     npt.assert_allclose(record["hole_deg"], expected.hole_deg, rtol=1e-6)
 
 
-def test_quality_counts_what_it_counted() -> None:
-    field = np.round(tumble(3000, noise=0.0) / 8.0).clip(max=18.0) * 8.0
+def rails_of(quality: DataQuality) -> int:
+    """The rails of a recording as a record has them."""
+    return sum(1 << rail.axis + 3 * (rail.end == "highest") for rail in quality.rails)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 144.0])
+def test_quality_counts_what_it_counted(limit: float) -> None:
+    field = (np.round(tumble(3000, noise=0.0) / 8.0) * 8.0).clip(max=limit)
     field[100:110] = field[100]
     time = np.arange(3000.0)
     time[50] = 0.0
@@ -244,19 +250,21 @@ def test_quality_counts_what_it_counted() -> None:
     npt.assert_array_equal(record["lowest"], quality.lows.values)
     npt.assert_array_equal(record["highest"], -quality.highs.values)
     npt.assert_array_equal(record["end_counts"], np.concatenate([quality.lows.counts, quality.highs.counts]))
-    npt.assert_array_equal(
-        record["end_extent"].reshape(6, 3), np.concatenate([quality.lows.ranges, quality.highs.ranges])
-    )
+    assert (int(record["rails"]), float(record["step"])) == (rails_of(quality), quality.step)
+    npt.assert_allclose(record["path_correlation"], quality.path.correlation(Moments.of(field).spread), rtol=1e-9)
     assert record["repeats"] == quality.repeats
     assert record["longest_repeat"] >= 10
-    assert record["distinct"] == len(np.unique(field, axis=0))
+    assert record["distinct"] == quality.distinct == len(np.unique(field, axis=0))
     assert int(record["backward_steps"]) == quality.clock.backward_steps
     assert float(record["end"]) == 2999.0
 
 
-def test_distinct_readings_beyond_4096_are_estimated() -> None:
-    field = tumble(100_000)
-    npt.assert_allclose(engine().fit(field)["distinct"], len(np.unique(field, axis=0)), rtol=0.06)
+@pytest.mark.parametrize("times", [1, 3])
+def test_of_many_different_readings_a_sample_is_counted(times: int) -> None:
+    field = np.random.default_rng(2).permutation(np.concatenate([tumble(30_000)] * times + [tumble(10_000)]))
+    record = engine().fit(field)
+    assert record["distinct"] == DataQuality.of(Samples.of(field)).distinct
+    npt.assert_allclose(record["distinct"], len(np.unique(field, axis=0)), rtol=0.03)
 
 
 def test_distances_are_those_of_sampson() -> None:

@@ -172,6 +172,14 @@ def at_the_rails() -> Fit:
     return judged(plain(2000, sensor=Sensor(np.eye(3), np.array([20.0, -30.0, 10.0]), 0.2, limit=60.0)))
 
 
+def in_steps() -> Fit:
+    return judged(plain(3000, sensor=Sensor(np.eye(3), np.zeros(3), 0.2, resolution=8.0)))
+
+
+def shuffled() -> Fit:
+    return judged(np.random.default_rng(1).permutation(plain(motion="hand").field))
+
+
 def stale() -> Fit:
     return judged(np.repeat(plain().field, 3, axis=0))
 
@@ -242,7 +250,7 @@ def sound() -> Fit:
 
 
 def in_counts() -> Fit:
-    return judged(Samples.of(300.0 * plain().field))
+    return judged(Samples.of(300.0 * plain(motion="hand").field))
 
 
 def only(fit: Fit, code: str) -> Finding:
@@ -276,7 +284,9 @@ CASES: Final[list[tuple[str, str, Callable[[], Fit], tuple[float, float]]]] = [
     ("outliers", "note", a_few_strays, (0.05, 0.08)),
     ("outliers", "limits", many_strays, (0.2, 0.23)),
     ("saturated", "limits", at_the_rails, (0.01, 0.2)),
+    ("quantised", "note", in_steps, (8.0, 8.0)),
     ("stale-repeats", "note", stale, (0.66, 0.67)),
+    ("unordered", "note", shuffled, (-0.1, 0.1)),
     ("time-gap", "note", interrupted, (60.0, 60.1)),
     ("time-back", "note", back_in_time, (1, 1)),
     ("skipped-rows", "note", gaps, (3, 3)),

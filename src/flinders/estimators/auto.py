@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NeedsSamples
-from flinders.estimators.base import Method
+from flinders.estimators.base import Method, check_prior
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood, estimated, recorded
 from flinders.estimators.robust import Robust
@@ -80,7 +80,7 @@ class Auto:
 
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing."""
-        prior.check(self.prior)
+        check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.

@@ -32,8 +32,10 @@ from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
-from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
+from flinders.fitting.shrinkage import may_be_corrected
+from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
+from flinders.heading.confidence import bounds_deg, deviation_covariances
 from flinders.native.engine import engine
 from flinders.summary.summary import flat_below
 
@@ -114,8 +116,10 @@ class FitColumns:
         ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two.
     worst_deg, rms_deg, dip_deg : (U,) float
         Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
+    bound_deg : (U,) float
+        That it stays within at all headings with a probability of 95 %.
     offset, matrix, covariance : (U, 3), (U, 9), (U, 45) float, in `unit_of_field`
-        Of the calibration; the upper triangle of the covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), row by row.
+        Of the calibration; the upper triangle of `Fit.claimed_covariance`, row by row.
     noise, radius : (U,) float, in `unit_of_field`
     coverage : (U,) float
         Share of the sphere that was seen.
@@ -132,6 +136,7 @@ class FitColumns:
     method: NDArray[np.object_]
     worst_deg: Floats
     rms_deg: Floats
+    bound_deg: Floats
     dip_deg: Floats
     offset: Floats
     matrix: Floats
@@ -205,6 +210,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     for places, whole, offsets in _groups(units):
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
+        known &= ~may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
             known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
         table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
@@ -253,7 +259,7 @@ class _Table:
 
     records: Records  # (U,)
     quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
-    covariance: Floats  # (U, 81) with what repeated and few readings add
+    covariance: Floats  # (U, 9, 9) with all that widens it, as `Fit.claimed_covariance`
     inside: str  # unit of the readings: ``uT`` or ``counts``
 
     @classmethod
@@ -270,7 +276,7 @@ class _Table:
             **_changes(records, disturbed),
             **{name: np.full(len(records), value) for name, value in NOT_ASKED.items()},
         }
-        return cls(records, quantities, records["covariance"] * factor[:, np.newaxis], inside)
+        return cls(records, quantities, _claimed(records, factor, quantities["structure_deg"]), inside)
 
     @property
     def findings(self) -> dict[tuple[str, Severity], NDArray[np.bool_]]:
@@ -284,7 +290,16 @@ class _Table:
 
 
 NOT_ASKED: Final = dict.fromkeys(
-    ("alignment_deg", "apart_deg", "apart_by_chance", "apart_beyond_claim_deg", "swap_gain", "farthest"), np.nan
+    (
+        "alignment_deg",
+        "apart_deg",
+        "apart_by_chance",
+        "apart_beyond_claim_deg",
+        "swap_gain",
+        "farthest",
+        "uncorrected_deg",
+    ),
+    np.nan,
 ) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
 """Quantities of what no record tells; a unit of which one of them matters is fitted by itself."""
 
@@ -333,6 +348,15 @@ def _repetition(records: Records) -> tuple[Floats, Floats]:
     return repetition, repetition * few
 
 
+def _claimed(records: Records, factor: Floats, structure_deg: Floats) -> Floats:
+    """(U, 9, 9) covariances, a factor wider, with what belongs to the direction, as `Fit.claimed_covariance`."""
+    claimed = (records["covariance"] * factor[:, np.newaxis]).reshape(-1, 9, 9)
+    sigma = np.deg2rad(structure_deg) * np.cos(np.deg2rad(records["dip_deg"]))
+    shapes = _shapes(records)
+    claimed[:, :3, :3] += (sigma**2)[:, np.newaxis, np.newaxis] * (shapes @ shapes)
+    return claimed
+
+
 def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
     """What the ellipsoid says, and the calibration that it makes."""
     axes = np.linalg.eigvalsh(_shapes(records))
@@ -374,6 +398,8 @@ def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
         "nonlinear_deg": _named_fault(records, "nonlinear", "lag"),
         "lag_deg": _named_fault(records, "lag", "nonlinear"),
         "next_correlation": lag_one,
+        "noise_lasts": np.nan_to_num(records["noise_lasts"]),
+        "unsteady_deg": np.rad2deg(records["noise"] * np.sqrt(np.maximum(lag_one, 0.0)) / level),
         "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
         "alternating_deg": np.degrees(np.arctan2(off, level)),
     }
@@ -402,6 +428,7 @@ def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
         "unobserved": records["unobserved"],
         "prior_share": records["prior_influence"],
         "independent": independent,
+        "independent_needed": np.where(independent == records["used"], ENOUGH, ENOUGH_CORRELATED),
         "independent_share": independent / records["used"],
     }
 
@@ -461,7 +488,10 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
     strength, matrix = _corrections(records)
     columns.readings[places], columns.used[places] = records["rows"], records["used"]
     columns.offset[places], columns.matrix[places] = records["centre"], matrix.reshape(-1, 9)
-    columns.covariance[places] = table.covariance[kept][:, UPPER]
+    covariance = table.covariance[kept]
+    columns.covariance[places] = covariance.reshape(-1, 81)[:, UPPER]
+    deviations = deviation_covariances(_shapes(records), covariance, records["dip_deg"])
+    columns.bound_deg[places] = bounds_deg(deviations)
     columns.noise[places], columns.radius[places] = records["noise"], strength
     columns.worst_deg[places], columns.rms_deg[places] = (table.quantities[n][kept] for n in ("worst_deg", "rms_deg"))
     columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
@@ -519,4 +549,5 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
         return
     columns.offset[place], columns.radius[place] = result.calibration.offset, result.calibration.field_strength
     columns.matrix[place] = result.calibration.matrix.ravel()
-    columns.covariance[place] = result.covariance.ravel()[UPPER]
+    columns.covariance[place] = result.claimed_covariance.ravel()[UPPER]
+    columns.bound_deg[place] = result.heading_bound_deg

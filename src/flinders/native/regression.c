@@ -94,7 +94,7 @@ void fl_take_off(fl_residuals *residuals, const real *solution)
 
 /* Covariance of a solution, its residuals as they are correlated, from Σ JJᵀ and its inverse. Returns how many of the
  * residuals are independent, beyond those that the terms take. */
-real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance)
+real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance)
 {
     const int n = residuals->width;
     real autocovariance[FL_LAGS], white[FL_WIDEST * FL_WIDEST], scatter[FL_WIDEST * FL_WIDEST], half[FL_WIDEST * FL_WIDEST];
@@ -102,7 +102,7 @@ real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix
     for (int i = 0; i < n * n; i++) covariance[i] = inverse[i] * autocovariance[0];
     if (lags < 2) return (real)residuals->n - (real)n;
     for (int i = 0; i < n * n; i++) white[i] = matrix[i] * autocovariance[0];
-    fl_scatter_in_time(residuals, white, autocovariance, lags, scatter);
+    fl_scatter_in_time(kernels, residuals, white, autocovariance, lags, scatter);
     fl_multiply(inverse, scatter, n, n, n, half);
     fl_multiply(half, inverse, n, n, n, covariance);
     return (real)residuals->n / fl_time_of(autocovariance, lags) - (real)n;
