@@ -208,7 +208,7 @@ class TooFewSamples(FitError):
         skipped: Iterable[object] = (),
         how: str = "through all directions",
     ) -> None:
-        self.found, self.needed, self.method, self.how = found, needed, method, how
+        self.found, self.needed, self.method, self.of, self.how = found, needed, method, of, how
         readings = f"{counted(found, 'different reading')} among {of:,}" if of else counted(found, "usable reading")
         self.skipped = tuple(map(str, skipped))
         besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""

@@ -60,14 +60,11 @@ ROWS: Final = (
         code="saturated",
         subject="recording",
         grades="limits",
-        number="share of the readings at the very end of an axis; they are left out",
+        number="largest share of the readings at the very end of an axis; they are left out",
         limit="0.01",
         action="choose a larger range of the sensor, or move it away from magnets",
         rule=Rule("rail_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
-        said=(
-            "{rail_share:.1%} of the readings sit at the {rail_end} value of {rail_axis} ({rail_value:g}) and are"
-            " left out: choose a larger range, or move the sensor away from magnets"
-        ),
+        said=("of the readings {rails}, and are left out: choose a larger range, or move the sensor away from magnets"),
         plain="The sensor was at the end of its range in {number:.1%} of the readings.",
         remedy="Choose a larger range of the sensor, or move it away from magnets, and record again.",
         alarm=True,
@@ -107,10 +104,10 @@ ROWS: Final = (
         code="unordered",
         subject="recording",
         grades="note",
-        number="correlation of one reading with the next, of a hundred readings or more without times",
+        number="correlation of one reading with the next, of a hundred different readings or more without times",
         limit="0.3",
         action="keep the rows in the order of recording, with their times, or record again",
-        rule=Rule("path_correlation", (Grade("note", 0.3),), comparison="<", needs=(Needs("rows", ">=", 100.0),)),
+        rule=Rule("path_correlation", (Grade("note", 0.3),), comparison="<", needs=(Needs("distinct", ">=", 100.0),)),
         said=(
             "each reading is as far from the next as from any other, as where rows were sorted or shuffled: noise that "
             "changes slowly cannot be seen, and the heading error does not allow for it; keep the order of recording"

@@ -536,9 +536,11 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
     )
 
 
-def _independent(estimate: Estimate, count: float) -> float:
-    """How many independent readings say as much."""
-    return np.inf if estimate.correlation is None else estimate.correlation.effective(count)
+def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
+    """How many independent readings say as much: no more than there are different ones."""
+    if estimate.correlation is None:
+        return np.inf
+    return min(estimate.correlation.effective(statistics.rows / repetition), statistics.distinct)
 
 
 def _distortion(estimate: Estimate) -> float:
@@ -587,7 +589,7 @@ def _judged(
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
         textbook_covariance=final.textbook,
-        independent_samples=_independent(estimate, statistics.rows / claim.repetition),
+        independent_samples=_independent(estimate, statistics, claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
         noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
         outliers=estimate.outliers,

@@ -33,7 +33,7 @@ from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import VERDICTS, Finding, Verdict, current
+from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.aiding import Aiding
@@ -128,7 +128,7 @@ def structure_error_deg(
     It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not to
     be linear or to be late (at the worst heading), whichever is larger.
     """
-    across = float(np.rad2deg(distortion / (radius * np.cos(np.deg2rad(dip_deg)))))
+    across = math.degrees(distortion / (radius * math.cos(math.radians(dip_deg))))
     return max(across, *(fault.heading_deg for fault in faults if fault is not None and fault.is_proven), 0.0)
 
 
@@ -581,7 +581,7 @@ class Fit(Outcome):
         """What a notebook shows; of a refused fit no number of the calibration."""
         title = f"{SIGNS[self.verdict]} {self.verdict}: "
         title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
-        told = [finding for finding in self.findings if finding.severity != "note"]
+        told = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
         words = [f"{SIGNS[finding.severity]} {finding.advice}" for finding in told]
         if self.verdict == "refused":
             return refusal(title, words)
@@ -735,6 +735,7 @@ class Refused(FitError):
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
         reasons = [finding for finding in fit.findings if finding.severity == "refuses"]
+        causes = [finding for finding in first_causes(fit.findings) if finding.severity == "refuses"]
         super().__init__(
-            "; ".join(finding.advice for finding in reasons), **{finding.code: finding.number for finding in reasons}
+            "; ".join(finding.advice for finding in causes), **{finding.code: finding.number for finding in reasons}
         )

@@ -159,12 +159,18 @@ class _FitRecord(Record):
         return WORDS[name](self._fit)
 
 
-def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float]:
+def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float | str]:
     """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
-    thickness, _, width = np.sqrt(statistics.principal_variances).tolist()
+    thickness, middle, width = np.sqrt(statistics.principal_variances).tolist()
+    limit = flat_below(width, fit.noise)
     return {
         "flatness": math.nan if fit.plane or not width else thickness / width,
-        "flatness_limit": flat_below(width, fit.noise) / width if width else math.nan,
+        "flatness_limit": limit / width if width else math.nan,
+        "where_flat": (
+            "in one plane, as in a level turn, and tell nothing of the direction across it"
+            if middle > limit
+            else "on one line, as of two attitudes, and tell nothing of the directions across it"
+        ),
     }
 
 
@@ -200,7 +206,7 @@ def _evidence(fit: Fit) -> dict[str, float]:
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
     independent = min(fit.independent_samples, float(fit.samples))
-    alike = "" if independent == fit.samples else f" (of {fit.samples:,} whose residuals are correlated)"
+    alike = "" if independent == fit.samples else f" (of {fit.samples:,}: the others repeat them, or err alike)"
     return f"{counted(independent, 'independent reading')}{alike}"
 
 
@@ -263,7 +269,7 @@ def _changes(fit: Fit) -> dict[str, float]:
         **_apart(fit.repeats, fit.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
         "drift_by_chance": math.nan if drift is None else drift.p_value,
-        "drift": math.nan if drift is None else float(np.linalg.norm(drift.offset)),
+        "drift": math.nan if drift is None else math.hypot(*drift.offset),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
         "noise_lasts": fit.noise_lasts,
@@ -404,14 +410,11 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
 
 def of_recording(health: Statistics) -> Iterator[Finding]:
     """What a recording says about itself."""
-    for rail in health.rails:
-        yield from _applied((CATALOGUE["saturated"],), _rail_record(rail))
-    yield from _applied((CATALOGUE[code] for code in OF_RECORDING), _recording_record(health))
+    yield from _applied((CATALOGUE[code] for code in ("saturated", *OF_RECORDING)), _recording_record(health))
 
 
-def _rail_record(rail: Rail) -> Record:
-    numbers = {"rail_share": rail.share, "rail_value": rail.value}
-    return Record(numbers, rail_end=lambda: rail.end, rail_axis=lambda: "xyz"[rail.axis])
+def _at_rail(rail: Rail) -> str:
+    return f"{rail.share:.1%} sit at the {rail.end} value of {'xyz'[rail.axis]} ({rail.value:g})"
 
 
 def _recording_record(health: Statistics) -> Record:
@@ -420,6 +423,8 @@ def _recording_record(health: Statistics) -> Record:
     return Record(
         {
             "rows": health.rows,
+            "distinct": health.distinct,
+            "rail_share": max((rail.share for rail in health.rails), default=0.0),
             "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
             "step": health.step,
             "path_correlation": math.nan if clock.steps else health.path_correlation,
@@ -428,6 +433,7 @@ def _recording_record(health: Statistics) -> Record:
             "usual_step_s": clock.usual_step,
             "skipped": skipped,
         },
+        rails=lambda: ", ".join(map(_at_rail, health.rails)),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
         skipped_rows=lambda: "; ".join(map(str, health.skipped)),
         check=lambda: "" if few else ". Check the sensor, its cable, and what was saved",

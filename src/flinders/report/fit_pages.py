@@ -23,6 +23,7 @@ from rich.text import Text
 from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
+from flinders.findings import first_causes, limit_of
 from flinders.fitting.advice import movement
 from flinders.fitting.result import Fit, fit_of
 from flinders.geometry.plane import across
@@ -184,7 +185,8 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
+    is_surface = not (fit.is_flat or fit.plane or fit.noise > limit_of("noise", "refuses") * fit.ellipsoid.radius)
+    seen = f", {fit.coverage.fraction:.0%} of the sphere seen" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
@@ -269,7 +271,8 @@ def _why_refused(outcome: Fit | FitError) -> str:
     fit = fit_of(outcome)
     if fit is None:
         return str(outcome)
-    return "; ".join(finding.advice.partition(":")[0] for finding in fit.findings if finding.severity == "refuses")
+    reasons = (finding for finding in first_causes(fit.findings) if finding.severity == "refuses")
+    return "; ".join(finding.advice.partition(":")[0] for finding in reasons)
 
 
 def _error(outcome: Fit | FlindersError) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import figures
+from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.verdict import OF_THE_RECORDING
@@ -191,10 +192,11 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 
 
 def shown_findings(fit: Fit) -> list[Finding]:
-    """Findings that a page shows: of a refused fit those that limit it or refuse it, and notes on the recording."""
+    """Findings that a page shows, first causes; of a refused fit no notes but those on the recording."""
+    causes = first_causes(fit.findings)
     if fit.verdict != "refused":
-        return list(fit.findings)
-    return [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
+        return list(causes)
+    return [finding for finding in causes if finding.severity != "note" or finding.code in OF_THE_RECORDING]
 
 
 def mounting(fit: Fit) -> str:

@@ -27,6 +27,7 @@ from msgspec import Struct
 
 from flinders.arrays import runs
 from flinders.core.units import label
+from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.advice import WORTH_IT, movement
 from flinders.geometry.plane import down_of
@@ -189,7 +190,7 @@ def view(
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.samples,
-        findings=tuple(FindingView(**finding.as_dict()) for finding in fit.findings),
+        findings=tuple(FindingView(**finding.as_dict()) for finding in first_causes(fit.findings)),
         tiles_deg=tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
@@ -301,7 +302,7 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
         if worst > fit.target_deg:
             much = fit.heading_words if worst < ANY_ANGLE_DEG else "any angle"
             return f"Headings may be off by {much}. {target}"
-        return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
+        return f"Not fit for use: {first_causes(fit.findings)[0].advice}"
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
     attitudes = "held level" if limit < 1.0 else reach(limit)
     good = "are good to" if worst <= fit.target_deg else "may be off by"
