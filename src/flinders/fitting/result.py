@@ -128,7 +128,7 @@ def structure_error_deg(
     It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not to
     be linear or to be late (at the worst heading), whichever is larger.
     """
-    across = float(np.rad2deg(distortion / (radius * np.cos(np.deg2rad(dip_deg)))))
+    across = math.degrees(distortion / (radius * math.cos(math.radians(dip_deg))))
     return max(across, *(fault.heading_deg for fault in faults if fault is not None and fault.is_proven), 0.0)
 
 

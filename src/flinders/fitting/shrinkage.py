@@ -9,7 +9,7 @@ and the deviator of its shape over the mean semi-axis, have a covariance P, and 
 
 Where the marginal likelihood of d makes the first 99.9 % probable [1]_, the fit becomes its posterior mean, the average
 of Q (P + Q)⁻¹ d over the nine, and claims the posterior covariance [2]_. Readings from all directions have a P so small
-that nothing is shrunk. ``python -m benchmarks.claims --tables windows`` measures what it does to parts of recordings.
+that nothing is shrunk. ``python -m benchmarks.windows`` measures what it does to parts of recordings.
 
 .. [1] R. E. Kass, A. E. Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) 773–795.
 .. [2] C. N. Morris, "Parametric empirical Bayes inference", J. Am. Stat. Assoc. 78 (1983) 47–55.

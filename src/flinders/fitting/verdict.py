@@ -269,7 +269,7 @@ def _changes(fit: Fit) -> dict[str, float]:
         **_apart(fit.repeats, fit.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
         "drift_by_chance": math.nan if drift is None else drift.p_value,
-        "drift": math.nan if drift is None else float(np.linalg.norm(drift.offset)),
+        "drift": math.nan if drift is None else math.hypot(*drift.offset),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
         "noise_lasts": fit.noise_lasts,

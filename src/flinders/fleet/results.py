@@ -18,11 +18,13 @@ Unknown values are NaN here and null in Arrow and Parquet.
 
 from __future__ import annotations
 
+import heapq
 import math
 import re
 from collections import Counter
 from dataclasses import dataclass, fields, replace
 from functools import cache
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
 
 import numpy as np
@@ -278,7 +280,6 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 
 def needs_arrow() -> Any:  # noqa: ANN401
     """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
-    needs("pyarrow.compute", "fleet", "the table of a fleet")
     needs("pyarrow.ipc", "fleet", "the table of a fleet")
     return needs("pyarrow", "fleet", "the table of a fleet")
 
@@ -410,7 +411,8 @@ def texts(column: Any) -> list[str]:  # noqa: ANN401
 def merge(parts: Sequence[Path], out: str | os.PathLike[str]) -> None:
     """Merge Arrow files of rows, each sorted by `KEY`, into a Parquet file; of equal rows the first come first.
 
-    Memory is that of the keys of all rows and of a row group. Raises OutputError.
+    A file is opened when its first row comes next, and a row group is taken from a few files, so that memory is that of
+    a row group. Raises OutputError.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -444,39 +446,41 @@ def _write(groups: Iterator[Any], file: Any) -> None:  # noqa: ANN401 - pyarrow 
 
 def _groups(parts: Sequence[Path]) -> Iterator[Any]:
     """Tables of the rows of one row group each, in order."""
-    arrow = needs_arrow()
-    keys = [_keys(path) for path in parts]
-    begins = np.cumsum([0, *map(len, keys)])
-    by = [(name, "ascending") for name in KEY]
-    whole = arrow.concat_tables([schema().empty_table().select(KEY), *keys])
-    order = arrow.compute.sort_indices(whole, by).to_numpy().astype(np.int64)
-    for first in range(0, len(order), GROUP):
-        yield _gathered(parts, begins, order[first : first + GROUP])
+    rows = heapq.merge(*(_keys(path, place) for place, path in enumerate(parts)))
+    while group := [(place, row) for _, place, row in islice(rows, GROUP)]:
+        yield _gathered(parts, np.array(group))
 
 
-def _keys(path: Path) -> Any:  # noqa: ANN401
-    """Columns of `KEY` of a file; of the others nothing is read."""
-    arrow = needs_arrow()
-    only = arrow.ipc.IpcReadOptions(included_fields=[NAMES.index(name) for name in KEY])
-    with arrow.OSFile(str(path)) as file:
-        return arrow.ipc.open_file(file, options=only).read_all().select(KEY)
-
-
-def _gathered(parts: Sequence[Path], begins: NDArray[np.int64], rows: NDArray[np.int64]) -> Any:  # noqa: ANN401
-    """Table of (G,) rows, counted through all files; each of these begins at one of `begins`."""
-    arrow = needs_arrow()
-    of_part = np.searchsorted(begins, rows, side="right") - 1
-    order = np.argsort(of_part, kind="stable")
-    places, first = np.unique(of_part[order], return_index=True)
-    taken = zip(places.tolist(), np.split(rows[order], first[1:]), strict=True)
-    pieces = [_mapped(parts[place]).take(numbers - begins[place]) for place, numbers in taken]
-    return arrow.concat_tables(pieces).combine_chunks().take(np.argsort(order))
+def _keys(path: Path, place: int) -> Iterator[tuple[Any, int, int]]:
+    """Sort key, number of the file and number of each row; a file is left closed until its second row is asked for."""
+    if not len(_mapped(path)):
+        return
+    yield _key_columns(_mapped(path).slice(0, 1))[0], place, 0
+    for row, key in enumerate(_key_columns(_mapped(path).slice(1)), start=1):
+        yield key, place, row
 
 
 def _mapped(path: Path) -> Any:  # noqa: ANN401
     """Rows of a file, mapped into memory and not read."""
     arrow = needs_arrow()
     return arrow.ipc.open_file(arrow.memory_map(str(path))).read_all()
+
+
+def _key_columns(table: Any) -> list[tuple[str, str, float]]:  # noqa: ANN401
+    """Cells of `KEY` of each row; a missing time comes last."""
+    unit, recording, start = (table.column(name).to_pylist() for name in KEY)
+    return list(zip(unit, recording, (math.inf if time is None else time for time in start), strict=True))
+
+
+def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: ANN401
+    """Table of (G, 2) rows, each the number of a file and of a row in it."""
+    arrow = needs_arrow()
+    order = np.argsort(rows[:, 0], kind="stable")
+    places, first = np.unique(rows[order, 0], return_index=True)
+    taken = zip(places.tolist(), np.split(rows[order, 1], first[1:]), strict=True)
+    pieces = (_mapped(parts[place]).take(numbers) for place, numbers in taken)
+    whole = arrow.concat_tables([schema().empty_table(), *pieces])
+    return whole.combine_chunks().take(np.argsort(order))
 
 
 # --------------------------------------------------------------------------------------------------------------- counts

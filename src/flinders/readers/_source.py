@@ -34,7 +34,6 @@ import io
 import os
 import stat
 import sys
-import tempfile
 import weakref
 import zlib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, BOM_UTF32_BE, BOM_UTF32_LE
@@ -231,6 +230,8 @@ def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, o
 
     Nothing, what is no text, and what cannot be written raise `UnreadableInput`; `empty` says what to do about nothing.
     """
+    import tempfile
+
     path: Path | None = None
     source: File | None = None
     try:

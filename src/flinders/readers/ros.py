@@ -31,7 +31,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -213,6 +212,8 @@ def _named(path: Path, suffix: str) -> Iterator[Path]:
     if not suffix or (path.suffix == suffix and not set("?#%") & set(str(path))):
         yield path
         return
+    from tempfile import TemporaryDirectory
+
     with TemporaryDirectory(prefix="flinders-") as folder:
         link = Path(folder) / f"recording{suffix}"
         link.symlink_to(path.absolute())
