@@ -63,18 +63,6 @@ MAGIC: Final[dict[bytes, FileKind]] = {
 }
 """First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
 
-LOGS: Final = (
-    b"PK\x03\x04", b"MATLAB 5.0", b"\x93NUMPY", b"PAR1", b"ARROW1", b"ULog", b"\xa3\x95", b"#ROSBAG", b"\x89MCAP",
-    b"SQLite format 3",
-)  # fmt: skip
-"""First bytes of what is binary and has a reader of its own; the readers look closer."""
-HDF5: Final = b"\x89HDF\r\n\x1a\n"
-MATLAB_7_3: Final = b"MATLAB 7.3 MAT-file"
-"""HDF5 behind 512 bytes of its own; others may have put a block of 512, 1024, ... bytes there too."""
-USER_BLOCKS: Final = (0, *(512 << power for power in range(7)))
-MAVLINK: Final = (0xFE, 0xFD)
-"""A telemetry log has eight bytes of time before the first of these."""
-
 PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
 _WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
 """Starts that plain text may have too (``BM``, ``MZ``): they count only in a file that is binary."""
@@ -118,16 +106,6 @@ def foreign_kind(head: bytes) -> FileKind | None:
         if opening.startswith(start):
             return FileKind(name, "download the raw file it shows")
     return FileKind("a binary file", "give a text recording with three columns of numbers") if binary else None
-
-
-def may_be_log(head: bytes) -> bool:
-    """Tell whether a binary file that starts with these bytes may be one that a reader knows."""
-    return head.startswith(LOGS) or is_hdf5(head) or (len(head) > 8 and head[8] in MAVLINK)
-
-
-def is_hdf5(head: bytes) -> bool:
-    """Tell whether these are the first bytes of an HDF5 file, behind a user block or without one."""
-    return head.startswith(MATLAB_7_3) or any(head.startswith(HDF5, place) for place in USER_BLOCKS)
 
 
 def is_binary(head: bytes) -> bool:

@@ -31,7 +31,7 @@ from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, TH
 from flinders.readers._reader import Reader, foreign_kind
 from flinders.readers._rewrite import Rewriter
 from flinders.readers._selection import FIRST, Choice, Tally, TimeSpan, added, left_out_of
-from flinders.readers._source import File, Progress
+from flinders.readers._source import File, Progress, refuse_foreign
 from flinders.readers._tokenizer import (
     BLOCKS_AT_ONCE,
     LEAST_FOR_ARROW,
@@ -264,8 +264,7 @@ def open_text(
     """Recognise a text recording from its first lines; parameters and errors as `flinders.open_recording`."""
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
-    if kind := foreign_kind(head):
-        raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
+    refuse_foreign(file.name, head)
     laid_out = _laid_out(file, head, partial(sniff, file.name, columns=columns, flat=flat, choice=choice), pattern)
     table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
     frame = transcription.frame if transcription else "sensor"
