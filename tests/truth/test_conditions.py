@@ -11,7 +11,7 @@ from tests.worlds import MOTORS
 import flinders
 from flinders import Fit, simulate
 from flinders.core.samples import Joined
-from flinders.fitting.advice import condition
+from flinders.report.formatting import condition
 
 if TYPE_CHECKING:
     from pathlib import Path

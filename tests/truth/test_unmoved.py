@@ -249,7 +249,8 @@ def test_a_recording_without_noise_is_good(n: int, offset: float, kept: type) ->
     fit = flinders.fit((exact(n) + np.array([offset, 0.0, -offset])).astype(kept))
     assert fit.verdict == "good"
     assert fit.independent_samples == n
-    assert {finding.code for finding in fit.findings} <= {"unit-unknown", "scale-unknown", "rotation-unknown"}
+    always = {"unit-unknown", "scale-unknown", "rotation-unknown"}
+    assert {finding.code for finding in fit.findings} == always | ({"unordered"} if n == 200 else set())
 
 
 @pytest.mark.parametrize("resolution", [1e-6, 1e-4, 0.01, 0.15, 1.0])

@@ -261,7 +261,7 @@ def _expected(log: HeadingLog) -> Expected | None:
     if not log.fit.states_uncertainty:
         return None
     dip, source = log.site_dip()
-    covariance = deviation_covariance(log.fit.ellipsoid, log.fit.covariance, dip_deg=dip, down=log.down())
+    covariance = deviation_covariance(log.fit.ellipsoid, log.fit.claimed_covariance, dip_deg=dip, down=log.down())
     return Expected(covariance, dip, source)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -62,6 +63,7 @@ class Consistent:
         """
         readings.require(self.unknowns, self.name)
         ellipsoid, noise = adjusted(readings)
+        noise *= math.sqrt(len(readings) / max(len(readings) - METHOD.parameters, 1))  # those of a sample fit it
         return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
 
 

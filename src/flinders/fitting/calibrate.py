@@ -17,7 +17,6 @@ import numpy as np
 
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
@@ -29,6 +28,7 @@ from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, repeated
 from flinders.fitting.result import Fit, Refused, structure_error_deg
+from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
@@ -187,7 +187,6 @@ class _Evidence(NamedTuple):
         return max(errors, key=lambda error: error.worst)
 
 
-@renamed_keywords(drivers="disturbances", aids="aiding")
 def fit(
     source: Recording | Summary | ArrayLike,
     *,
@@ -299,9 +298,15 @@ def fit(
     if driving is not None:
         covariance = driving.widened(claim.estimate.covariance)
         claim = claim._replace(estimate=replace(claim.estimate, covariance=covariance))
-    calibration = _turned(_calibration(evidence.estimate, request, frame, sensor), aiding_result)
-    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result)
+    nearer = shrunk(claim.estimate) if _may_be_shrunk(claim.estimate, estimator, request, joint or driving) else None
+    calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), aiding_result)
+    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result, nearer=nearer)
     return _accepted(_mounted(result, alignment_sigma_deg))
+
+
+def _may_be_shrunk(estimate: Estimate, estimator: Estimator, request: Request, other: object) -> bool:
+    """Whether it is an ellipsoid of `auto` by the magnitude alone, with a prior."""
+    return isinstance(estimator, Auto) and request.prior is not None and not estimate.plane and other is None
 
 
 def judged_as(
@@ -525,14 +530,17 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
-    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
-    return unmodelled_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
+    return unmodelled_of(
+        readings.recording, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond
+    )
 
 
-def _independent(estimate: Estimate, count: float) -> float:
-    """How many independent readings say as much."""
-    return np.inf if estimate.correlation is None else estimate.correlation.effective(count)
+def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
+    """How many independent readings say as much: no more than there are different ones."""
+    if estimate.correlation is None:
+        return np.inf
+    return min(estimate.correlation.effective(statistics.rows / repetition), statistics.distinct)
 
 
 def _distortion(estimate: Estimate) -> float:
@@ -558,17 +566,19 @@ def _judged(
     *,
     driving: Driving | None = None,
     aiding: Aiding | None = None,
+    nearer: Estimate | None = None,
 ) -> Fit:
-    """Put together what is known and judge it."""
+    """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
     estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
-    error = evidence.heading_error(estimate, request.dip_deg, is_scaled=driving is None)
+    final = nearer or estimate
+    error = evidence.heading_error(final, request.dip_deg, is_scaled=driving is None and nearer is None)
     dip, distortion = error.dip_deg, _distortion(estimate)
     nonlinearity, axis_lag = (None, None) if driving else _faults_of_axes(estimate, evidence)
     structure_deg = structure_error_deg(distortion, (nonlinearity, axis_lag), estimate.ellipsoid.radius, dip)
     result = Fit(
         calibration=calibration,
         method=estimate.method,
-        covariance=estimate.covariance,
+        covariance=final.covariance,
         noise=estimate.noise,
         samples=estimate.used or statistics.rows,
         coverage=evidence.coverage,
@@ -578,9 +588,10 @@ def _judged(
         dip_deg=request.dip_deg,
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
-        textbook_covariance=estimate.textbook,
-        independent_samples=_independent(estimate, statistics.rows / claim.repetition),
+        textbook_covariance=final.textbook,
+        independent_samples=_independent(estimate, statistics, claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
+        noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, evidence, dip),
@@ -588,6 +599,7 @@ def _judged(
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
+        is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,
         z_down=estimate.z_down,

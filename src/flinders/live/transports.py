@@ -27,8 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from flinders.core.files import reason
-from flinders.errors import LinkError, MissingExtra, UsageError
-from flinders.readers._extras import needs
+from flinders.errors import LinkError, MissingExtra, UsageError, needs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

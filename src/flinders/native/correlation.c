@@ -101,7 +101,7 @@ static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const
         white[i] = 0;
         for (int block = 0; block < FL_BLOCKS; block++) white[i] += blocks.squares[block][i] * autocovariance[0];
     }
-    fl_scatter_in_time(residuals, white, autocovariance, lags, in_time);
+    fl_scatter_in_time(kernels, residuals, white, autocovariance, lags, in_time);
     for (int i = 0; i < 81; i++) in_time[i] *= freedom;
     record->excess_variance = 1 + share * (fl_creep(&blocks, in_time) - 1);
     for (int i = 0; i < 81; i++) scatter[i] += share * record->excess_variance * in_time[i];
@@ -165,6 +165,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     scattered(fit, scatter, record->covariance);
     if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, &fit->slow, step, weighed, explained))
         return;
+    record->noise_lasts = fit->slow.lasts;
     fl_raise(record->covariance, explained, 9, 0);
     for (int i = 0; i < 81; i++) record->covariance[i] += weighed[i] - explained[i];
     move(fit, step);

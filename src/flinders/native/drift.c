@@ -131,7 +131,7 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     for (int i = 0; i < PARAMETERS * PARAMETERS; i++) inverse[i] /= variance;
     fl_multiply(inverse, gradient, PARAMETERS, PARAMETERS, 1, solution);
     fl_take_off(&left, solution);
-    const real independent = fl_covariance_of_solution(&left, matrix, inverse, covariance);
+    const real independent = fl_covariance_of_solution(kernels, &left, matrix, inverse, covariance);
     if (!(independent >= FEWEST_INDEPENDENT)) return;
     project(onto, solution, covariance, change, spread);
     const int freedom = fl_chi_square(change, spread, CHANGES, &square);

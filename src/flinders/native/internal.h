@@ -88,9 +88,11 @@ typedef struct {
     size_t (*products)(const fl_view *view, const fl_surface *surface, int exact, real sums[55]);
     void (*curvature)(const fl_view *view, const fl_surface *surface, real gradient[9]);
     void (*distances)(const fl_view *view, const fl_surface *surface, real *out);
+    int (*has_closer)(const fl_view *view, const fl_surface *surface, real limit, size_t fewest);
     real (*cost)(const fl_view *view, const fl_surface *surface);
     size_t (*rows)(const fl_view *view, const fl_surface *surface, size_t width, real *out, real *directions);
     void (*gram)(const real *rows, const real *distances, size_t n, int width, real *matrix, real *gradient);
+    void (*lagged)(const real *rows, size_t n, int width, const int *lags, const real *weights, int count, real *product);
     void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
     void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,
@@ -169,6 +171,7 @@ typedef struct {
     int is_vector; /* 1 of the vector, 0 of the strength of the field */
     real ratio;    /* variance of the disturbance over that of the noise of a reading; 0: none */
     real memory;   /* of the recording */
+    real lasts;    /* probability that its memory is longer than a third of the recording */
 } fl_slow;
 
 typedef struct {
@@ -178,6 +181,7 @@ typedef struct {
     real held;
     size_t used;
     int unseen, steps;
+    int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
     fl_slow slow;
     fl_posterior posterior;
 } fl_fit;

@@ -82,11 +82,11 @@ static int solve(const fl_kernels *kernels, fl_residuals *left, real matrix[WIDT
 }
 
 /* How often chance makes as much of the lags of a solution; more than 1 where too few readings are independent. */
-static real chance(const fl_residuals *left, const flinders_record *record, const real *matrix, const real *inverse,
+static real chance(const fl_kernels *kernels, const fl_residuals *left, const flinders_record *record, const real *matrix, const real *inverse,
                    const real solution[WIDTH])
 {
     real covariance[WIDTH * WIDTH], spread[CONTRASTS * CONTRASTS], square;
-    const real independent = fl_covariance_of_solution(left, matrix, inverse, covariance);
+    const real independent = fl_covariance_of_solution(kernels, left, matrix, inverse, covariance);
     if (!(independent >= FEWEST_INDEPENDENT)) return 2;
     for (int a = 0; a < CONTRASTS; a++)
         for (int b = 0; b < CONTRASTS; b++) spread[CONTRASTS * a + b] = covariance[WIDTH * (9 + a) + 9 + b];
@@ -120,7 +120,7 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, r
     if (left.n == 0 || !fl_is_noisy(&left, surface)) return;
     fl_whiten(&left, &fit->slow);
     if (!solve(kernels, &left, matrix, inverse, solution)) return;
-    const real by_chance = chance(&left, record, matrix, inverse, solution);
+    const real by_chance = chance(kernels, &left, record, matrix, inverse, solution);
     if (by_chance > 1) return;
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
         gather(kernels, view, surface, room, &left);

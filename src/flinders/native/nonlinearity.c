@@ -97,7 +97,7 @@ void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fi
     fl_inverse(matrix, WIDTH, inverse);
     fl_multiply(inverse, gradient, WIDTH, WIDTH, 1, solution);
     fl_take_off(&left, solution);
-    const real independent = fl_covariance_of_solution(&left, matrix, inverse, covariance);
+    const real independent = fl_covariance_of_solution(kernels, &left, matrix, inverse, covariance);
     if (!(independent >= FEWEST_INDEPENDENT)) return;
     if (record->distortion > 0 && !explains(kernels, view, surface, room, solution)) return;
     for (int a = 0; a < TERMS; a++)

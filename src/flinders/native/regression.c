@@ -12,9 +12,9 @@ static void places_of(const fl_view *view, uint32_t *out)
 }
 
 /* The readings that are looked at, evenly spaced, with nine derivatives each and room for further terms behind these;
- * none where they are too few. */
-void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                      int width, fl_residuals *out)
+ * none where they are too few. Returns their spacing. */
+size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                        int width, fl_residuals *out)
 {
     enum { MOST = 5000, FEWEST = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
@@ -26,7 +26,7 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
     out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;
     out->begins = room->begins, out->cells = room->order;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
-    if (count < FEWEST) return;
+    if (count < FEWEST) return some.stride;
     kernels->rows(&some, surface, (size_t)width, out->rows, out->directions);
     places_of(&some, out->places);
     for (size_t i = 0; i < count; i++) {
@@ -40,6 +40,7 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
         row[width] = (real)i / (real)(count - 1) - (real)0.5;
     }
     out->begins[0] = 0, out->begins[1] = out->n;
+    return some.stride;
 }
 
 /* Make rows and distances independent that slow noise correlates: the innovations of a Kalman filter, over their standard
@@ -93,7 +94,7 @@ void fl_take_off(fl_residuals *residuals, const real *solution)
 
 /* Covariance of a solution, its residuals as they are correlated, from Σ JJᵀ and its inverse. Returns how many of the
  * residuals are independent, beyond those that the terms take. */
-real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance)
+real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance)
 {
     const int n = residuals->width;
     real autocovariance[FL_LAGS], white[FL_WIDEST * FL_WIDEST], scatter[FL_WIDEST * FL_WIDEST], half[FL_WIDEST * FL_WIDEST];
@@ -101,7 +102,7 @@ real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix
     for (int i = 0; i < n * n; i++) covariance[i] = inverse[i] * autocovariance[0];
     if (lags < 2) return (real)residuals->n - (real)n;
     for (int i = 0; i < n * n; i++) white[i] = matrix[i] * autocovariance[0];
-    fl_scatter_in_time(residuals, white, autocovariance, lags, scatter);
+    fl_scatter_in_time(kernels, residuals, white, autocovariance, lags, scatter);
     fl_multiply(inverse, scatter, n, n, n, half);
     fl_multiply(half, inverse, n, n, n, covariance);
     return (real)residuals->n / fl_time_of(autocovariance, lags) - (real)n;

@@ -27,7 +27,7 @@ void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_b
 real fl_lag_one(const fl_residuals *residuals);
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS]);
 real fl_time_of(const real *autocovariance, int lags);
-void fl_scatter_in_time(const fl_residuals *residuals, const real *white, const real *autocovariance, int lags,
+void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white, const real *autocovariance, int lags,
                         real *scatter);
 real fl_creep(fl_blocks *blocks, const real scatter[81]);
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t apart, real time, const fl_room *room,
@@ -39,11 +39,11 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
-void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                      int width, fl_residuals *out);
+size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                        int width, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, const fl_slow *slow);
 void fl_take_off(fl_residuals *residuals, const real *solution);
-real fl_covariance_of_solution(const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance);
+real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
 int fl_is_distinct(const real *matrix, int n);
 real fl_share_of_distinct(const flinders_record *record);

@@ -30,13 +30,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Recording, Samples, frame_of
+from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
-from flinders.readers._reader import Reader, foreign_kind
-from flinders.readers._selection import FIRST, Choice, TimeSpan, added
-from flinders.readers._source import File, Progress, Source, find, on_disk
+from flinders.readers._names import FIRST, Choice
+from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
 from flinders.readers._table import TableRecording
 from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text
