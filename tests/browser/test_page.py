@@ -261,7 +261,8 @@ def test_a_reload_keeps_everything(visitor: Visitor) -> None:
 
 
 def test_two_tabs_see_the_same(visitor: Visitor) -> None:
-    context = visitor.context()
+    """With all that moves."""
+    context = visitor.context(reduced_motion="no-preference")
     one, other = done(visitor.page(context)), done(visitor.page(context))
     one.locator("#target").fill("0.7")
     one.keyboard.press("Enter")
