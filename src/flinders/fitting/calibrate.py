@@ -352,7 +352,7 @@ def _accepted(result: Fit) -> Fit:
     Refused
         With the fit.
     """
-    if result.verdict == "refused":
+    if any(finding.severity == "refuses" for finding in result.findings):
         raise Refused(result)
     return result
 
