@@ -19,7 +19,7 @@ The sphere that v moves on is curved. Noise that leaves v uncertain by the covar
 to take off. For one reading alone that is the curvature of `flinders.likelihood.magnitude`; in a window it shrinks with
 the number of readings.
 
-An accelerometer's bias β, of gravity, puts the vertical where v = d + β/ρ points, see `flinders.likelihood.dip`: all
+An accelerometer's errors put the vertical where v = (1 + Γ)(d + β/ρ) points, see `flinders.likelihood.dip`: all
 alike while the body stays level, where a rotation of the magnetometer does the same, and not as it leans. The residual
 is then |v| sin I − vᵀq, which has the noise of d whatever β: over |v| it would be the smaller the longer β makes v.
 
@@ -181,7 +181,7 @@ class ObservationGroup:
 
     def upright(self, at: Parameters) -> Floats | None:
         """(W, n, 3) v, which points down and is about as long as d; None where no vertical was recorded."""
-        return None if self.down is None else dip.upright(self.down, at.acceleration_bias)[0]
+        return None if self.down is None else dip.upright(self.down, at.accelerometer)[0]
 
     def guess(self, at: Parameters) -> Floats:
         """(W, 3) the direction of each window that readings agree on best."""
@@ -472,7 +472,7 @@ def jacobian_of(
     elif group.down is not None:
         dip.fill(
             jacobian[:, 3], layout.columns, group.down, q,
-            sine=at.sine, bias=at.acceleration_bias, of_gyro=of_gyro, moved=moved,
+            sine=at.sine, errors=at.accelerometer, of_gyro=of_gyro, moved=moved,
         )  # fmt: skip
     jacobian[:, 3:] *= (np.sqrt(group.trust) * weights.steepness)[:, np.newaxis, :, np.newaxis]
     return jacobian
