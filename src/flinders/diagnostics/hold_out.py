@@ -84,7 +84,7 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
                 gyro_scale=gyro_scale,
                 acceleration_bias=ACCELERATION_SIGMA * is_free,
                 acceleration_gain=GAIN_SIGMA * is_free,
-            )  # fmt: skip
+            )
             for kept, _ in folds(len(samples))
         ]
     except FitError:

@@ -81,6 +81,9 @@ STILL: Final = 0.1
 FAR_SCALES: Final = 5.0
 """Standard deviations of what is thought of a gyro's scales: beyond, something else is wrong, and they are held."""
 
+SEARCHED: Final = 2000
+"""Readings that starts are tried on; all of them from where the best leads."""
+
 FEWEST: Final = 12
 """Readings that are needed."""
 
@@ -336,15 +339,9 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    best: JointIterate | None = None
-    for begin in _begins(problem, put, start, near):
-        iterate = levenberg_marquardt(problem, initial(problem, begin))
-        if best is None or deviance(problem, iterate) < deviance(problem, best):
-            best = iterate
-        if not misfits(iterate):
-            break
-    if best is None:
-        raise NotAnEllipsoid((float("nan"),) * 3, "aided")
+    best = _searched(problem.thinned(SEARCHED), _begins(problem, put, start, near))
+    if len(put.samples) >= 2 * SEARCHED:
+        best = levenberg_marquardt(problem, initial(problem, best.at))
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
         return _Solved(problem, best, 0.0)
@@ -352,6 +349,26 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
     return _Solved(behind, levenberg_marquardt(behind, initial(behind, behind.begin_near(at, problem.layout))), late_s)
+
+
+def _searched(problem: JointProblem, begins: Iterable[Parameters]) -> JointIterate:
+    """Where the best of some starts leads, the first that leaves no more than noise.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        Where there is none.
+    """
+    best: JointIterate | None = None
+    for begin in begins:
+        iterate = levenberg_marquardt(problem, initial(problem, begin))
+        if best is None or deviance(problem, iterate) < deviance(problem, best):
+            best = iterate
+        if not misfits(iterate):
+            break
+    if best is None:
+        raise NotAnEllipsoid((float("nan"),) * 3, "aided")
+    return best
 
 
 def _begins(problem: JointProblem, put: _Prepared, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:

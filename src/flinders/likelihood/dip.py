@@ -136,8 +136,8 @@ class AccelerometerPrior:
 def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """Take an accelerometer's errors off its verticals.
 
-    At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ makes it of unit length. What is given is w/ρ, which is
-    not quite of unit length and has the noise of d, whatever the errors.
+    At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ makes it of unit length. What is given is w/ρ, which
+    is not quite of unit length and has the noise of d, whatever the errors.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.observations import ObservationGroup, Weights, residuals_of
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
-from flinders.likelihood.solver import NO_WORSE, SETTLED, Iterate, levenberg_marquardt
+from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, Iterate, levenberg_marquardt
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -56,6 +56,9 @@ SEATED: Final = 10
 MANY_ATTITUDES: Final = 1000
 """Attitudes that a start is found from."""
 
+MANY: Final = 20_000
+"""Readings of which the standard deviations are so small that a hundredth of one is nothing."""
+
 MISFIT: Final = 1.5
 """Times larger than the noise from one reading to the next: residuals that another start may do away with."""
 
@@ -87,7 +90,6 @@ class JointProblem:
     interval: float
     accelerometer: AccelerometerPrior | None = None
     tolerance: ClassVar[float] = NO_WORSE
-    settled: ClassVar[float] = SETTLED
 
     @classmethod
     def of(
@@ -128,6 +130,21 @@ class JointProblem:
         )  # fmt: skip
         chunks = tuple(chunk for group in groups for chunk in group.chunks())
         return cls(chunks, layout, terms, site, before, disturbances, interval, accelerometer)
+
+    @property
+    def readings(self) -> int:
+        """How many there are."""
+        return sum(group.rows.size for group in self.groups)
+
+    @property
+    def settled(self) -> float:
+        """Standard deviations: such a step is the last. Of many readings, as long a one as of their correction."""
+        return SETTLED if self.readings < MANY else EASED
+
+    def thinned(self, readings: int) -> Self:
+        """The same with about so many readings, spread over the recording."""
+        step = self.readings // readings
+        return self if step < 2 else replace(self, groups=tuple(group.runs(step) for group in self.groups))
 
     def freed(self) -> Self:
         """The same with the errors of an accelerometer among what is found, where there is one.

@@ -64,6 +64,10 @@ ROOM: Final = 8192
 """Readings worked on at a time, whatever the length of the recording."""
 
 
+RUN: Final = 32
+"""Readings in a row of which some stand for all."""
+
+
 class Weights(NamedTuple):
     """How far residuals are trusted.
 
@@ -147,7 +151,13 @@ class ObservationGroup:
         """One window of so many."""
         return self.chunk(slice(None, None, step))
 
-    def chunk(self, rows: slice) -> Self:
+    def runs(self, step: int) -> Self:
+        """One window of so many; of single readings runs of `RUN`, so that noise still shows from one to the next."""
+        if self.turned is not None:
+            return self.every(step)
+        return self.chunk(np.flatnonzero(np.arange(len(self.rows)) // RUN % step == 0))
+
+    def chunk(self, rows: slice | NDArray[np.intp]) -> Self:
         """Some of the windows."""
         parts = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
