@@ -8,6 +8,8 @@
 ``distortion``  a smooth distortion that belongs to the direction, and a field with a gradient along the hand's path
 ``outliers``    efficiency (bound ÷ rms angle error) with strays; centre error with clusters, over that without
 ``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
+``few``         readings at rest, 10 to 24 of them: how many that only ``few-samples`` limits are wrong, and should be
+``doubt``       how far runs of rejected readings reach, in limits of rejection: noise near steel, and passing magnets
 ``repeats``     four recordings of one real board: their differences over what is claimed of them
 ``halves``      real recordings cut in two: how far the halves' calibrations are apart, over what is claimed of that
 
@@ -29,6 +31,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import flinders
+from benchmarks import adversary
 from benchmarks.accuracy import fitted, score
 from benchmarks.datasets import (
     FIELD,
@@ -390,6 +393,61 @@ def confidence(pool: Executor, trials: int) -> Iterator[str]:
             )  # fmt: skip
 
 
+def few(pool: Executor, trials: int) -> Iterator[str]:
+    """Few readings at rest that are good, but perhaps for their number: wrong as in `benchmarks.adversary`."""
+    yield from _head("readings at rest", "good but for their number", "ratio 50 / 90 %", "wrong", "expected")
+    for count in (10, 12, 15, 16, 18, 20, 24):
+        done = [one for one in pool.map(partial(_at_rest, count), range(trials)) if one is not None]
+        fifty, ninety = np.quantile([one.true / one.claimed for one in done], [0.5, 0.9])
+        yield _row(
+            str(count), f"{len(done)} of {trials}", f"{fifty:.2f} / {ninety:.2f}",
+            str(sum(one.is_wrong for one in done)), f"{sum(one.expected for one in done):.1f}",
+        )  # fmt: skip
+
+
+def _at_rest(count: int, seed: int) -> adversary.Trial | None:
+    """Fit readings in random directions; None where anything but their number limits the fit."""
+    rng, of = adversary.stream(seed, f"rest {count}"), adversary.sensor(adversary.stream(seed, "sensor"))
+    read = adversary.STRENGTH_UT * simulate.uniform(rng, count) @ of.iron + of.offset
+    fit = adversary.fitted(Samples.of(read + (0.05, 0.1, 0.2)[seed % 3] * rng.standard_normal((count, 3)), unit="uT"))
+    if fit is None or any(one.code != "few-samples" for one in fit.findings if one.severity != "note"):
+        return None
+    level = adversary.level(seed, of, adversary.Effect())
+    true = float(np.abs(adversary.headings(fit.calibration.apply(level))).max())
+    return adversary.Trial("good", (), (), fit.heading_error_deg.worst, true, adversary.probability(fit))
+
+
+def doubt(pool: Executor, trials: int) -> Iterator[str]:
+    """What is beyond doubt is no noise that comes and goes, and all of a magnet that passes."""
+    yield from _head("tumbles by hand", "with rejected runs", "runs", "limits 50 / 90 / 95 %", "beyond 2.5 limits")
+    for name, effect in (
+        ("steel desk, 1 µT", adversary.Effect(place=partial(adversary.desk, rms=1.0))),
+        ("steel desk, 3 µT", adversary.EFFECTS["steel desk, 3 µT"]),
+        ("magnet passes, 20 µT", adversary.EFFECTS["magnet passes, 20 µT"]),
+    ):
+        samples = [
+            adversary.recorded(seed, adversary.sensor(adversary.stream(seed, "sensor")), effect,
+                               adversary.tumble(adversary.stream(seed, "path 0")))
+            for seed in range(trials)
+        ]  # fmt: skip
+        each = list(pool.map(_reach, samples))
+        runs = np.array([reach for reaches in each for reach in reaches])
+        quantiles = " / ".join(f"{reach:.2f}" for reach in np.quantile(runs, [0.5, 0.9, 0.95]))
+        yield _row(
+            name,
+            f"{sum(bool(one) for one in each)} of {trials}",
+            str(len(runs)),
+            quantiles,
+            f"{np.mean(runs > 2.5):.0%}",
+        )
+
+
+def _reach(samples: Samples) -> list[float]:
+    """How far runs of more than one rejected reading reach, in limits."""
+    estimate = Auto().estimate(Readings.of(samples))
+    return [run.farthest / estimate.rejected_beyond for run in estimate.outliers if run.rows > 1]
+
+
 def repeats(pool: Executor, trials: int) -> Iterator[str]:
     """Four recordings of one board; required 0.4 to 1.5."""
     del pool, trials
@@ -465,6 +523,8 @@ TABLES: Final[Mapping[str, Callable[[Executor, int], Iterator[str]]]] = {
     "distortion": distortion,
     "outliers": outliers,
     "confidence": confidence,
+    "few": few,
+    "doubt": doubt,
     "repeats": repeats,
     "halves": halves,
 }

@@ -56,7 +56,7 @@ def answered(field: Floats, method: str) -> flinders.Fit | None:
     """The fit; None where it is refused for what the readings show. Any other error is a fault."""
     try:
         return flinders.fit(field, method=method)
-    except (Refused, NotAnEllipsoid, Undetermined):
+    except (Refused, NotAnEllipsoid, TooFewSamples, Undetermined):
         return None
 
 
@@ -212,11 +212,25 @@ def test_1_fewer_readings_than_parameters(method: str) -> None:
 
 
 @ANY
-@pytest.mark.parametrize(
-    ("places", "codes"), [(1, {"stuck-axis"}), (2, {"not-an-ellipsoid", "refused", "undetermined"})]
-)
-def test_1_duplicates_only(method: str, places: int, codes: set[str]) -> None:
-    assert refused(np.repeat(read(simulate.fibonacci(7)[:places], SKEW), 100, axis=0), method).code in codes
+@pytest.mark.parametrize(("places", "code"), [(1, "stuck-axis"), (2, "too-few-samples")])
+def test_1_duplicates_only(method: str, places: int, code: str) -> None:
+    assert refused(np.repeat(read(simulate.fibonacci(7)[:places], SKEW), 100, axis=0), method).code == code
+
+
+@ANY
+def test_different_readings_are_counted_wherever_they_stand(method: str) -> None:
+    few = read(simulate.fibonacci(METHODS[method].unknowns - 1), SKEW, 0.3)
+    error = refused(np.tile(few, (50, 1)), method)
+    assert (error.code, error.evidence["found"]) == ("too-few-samples", len(few))
+    assert f"{len(few)} different readings among {50 * len(few):,}" in str(error)
+
+
+def test_copied_readings_are_no_evidence() -> None:
+    """Two dozen readings do not claim more, however often they are repeated."""
+    once = read(simulate.fibonacci(24), SKEW, 0.3)
+    fit, copied = flinders.fit(once), flinders.fit(np.tile(once, (50, 1)))
+    assert fit.heading_error_deg.worst < copied.heading_error_deg.worst < 3.0 * fit.heading_error_deg.worst
+    assert severity(copied, "stale-repeats") == "note"
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])

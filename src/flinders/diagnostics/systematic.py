@@ -39,6 +39,7 @@ which moves offset and matrix. The lags about their mean are found along with th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -84,7 +85,7 @@ def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -
 
 def drift_in(record: Records) -> Drift | None:
     """The steady change that a record tells of; None where it tells nothing."""
-    if np.isnan(record["drift_deg"]):
+    if math.isnan(record["drift_deg"]):
         return None
     return Drift(
         offset=tuple(record["drift_offset"].tolist()),
@@ -135,7 +136,7 @@ class Nonlinearity:
 
 def nonlinearity_in(record: Records) -> Nonlinearity | None:
     """The terms that a record tells of; None where it tells nothing."""
-    if np.isnan(record["nonlinear_deg"]):
+    if math.isnan(record["nonlinear_deg"]):
         return None
     terms = record["nonlinearity"].tolist()
     return Nonlinearity(
@@ -186,11 +187,11 @@ class AxisLag:
 
 def lag_in(record: Records) -> AxisLag | None:
     """The lags of axes that a record tells of; None where it tells nothing."""
-    if np.isnan(record["lag_deg"]):
+    if math.isnan(record["lag_deg"]):
         return None
     return AxisLag(
         lags=tuple(record["axis_lag"].tolist()),
-        is_timed=not np.isnan(record["start"]),
+        is_timed=not math.isnan(record["start"]),
         heading_deg=float(record["lag_deg"]),
         p_value=float(record["lag_by_chance"]),
     )

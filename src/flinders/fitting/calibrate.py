@@ -17,7 +17,6 @@ import numpy as np
 
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
@@ -28,11 +27,12 @@ from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, repeated
-from flinders.fitting.result import Fit, Refused, structure_error_deg
+from flinders.fitting.result import Fit, Refused
+from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
-from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
@@ -89,11 +89,16 @@ class _Instruments:
 
     gyro_scale: float
     acceleration_bias: float
+    acceleration_gain: float
 
     def __post_init__(self) -> None:
         """Refuse what none is off by."""
-        if not 0.0 <= self.gyro_scale <= 0.5:
-            raise UsageError(f"gyro scale is {self.gyro_scale:g}: need a share from 0 to 0.5, such as {SCALE_SIGMA:g}")
+        for name, share, usual in (
+            ("gyro scale", self.gyro_scale, SCALE_SIGMA),
+            ("acceleration gain", self.acceleration_gain, GAIN_SIGMA),
+        ):
+            if not 0.0 <= share <= 0.5:
+                raise UsageError(f"{name} is {share:g}: need a share from 0 to 0.5, such as {usual:g}")
         if not 0.0 <= self.acceleration_bias <= 2.0:
             raise UsageError(
                 f"acceleration bias is {self.acceleration_bias:g} m/s²: need 0 to 2, such as {ACCELERATION_SIGMA:g}"
@@ -187,7 +192,6 @@ class _Evidence(NamedTuple):
         return max(errors, key=lambda error: error.worst)
 
 
-@renamed_keywords(drivers="disturbances", aids="aiding")
 def fit(
     source: Recording | Summary | ArrayLike,
     *,
@@ -204,6 +208,7 @@ def fit(
     site: Site | None = None,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
+    acceleration_gain: float = GAIN_SIGMA,
     **options: Any,
 ) -> Fit:
     """Find the calibration, and say how far to trust it.
@@ -240,6 +245,8 @@ def fit(
         With the aid ``rate``: what the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
     acceleration_bias : float, m/s²
         With the aid ``dip``: what the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
+    acceleration_gain : float
+        With the aid ``dip``: what its gains may be off by, and its axes from square in rad, 1 σ.
     **options
         Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
@@ -276,7 +283,7 @@ def fit(
     evidence = None if aiding or site else _Evidence.of_record(estimator, readings, frame.unit)
     if evidence is None:
         readings = within_range(_moved(readings, method, estimator, frame.unit))
-    instruments = _Instruments(gyro_scale, acceleration_bias)
+    instruments = _Instruments(gyro_scale, acceleration_bias, acceleration_gain)
     if aiding and (method != "auto" or set(options) - {"prior"}):
         raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
     joint, aiding_result = _aided(readings, aiding, request, instruments)
@@ -299,9 +306,15 @@ def fit(
     if driving is not None:
         covariance = driving.widened(claim.estimate.covariance)
         claim = claim._replace(estimate=replace(claim.estimate, covariance=covariance))
-    calibration = _turned(_calibration(evidence.estimate, request, frame, sensor), aiding_result)
-    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result)
+    nearer = shrunk(claim.estimate) if _may_be_shrunk(claim.estimate, estimator, request, joint or driving) else None
+    calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), aiding_result)
+    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result, nearer=nearer)
     return _accepted(_mounted(result, alignment_sigma_deg))
+
+
+def _may_be_shrunk(estimate: Estimate, estimator: Estimator, request: Request, other: object) -> bool:
+    """Whether it is an ellipsoid of `auto` by the magnitude alone, with a prior."""
+    return isinstance(estimator, Auto) and request.prior is not None and not estimate.plane and other is None
 
 
 def judged_as(
@@ -347,7 +360,7 @@ def _accepted(result: Fit) -> Fit:
     Refused
         With the fit.
     """
-    if result.verdict == "refused":
+    if any(finding.severity == "refuses" for finding in result.findings):
         raise Refused(result)
     return result
 
@@ -525,14 +538,17 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
-    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
-    return unmodelled_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
+    return unmodelled_of(
+        readings.recording, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond
+    )
 
 
-def _independent(estimate: Estimate, count: float) -> float:
-    """How many independent readings say as much."""
-    return np.inf if estimate.correlation is None else estimate.correlation.effective(count)
+def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
+    """How many independent readings say as much: no more than there are different ones."""
+    if estimate.correlation is None:
+        return np.inf
+    return min(estimate.correlation.effective(statistics.rows / repetition), statistics.distinct)
 
 
 def _distortion(estimate: Estimate) -> float:
@@ -558,29 +574,31 @@ def _judged(
     *,
     driving: Driving | None = None,
     aiding: Aiding | None = None,
+    nearer: Estimate | None = None,
 ) -> Fit:
-    """Put together what is known and judge it."""
+    """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
     estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
-    error = evidence.heading_error(estimate, request.dip_deg, is_scaled=driving is None)
-    dip, distortion = error.dip_deg, _distortion(estimate)
+    final = nearer or estimate
+    error = evidence.heading_error(final, request.dip_deg, is_scaled=driving is None and nearer is None)
+    dip = error.dip_deg
     nonlinearity, axis_lag = (None, None) if driving else _faults_of_axes(estimate, evidence)
-    structure_deg = structure_error_deg(distortion, (nonlinearity, axis_lag), estimate.ellipsoid.radius, dip)
     result = Fit(
         calibration=calibration,
         method=estimate.method,
-        covariance=estimate.covariance,
+        covariance=final.covariance,
         noise=estimate.noise,
         samples=estimate.used or statistics.rows,
         coverage=evidence.coverage,
-        heading_error_deg=error.combined(structure_deg),
-        distortion=distortion,
+        heading_error_deg=error,
+        distortion=_distortion(estimate),
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
-        textbook_covariance=estimate.textbook,
-        independent_samples=_independent(estimate, statistics.rows / claim.repetition),
+        textbook_covariance=final.textbook,
+        independent_samples=_independent(estimate, statistics, claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
+        noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
         drift=_drift(estimate, evidence, dip),
@@ -588,12 +606,14 @@ def _judged(
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
+        is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,
         z_down=estimate.z_down,
         aiding=aiding,
         alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip),
     )
+    result = replace(result, heading_error_deg=error.combined(result.structure_deg))
     if driving is not None:
         result = _with_disturbances(result, driving)
     findings = judge(result, statistics)

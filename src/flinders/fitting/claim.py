@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError
+from flinders.estimators import ROWS
 
 if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
@@ -118,7 +119,7 @@ def _widened(
 
 def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     """Factor by which repeated readings widen a covariance that does not know of them yet."""
-    share = statistics.rows / max(statistics.rows - statistics.repeats, 1)
+    share = statistics.rows / max(statistics.distinct, 1)
     if estimate.textbook is None:
         return share
     known, independent = estimate.covariance.diagonal().tolist(), estimate.textbook.diagonal().tolist()
@@ -128,7 +129,7 @@ def _repetition(estimate: Estimate, statistics: Statistics) -> float:
 
 def _freedom(estimate: Estimate, count: float) -> float:
     """Readings beyond those that the parameters take up."""
-    return count - (5 if estimate.plane else 9)
+    return count - (ROWS[estimate.method].parameters if estimate.method in ROWS else 5 if estimate.plane else 9)
 
 
 def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:

@@ -158,6 +158,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     real scatter[81], step[9], weighed[81], explained[81];
     memcpy(record->covariance, fit->covariance, sizeof record->covariance);
     memset(&fit->slow, 0, sizeof fit->slow);
+    record->noise_lasts = FL_NOT_A_NUMBER;
     if (fit->used < FEW) return;
     gather_stretches(kernels, view, fit, room, &residuals);
     scatter_of(kernels, &residuals, fit, room, scatter, record);
@@ -165,6 +166,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     scattered(fit, scatter, record->covariance);
     if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, &fit->slow, step, weighed, explained))
         return;
+    record->noise_lasts = fit->slow.lasts;
     fl_raise(record->covariance, explained, 9, 0);
     for (int i = 0; i < 81; i++) record->covariance[i] += weighed[i] - explained[i];
     move(fit, step);

@@ -174,6 +174,7 @@ typedef struct {
     int is_vector; /* 1 of the vector, 0 of the strength of the field */
     real ratio;    /* variance of the disturbance over that of the noise of a reading; 0: none */
     real memory;   /* of the recording */
+    real lasts;    /* probability that its memory is longer than a third of the recording */
 } fl_slow;
 
 typedef struct {
@@ -183,6 +184,7 @@ typedef struct {
     real held;
     size_t used;
     int unseen, steps;
+    int is_doubtful; /* of a robust fit: 1 if some of the readings that it rejects may be noise; fl_room.far has the others */
     fl_slow slow;
     fl_posterior posterior;
 } fl_fit;

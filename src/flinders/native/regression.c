@@ -16,9 +16,9 @@ static void places_of(const fl_view *view, uint32_t *out)
 }
 
 /* The readings that are looked at, evenly spaced, with nine derivatives each, room for further terms before and behind
- * these, and the distance; none where they are too few. */
-void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                      int before, int width, fl_residuals *out)
+ * these, and the distance; none where they are too few. Returns their spacing. */
+size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                        int before, int width, fl_residuals *out)
 {
     enum { MOST = 5000, FEWEST = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
@@ -30,7 +30,7 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
     out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;
     out->begins = room->begins, out->cells = room->order;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
-    if (count < FEWEST) return;
+    if (count < FEWEST) return some.stride;
     kernels->rows(&some, surface, stride, out->rows + before, out->directions);
     places_of(&some, out->places);
     for (size_t i = 0; i < count; i++) {
@@ -44,6 +44,7 @@ void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_s
         row[width] = out->distances[out->n - 1];
     }
     out->begins[0] = 0, out->begins[1] = out->n;
+    return some.stride;
 }
 
 /* Make rows and the distances in their last column independent that slow noise correlates: the innovations of a Kalman

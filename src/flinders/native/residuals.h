@@ -45,8 +45,8 @@ typedef struct {
     real matrix[FL_WIDEST * FL_WIDEST], inverse[FL_WIDEST * FL_WIDEST], solution[FL_WIDEST];
 } fl_regression;
 
-void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                      int before, int width, fl_residuals *out);
+size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                        int before, int width, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
 void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
 int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,

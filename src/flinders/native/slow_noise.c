@@ -378,6 +378,8 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
             for (int j = 0; j < 9; j++)
                 covariance[9 * i + j] += weights[k] * (steps[k][i] - step[i]) * (steps[k][j] - step[j]);
     for (int k = 1; k < n; k++) best = weights[k] > weights[best] ? k : best;
+    slow->lasts = 0;
+    for (int k = 0; k < n; k++) slow->lasts += models[k].memory > span / 3 ? weights[k] : 0;
     solved(&fit->posterior, prior_gradient, &white, steps[best], each);
     unweighted(&series, fit, &white, models + best, each, without);
     slow->is_vector = models[best].is_vector, slow->ratio = models[best].ratio, slow->memory = models[best].memory / span;
