@@ -341,7 +341,7 @@ def _thickness(covariance: Floats) -> float:
 def _repetition(records: Records) -> tuple[Floats, Floats]:
     """Factors by which repeated readings, and these with few ones, widen covariances, as `flinders.fitting.claim`."""
     rows = records["rows"].astype(float)
-    share = rows / np.maximum(rows - records["repeats"], 1)
+    share = rows / np.maximum(records["distinct"], 1)
     known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
     repetition = np.maximum(1.0, share / known)
     few = [widening_by_few(freedom) for freedom in (rows / repetition - 9.0).tolist()]
@@ -420,8 +420,8 @@ def _named_fault(records: Records, fault: str, other: str) -> Floats:
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
     """How much there was to go by."""
     per_reading = 1.0 / (records["correlation_time"] * records["excess_variance"])
-    effective = np.nan_to_num(records["rows"] / repetition * per_reading, nan=np.inf)
-    independent = np.minimum(effective, records["used"])
+    effective = np.minimum(records["rows"] / repetition * per_reading, records["distinct"])
+    independent = np.minimum(np.nan_to_num(effective, nan=np.inf), records["used"])
     return {
         "hole_deg": records["hole_deg"],
         "covered": records["coverage"],
@@ -438,7 +438,10 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     seconds = np.nan_to_num(records["end"] - records["start"])
     return {
         "outlier_share": records["rejected"] / records["rows"],
-        "repeated_share": records["repeats"] / records["rows"],
+        "repeated_share": 1.0 - records["distinct"] / records["rows"],
+        "distinct": records["distinct"],
+        "step": records["step"],
+        "path_correlation": np.where(np.isnan(records["start"]), records["path_correlation"], np.nan),
         "backward_steps": records["backward_steps"],
         "longest_step_s": np.nan_to_num(records["longest_step"]),
         "usual_step_s": seconds / np.maximum(records["rows"] - 1, 1),
