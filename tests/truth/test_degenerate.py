@@ -179,7 +179,7 @@ def test_two_noisy_rings_are_never_good_with_a_wrong_heading(method: str, shape:
     ids=["two rings", "six faces"],
 )
 @pytest.mark.parametrize("shape", [LONG, SKEW], ids=["long", "skew"])
-def test_readings_without_noise_that_leave_the_ellipsoid_open_are_never_good_with_a_wrong_heading(
+def test_an_ellipsoid_left_open_without_noise_is_never_good_and_wrong(
     method: str, directions: Floats, shape: Floats
 ) -> None:
     """Rank 8 and 6 of 9: any number of ellipsoids goes through them, exactly."""
