@@ -44,12 +44,12 @@ from flinders.errors import FlindersError
 from flinders.estimators.aiding import solve
 from flinders.estimators.data import Readings
 from flinders.estimators.level import Level
-from flinders.geometry.ellipsoid import upper
+from flinders.geometry.ellipsoid import symmetric, upper
 from flinders.geometry.quaternions import of_matrix
 from flinders.geometry.rotation import across, rotation_vectors
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_error, level_turn
-from flinders.likelihood.dip import ACCELERATION_SIGMA, GRAVITY
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, GRAVITY
 from flinders.likelihood.gyro import SCALE_SIGMA, grown
 from flinders.likelihood.parameters import Parameters
 from flinders.likelihood.site_field import Site
@@ -259,7 +259,7 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
         gyro_bias=rng.normal(0.0, 0.01, 3),
         gyro_scale=rng.normal(0.0, SCALE_SIGMA, 6),
         gyro_turn=rng.normal(0.0, SCALE_SIGMA, 3),
-        acceleration_bias=rng.normal(0.0, ACCELERATION_SIGMA / GRAVITY, 3),
+        accelerometer=rng.normal(0.0, np.repeat([ACCELERATION_SIGMA / GRAVITY, GAIN_SIGMA, 0.5 * GAIN_SIGMA], 3)),
         sine=sine,
         direction=simulate.north_and_down(60.0),
     )
@@ -273,12 +273,18 @@ def known(motion: str, attitude_deg: float, number: int) -> Known:
     samples = Samples(
         field + noise * rng.standard_normal(field.shape),
         time=turning.time,
-        acceleration=simulate.specific_force(turning.attitudes, rng) + GRAVITY * true.acceleration_bias,
+        acceleration=felt_by(simulate.specific_force(turning.attitudes, rng), true.accelerometer),
         rate=felt + gyro_noise * rng.standard_normal(field.shape),
         attitude=attitude,
     )
     site = Site(strength, 60.0 + rng.normal(0.0, 1.0), gain_sigma=0.01, inclination_sigma_deg=1.0)
     return Known(samples, site, true)
+
+
+def felt_by(force: Floats, errors: Floats) -> Floats:
+    """(N, 3) what an accelerometer of some errors reads of a force."""
+    read: Floats = force @ np.linalg.inv(np.eye(3) + symmetric(errors[3:])) + GRAVITY * errors[:3]
+    return read
 
 
 def _motion(motion: str, rng: np.random.Generator) -> tuple[Trajectory, float, float]:
@@ -337,7 +343,7 @@ def errors_of(found: Aided, true: Parameters) -> Floats:
 BLOCKS: Final = {
     "b": ("offset",), "S": ("shape",), "R": ("rotation",), "dip or m": ("sine", "direction"),
     "gyro bias": ("gyro_bias",), "gyro scales": ("gyro_scale",), "gyro mounting": ("gyro_turn",), "delay": ("delay",),
-    "accelerometer bias": ("acceleration_bias",),
+    "accelerometer": ("accelerometer",),
 }  # fmt: skip
 """Columns of the table, and which blocks of parameters each holds."""
 

@@ -60,6 +60,7 @@ SCRIPTED: Final = "sunsided_hmc5883l/roll-and-tilt-at-45-90.csv"
 MIRRORED: Final = {"timspi_imu_gnss/imu_gnss_data.csv": np.array([-1.0, 1.0, 1.0])}
 """Signs of magnetometer axes against those of the accelerometer; this one's own calibration turns x round."""
 
+NO_ERRORS: Final = np.zeros(9)
 QUIET: Final = 0.05
 """Of gravity: readings whose acceleration is that close to its median tell the vertical."""
 
@@ -95,23 +96,23 @@ def dip_of(samples: Samples) -> Dip:
     sigma = np.full(3, np.nan) if covariance is None else np.degrees(np.sqrt(np.diag(covariance)))
     return Dip(
         dip_spread_deg(samples, alone.parameters.offset, np.linalg.inv(alone.parameters.shape)),
-        dip_spread_deg(samples, aided.parameters.offset, aided.matrix, bias=aided.parameters.acceleration_bias),
+        dip_spread_deg(samples, aided.parameters.offset, aided.matrix, aided.parameters.accelerometer),
         np.degrees(rotation_vectors(aided.parameters.rotation[np.newaxis])[0]),
         sigma,
     )
 
 
-def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats, *, bias: Floats | float = 0.0) -> float:
+def dip_spread_deg(samples: Samples, offset: Floats, matrix: Floats, errors: Floats = NO_ERRORS) -> float:
     """Spread of the angle between the corrected field and the vertical, where the sensor is hardly accelerated.
 
-    The bias is that of the accelerometer, (3,) of gravity.
+    The errors are the (9,) of the accelerometer.
     """
     assert samples.acceleration is not None
-    felt = samples.acceleration - bias * np.median(np.linalg.norm(samples.acceleration, axis=1))
-    size = np.linalg.norm(felt, axis=1)
+    size = np.linalg.norm(samples.acceleration, axis=1)
     still = np.abs(size / np.median(size) - 1.0) < QUIET
+    down, _ = upright(-samples.acceleration[still] / size[still, np.newaxis], errors)
     field = (samples.field[still] - offset) @ matrix.T
-    cosine = np.einsum("ni,ni->n", field, felt[still]) / np.linalg.norm(field, axis=1) / size[still]
+    cosine = np.einsum("ni,ni->n", field, down) / np.linalg.norm(field, axis=1) / np.linalg.norm(down, axis=1)
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     return 1.4826 * float(np.median(np.abs(angle - np.median(angle))))
 

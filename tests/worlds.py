@@ -115,3 +115,13 @@ def body(
         recordings["abcd"[number]] = Samples.of(field, unit="uT", time=path.samples.time, source="abcd"[number])
         sensors.append(sensor)
     return recordings, sensors, path.directions
+
+
+def with_slow_noise(field: Floats, *, sigma: float, memory: float, seed: int = 1) -> Floats:
+    """Readings (N, 3) with an Ornstein–Uhlenbeck disturbance of each axis, whose memory is so many readings."""
+    decay = np.exp(-1.0 / memory)
+    steps = np.sqrt(1.0 - decay**2) * np.random.default_rng(seed).normal(size=field.shape)
+    course = np.zeros_like(field)
+    for row in range(1, len(field)):
+        course[row] = decay * course[row - 1] + steps[row]
+    return field + sigma * course

@@ -125,5 +125,21 @@ def test_the_page_has_what_the_rows_say(request: pytest.FixtureRequest) -> None:
         assert text == made, "docs/targets.md is not what the rows say: `uv run pytest --regenerate`, review the diff"
 
 
+API = ROOT / "docs" / "api.md"
+MODULES = re.compile(r"(?<=<!-- modules of targets -->\n).*?(?=<!-- end of the modules -->)", re.DOTALL)
+
+
+def test_the_reference_has_a_section_for_each_module_of_targets(request: pytest.FixtureRequest) -> None:
+    names = dict.fromkeys(row.write.__module__ for row in registry().values())
+    sections = [f"## `{name}`\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n\n" for name in names]
+    text = API.read_text(encoding="utf-8")
+    made = MODULES.sub(lambda _: "".join(["\n", *sections]), text)
+    assert MODULES.search(text)
+    if request.config.getoption("--regenerate", default=False):
+        API.write_text(made, encoding="utf-8")
+    else:
+        assert text == made, "docs/api.md lacks a target's module: `uv run pytest --regenerate`, review the diff"
+
+
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
     assert_sessions_are_real("targets.md", request, least=len(ROWS))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.claims import by_hand
-from tests.worlds import judged
+from tests.worlds import judged, with_slow_noise
 
 import flinders
 from flinders import simulate
@@ -108,6 +108,18 @@ def hopeless_heading() -> Fit:
 
 def half_unseen() -> Fit:
     return judged(plain(3000, motion="tilted"))
+
+
+def near_iron() -> Fit:
+    """Two degrees of heading at a time, of which most averages out."""
+    field = tumble(seed=1, n=6000, noise=0.2).samples.field
+    return judged(Samples.of(with_slow_noise(field, sigma=1.0, memory=50.0), unit="uT"))
+
+
+def slowly_disturbed() -> Fit:
+    """A disturbance that lasts as long as the recording."""
+    field = tumble(seed=1, n=3000, noise=0.2).samples.field
+    return judged(Samples.of(with_slow_noise(field, sigma=0.3, memory=6000.0), unit="uT"))
 
 
 def noisy() -> Fit:
@@ -264,6 +276,8 @@ CASES: Final[list[tuple[str, str, Callable[[], Fit], tuple[float, float]]]] = [
     ("heading-error", "limits", poor_heading, (1.0, 5.0)),
     ("heading-error", "refuses", hopeless_heading, (5.0, 720.0)),
     ("coverage", "limits", half_unseen, (60.0, 180.0)),
+    ("unsteady-field", "limits", near_iron, (1.5, 3.0)),
+    ("lasting-noise", "limits", slowly_disturbed, (0.3, 1.0)),
     ("noise", "limits", noisy, (0.06, 0.1)),
     ("noise", "refuses", drowned, (0.2, 0.4)),
     ("prior", "limits", leaning_on_the_prior, (0.1, 1.0)),

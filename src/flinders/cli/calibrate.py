@@ -246,6 +246,13 @@ class AidingOptions(option.Group, heading=option.AIDING):
         type=option.within(0, 2, "m/s² from 0 to 2, such as 0.05; 0 where the accelerometer is calibrated", zero=True),
         help="With --with dip: what the accelerometer may be off by, 1 σ; 0 where it is calibrated [default: 0.3].",
     )  # fmt: skip
+    acceleration_gain: float | None = option.member(
+        "--accelerometer-gain", metavar="SHARE",
+        type=option.within(
+            0, 0.5, "a share from 0 to 0.5, such as 0.02; 0 where the accelerometer is calibrated", zero=True
+        ),
+        help="With --with dip: what its gains, and its axes from square (rad), may be off by, 1 σ [default: 0.02].",
+    )  # fmt: skip
     previous: str | None = option.member(
         "--previous", metavar="CALIBRATION",
         help="With --with and a sensor that was not turned: the calibration that the disturbances belong to.",
@@ -256,10 +263,11 @@ class AidingOptions(option.Group, heading=option.AIDING):
         aiding, disturbances = recorded(self.names)
         if self.gyro_scale is not None and not {"rate", "auto"} & set(aiding):
             raise UsageError("--gyro-scale goes with --with rate or auto: leave it out, or name the gyro")
-        if self.acceleration_bias is not None and not {"dip", "auto"} & set(aiding):
-            raise UsageError(
-                "--accelerometer-bias goes with --with dip or auto: leave it out, or name the accelerometer"
-            )
+        for name, value in (("bias", self.acceleration_bias), ("gain", self.acceleration_gain)):
+            if value is not None and not {"dip", "auto"} & set(aiding):
+                raise UsageError(
+                    f"--accelerometer-{name} goes with --with dip or auto: leave it out, or name the accelerometer"
+                )
         if self.previous is not None and not disturbances:
             raise UsageError(
                 "--previous goes with --with current, currents, throttle, throttles or temperature: say which to find"
@@ -269,6 +277,7 @@ class AidingOptions(option.Group, heading=option.AIDING):
             "disturbances": disturbances or None,
             "gyro_scale": self.gyro_scale,
             "acceleration_bias": self.acceleration_bias,
+            "acceleration_gain": self.acceleration_gain,
         }
         return {name: value for name, value in options.items() if value is not None}
 

@@ -15,6 +15,7 @@ they need without holding it in memory.
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -281,7 +282,7 @@ class Samples:
         """Leave out the rows whose field is not finite, and note which they were."""
         # A sum is finite whenever all its terms are: one pass settles the usual case.
         with np.errstate(over="ignore", invalid="ignore"):
-            if np.isfinite(self.field.sum()):
+            if math.isfinite(self.field.sum()):
                 return self
         whole: NDArray[np.bool_] = np.all(np.isfinite(self.field), axis=1)
         if whole.all():

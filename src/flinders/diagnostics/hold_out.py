@@ -20,7 +20,7 @@ from flinders.errors import FitError
 from flinders.estimators.aiding import parameters_of
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import dip, magnitude
-from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 
 if TYPE_CHECKING:
@@ -73,11 +73,17 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
         What the whole recording says, where each fit begins.
     """
     gyro_scale = SCALE_SIGMA if "gyro_scale" in near.layout else 0.0
-    bias = ACCELERATION_SIGMA if "acceleration_bias" in near.layout else 0.0
+    is_free = "accelerometer" in near.layout
     try:
         return [
             parameters_of(
-                samples[kept], terms, rotation=rotation, near=near, gyro_scale=gyro_scale, acceleration_bias=bias
+                samples[kept],
+                terms,
+                rotation=rotation,
+                near=near,
+                gyro_scale=gyro_scale,
+                acceleration_bias=ACCELERATION_SIGMA * is_free,
+                acceleration_gain=GAIN_SIGMA * is_free,
             )
             for kept, _ in folds(len(samples))
         ]
@@ -120,7 +126,7 @@ def _heights(samples: Samples, parameters: Parameters, vertical: str | None) -> 
     """Variance of the field's height above the horizon, by verticals that are trusted."""
     if vertical == "dip" and samples.acceleration is not None:
         down, trust = dip.verticals(samples.acceleration)
-        down, _ = dip.upright(down, parameters.acceleration_bias)
+        down, _ = dip.upright(down, parameters.accelerometer)
     elif vertical == "tilt" and samples.attitude is not None:
         down, trust = dip.verticals_of(samples.attitude)
     else:

@@ -53,6 +53,9 @@ CIRCULAR_DEG, CIRCULAR_SIGMAS, CIRCULAR_SHARE = 0.5, 3.0, 0.5
 FEWEST_ATTITUDES: Final = 12
 """Known ones; fewer tell nothing of where a yaw comes from."""
 
+FOLLOWED: Final = 5000
+"""Readings that tell where a yaw comes from."""
+
 ROUNDS: Final = 3
 """Of finding an offset and where the rest points."""
 
@@ -276,6 +279,8 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     """
     if samples.attitude is None:
         return None
+    if "rate" not in reference.aiding:
+        samples = samples[:: max(1, len(samples) // FOLLOWED)]
     matrices = attitude.body_to_world(samples.attitude)
     known = np.isfinite(matrices[:, 0, 0])
     if np.count_nonzero(known) < FEWEST_ATTITUDES:

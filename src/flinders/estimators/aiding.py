@@ -2,7 +2,7 @@
 
 Minimises the sum of the squares of all residuals, each in its own standard deviation, over
 
-    θ = (b, S, R, disturbances, slope, gyro bias, scales and delay, accelerometer bias, sin I or m)
+    θ = (b, S, R, disturbances, slope, gyro bias, scales and delay, accelerometer bias and gains, sin I or m)
 
 and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.errors import FitError, NotAnEllipsoid, TooFewSamples, UsageError
+from flinders.estimators.accelerometer import known_before
 from flinders.estimators.auto import Auto
 from flinders.estimators.base import Estimate
 from flinders.estimators.data import Readings
@@ -43,7 +44,7 @@ from flinders.estimators.joint_covariance import (
 from flinders.estimators.likelihood import spheres_about
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood import gyro, prior
-from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, AccelerometerPrior
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.joint import JointProblem, deviance, initial, misfits, without_outliers
 from flinders.likelihood.parameters import ROTATION_SIGMA, TERMS
@@ -79,6 +80,9 @@ STILL: Final = 0.1
 
 FAR_SCALES: Final = 5.0
 """Standard deviations of what is thought of a gyro's scales: beyond, something else is wrong, and they are held."""
+
+SEARCHED: Final = 2000
+"""Readings that starts are tried on; all of them from where the best leads."""
 
 FEWEST: Final = 12
 """Readings that are needed."""
@@ -199,6 +203,7 @@ def solve(
     delay: bool = True,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
+    acceleration_gain: float = GAIN_SIGMA,
     near: Aided | None = None,
 ) -> Aided:
     """Fit all that a recording holds.
@@ -230,7 +235,9 @@ def solve(
         something else that is wrong; they are then held, and `Aided.scales_off` says what they were.
     acceleration_bias : float
         What the accelerometer may be off by on each axis, 1 σ, in m/s²: it is found with the rest. 0 where that
-        accelerometer has been calibrated.
+        accelerometer has been calibrated; its gains are then exact, too.
+    acceleration_gain : float
+        What its gains may be off by, 1 σ, and its axes from square, in rad: found with the rest as well.
     near : Aided, optional
         Another fit to the same readings, with the same disturbances: tried before any other start.
 
@@ -247,7 +254,8 @@ def solve(
     """
     refuse_without(samples, terms)
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
-    put = _Prepared(samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, acceleration_bias)
+    accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
+    put = _Prepared(samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, accelerometer)
     aided = _solved(put, gyro_scale, start, near).finished()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
@@ -263,12 +271,13 @@ def parameters_of(
     near: Aided,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
+    acceleration_gain: float = GAIN_SIGMA,
 ) -> Parameters:
     """What `solve` finds in part of the readings of another fit, without what it claims, which takes as long again."""
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     put = _Prepared(
         samples, tuple(terms), None, None, rotation, prior.SPREAD, gyro.WINDOW_S,
-        delay=True, acceleration_bias=acceleration_bias,
+        delay=True, accelerometer=_accelerometer(samples, terms, acceleration_bias, acceleration_gain),
     )  # fmt: skip
     solved_for = _solved(put, gyro_scale, None, near)
     iterate = without_outliers(solved_for.problem, solved_for.found)
@@ -287,13 +296,13 @@ class _Prepared(NamedTuple):
     spread: float
     window_s: float
     delay: bool
-    acceleration_bias: float
+    accelerometer: AccelerometerPrior | None
 
     def problem(self, gyro_scale: float) -> JointProblem:
         """Put the readings in groups."""
         return JointProblem.of(
             self.samples, self.terms, self.site, self.disturbances, self.rotation, self.spread, self.window_s,
-            delay=self.delay, gyro_scale=gyro_scale, acceleration_bias=self.acceleration_bias,
+            delay=self.delay, gyro_scale=gyro_scale, accelerometer=self.accelerometer,
         )  # fmt: skip
 
 
@@ -311,6 +320,13 @@ class _Solved(NamedTuple):
         return replace(aided, parameters=whole)
 
 
+def _accelerometer(samples: Samples, terms: Sequence[str], bias: float, gain: float) -> AccelerometerPrior | None:
+    """What is known of the accelerometer before, where it brings verticals and is not stated to be exact."""
+    if "dip" not in terms or samples.acceleration is None or not bias:
+        return None
+    return known_before(samples.acceleration, AccelerometerPrior.of(bias=bias, gain=gain))
+
+
 def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
     """Go down from each start until one leaves no more than noise.
 
@@ -323,15 +339,9 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    best: JointIterate | None = None
-    for begin in _begins(problem, put, start, near):
-        iterate = levenberg_marquardt(problem, initial(problem, begin))
-        if best is None or deviance(problem, iterate) < deviance(problem, best):
-            best = iterate
-        if not misfits(iterate):
-            break
-    if best is None:
-        raise NotAnEllipsoid((float("nan"),) * 3, "aided")
+    best = _searched(problem.thinned(SEARCHED), _begins(problem, put, start, near))
+    if len(put.samples) >= 2 * SEARCHED:
+        best = levenberg_marquardt(problem, initial(problem, best.at))
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
         return _Solved(problem, best, 0.0)
@@ -339,6 +349,26 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     behind = put._replace(samples=replace(put.samples, rate=_moved_back(put.samples.rate, late))).problem(gyro_scale)
     at = replace(best.at, delay=best.at.delay - late_s)
     return _Solved(behind, levenberg_marquardt(behind, initial(behind, behind.begin_near(at, problem.layout))), late_s)
+
+
+def _searched(problem: JointProblem, begins: Iterable[Parameters]) -> JointIterate:
+    """Where the best of some starts leads, the first that leaves no more than noise.
+
+    Raises
+    ------
+    NotAnEllipsoid
+        Where there is none.
+    """
+    best: JointIterate | None = None
+    for begin in begins:
+        iterate = levenberg_marquardt(problem, initial(problem, begin))
+        if best is None or deviance(problem, iterate) < deviance(problem, best):
+            best = iterate
+        if not misfits(iterate):
+            break
+    if best is None:
+        raise NotAnEllipsoid((float("nan"),) * 3, "aided")
+    return best
 
 
 def _begins(problem: JointProblem, put: _Prepared, start: Ellipsoid | None, near: Aided | None) -> Iterator[Parameters]:

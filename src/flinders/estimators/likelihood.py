@@ -160,13 +160,14 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         majority = Ellipsoid(record["majority_centre"], symmetric(record["majority_shape"]))
         outliers = outliers_among(readings, majority, limit, int(record["dense"]))
     lag_one, time, direction, excess, lasting = (float(record[name]) for name in RESIDUALS)
+    lasting = 0.0 if math.isnan(lasting) else lasting
     return Estimate(
         Ellipsoid(record["centre"].copy(), symmetric(record["shape"])),
         record["covariance"].reshape(9, 9).copy(),
         float(record["noise"]),
         method,
         prior_influence=float(record["prior_influence"]),
-        correlation=None if np.isnan(time) else Correlation(lag_one, time, direction, excess, np.nan_to_num(lasting)),
+        correlation=None if math.isnan(time) else Correlation(lag_one, time, direction, excess, lasting),
         textbook=record["textbook"].reshape(9, 9).copy(),
         used=int(record["used"]),
         unobserved=int(record["unobserved"]),

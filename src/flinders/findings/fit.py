@@ -16,6 +16,9 @@ Z_OPEN: Final = (
 )
 """What the finding ``level-plane`` says of z, by which a file that is loaded tells it again."""
 
+_WITHIN_TARGET: Final = (Needs("worst_deg", "<", 1.0, "target_deg"), Needs("is_planar", "<", 1.0))
+"""Of findings that say why a claim may be too small: a larger one, and a level turn, have limits of their own."""
+
 ROWS: Final = (
     CatalogueRow(
         code="one-plane",
@@ -224,7 +227,11 @@ ROWS: Final = (
         action="record away from iron, and from currents that change",
         # `docs/adversary.md`: a steel desk makes 1.3 to 2.1 targets of it and was called good, wrongly, 10 times of 16;
         # noise of the sensor that lasts for 4 or 10 s and is claimed rightly makes up to 1.3
-        rule=Rule("unsteady_deg", (Grade("limits", 1.25, "target_deg"),)),
+        rule=Rule(
+            "unsteady_deg",
+            (Grade("limits", 1.25, "target_deg"),),
+            needs=(*_WITHIN_TARGET, Needs("next_correlation", ">=", 0.5)),
+        ),
         said=(
             "from moment to moment the field is off by {unsteady_deg}° of heading, more than the target: iron or "
             "currents near by, which also move offset and matrix where they follow the attitude, unseen; record "
@@ -245,7 +252,11 @@ ROWS: Final = (
         limit="0.15",
         action="record for longer, turning all the time",
         # `docs/adversary.md`: of 10 good fits with noise of 30 s in a minute 4 were wrong, and 9 are beyond this
-        rule=Rule("noise_lasts", (Grade("limits", 0.15),), needs=(Needs("worst_deg", ">", 0.25, "target_deg"),)),
+        rule=Rule(
+            "noise_lasts",
+            (Grade("limits", 0.15),),
+            needs=(*_WITHIN_TARGET, Needs("worst_deg", ">", 0.25, "target_deg"), Needs("next_correlation", ">=", 0.15)),
+        ),
         said=(
             "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that how large it "
             "is, and the heading error, is known from one or two swings of it: record for longer, turning all the time"

@@ -49,7 +49,7 @@ from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.geometry.quaternions import of_matrix
 from flinders.heading.error_propagation import level_error, level_turn
 from flinders.likelihood import prior
-from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.parameters import TERMS
 
@@ -87,6 +87,7 @@ def aided_by(
     spread: float = prior.SPREAD,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
+    acceleration_gain: float = GAIN_SIGMA,
 ) -> tuple[Aided, Aiding]:
     """Fit with aiding sensors, those that can be trusted and, with ``auto``, those that earn their place.
 
@@ -104,6 +105,8 @@ def aided_by(
         What the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
     acceleration_bias : float, m/s²
         What the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
+    acceleration_gain : float
+        What its gains may be off by, and its axes from square in rad, 1 σ.
 
     Raises
     ------
@@ -120,6 +123,7 @@ def aided_by(
     axes, mistakes = of_instruments(samples, _alone(samples), wanted)
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
+    options["acceleration_gain"] = acceleration_gain
     solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
     alone = _Candidate(samples, solver(()), rotation)
     selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])
@@ -368,11 +372,4 @@ def _angle_of(rotation: Floats) -> Floats:
     return angle
 
 
-def without_rotation(aided: Aided) -> Aided:
-    """The same with the rotation left as it is where nothing saw it: an ellipsoid's symmetric root."""
-    if aided.sees_rotation:
-        return aided
-    return replace(aided, parameters=replace(aided.parameters, rotation=np.eye(3)))
-
-
-__all__ = ["AIDS", "aided_by", "available", "change_deg", "claim_deg", "without_rotation"]
+__all__ = ["AIDS", "aided_by", "available", "change_deg", "claim_deg"]

@@ -101,7 +101,7 @@ class Aiding:
         """What a fit with aiding sensors knows beside its ellipsoid."""
         at, layout = aided.parameters, aided.layout
         sine, delay = aided.of("sine"), aided.of("delay")
-        gyro, accelerometer = _sigma(aided.of("gyro_bias")), _sigma(aided.of("acceleration_bias"))
+        gyro, accelerometer = _sigma(aided.of("gyro_bias")), _sigma(aided.of("accelerometer"))
         height = at.sine if "sine" in layout else float(at.direction[2]) if "direction" in layout else None
         level = np.sqrt(max(1.0 - at.sine**2, 1e-6))
         return cls(
@@ -110,8 +110,8 @@ class Aiding:
             rotation_covariance=aided.rotation_covariance if aided.sees_rotation else None,
             gyro_bias=None if gyro is None else at.gyro_bias,
             gyro_bias_sigma=gyro,
-            acceleration_bias=None if accelerometer is None else GRAVITY * at.acceleration_bias,
-            acceleration_bias_sigma=None if accelerometer is None else GRAVITY * accelerometer,
+            acceleration_bias=None if accelerometer is None else GRAVITY * at.accelerometer[:3],
+            acceleration_bias_sigma=None if accelerometer is None else GRAVITY * accelerometer[:3],
             delay_s=None if delay is None else at.delay,
             delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
             dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),

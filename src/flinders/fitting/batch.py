@@ -341,7 +341,7 @@ def _thickness(covariance: Floats) -> float:
 def _repetition(records: Records) -> tuple[Floats, Floats]:
     """Factors by which repeated readings, and these with few ones, widen covariances, as `flinders.fitting.claim`."""
     rows = records["rows"].astype(float)
-    share = rows / np.maximum(rows - records["repeats"], 1)
+    share = rows / np.maximum(records["distinct"], 1)
     known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
     repetition = np.maximum(1.0, share / known)
     few = [widening_by_few(freedom) for freedom in (rows / repetition - 9.0).tolist()]
@@ -438,7 +438,10 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     seconds = np.nan_to_num(records["end"] - records["start"])
     return {
         "outlier_share": records["rejected"] / records["rows"],
-        "repeated_share": records["repeats"] / records["rows"],
+        "distinct": records["distinct"],
+        "repeated_share": 1.0 - records["distinct"] / records["rows"],
+        "step": records["step"],
+        "path_correlation": np.where(np.isnan(records["start"]), records["path_correlation"], np.nan),
         "backward_steps": records["backward_steps"],
         "longest_step_s": np.nan_to_num(records["longest_step"]),
         "usual_step_s": seconds / np.maximum(records["rows"] - 1, 1),

@@ -32,7 +32,7 @@ from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
-from flinders.likelihood.dip import ACCELERATION_SIGMA
+from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
@@ -89,11 +89,16 @@ class _Instruments:
 
     gyro_scale: float
     acceleration_bias: float
+    acceleration_gain: float
 
     def __post_init__(self) -> None:
         """Refuse what none is off by."""
-        if not 0.0 <= self.gyro_scale <= 0.5:
-            raise UsageError(f"gyro scale is {self.gyro_scale:g}: need a share from 0 to 0.5, such as {SCALE_SIGMA:g}")
+        for name, share, usual in (
+            ("gyro scale", self.gyro_scale, SCALE_SIGMA),
+            ("acceleration gain", self.acceleration_gain, GAIN_SIGMA),
+        ):
+            if not 0.0 <= share <= 0.5:
+                raise UsageError(f"{name} is {share:g}: need a share from 0 to 0.5, such as {usual:g}")
         if not 0.0 <= self.acceleration_bias <= 2.0:
             raise UsageError(
                 f"acceleration bias is {self.acceleration_bias:g} m/s²: need 0 to 2, such as {ACCELERATION_SIGMA:g}"
@@ -203,6 +208,7 @@ def fit(
     site: Site | None = None,
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
+    acceleration_gain: float = GAIN_SIGMA,
     **options: Any,
 ) -> Fit:
     """Find the calibration, and say how far to trust it.
@@ -239,6 +245,8 @@ def fit(
         With the aid ``rate``: what the scales of the gyro may be off by, 1 σ; 0 where it has been calibrated.
     acceleration_bias : float, m/s²
         With the aid ``dip``: what the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
+    acceleration_gain : float
+        With the aid ``dip``: what its gains may be off by, and its axes from square in rad, 1 σ.
     **options
         Those of the method, such as ``prior=None`` or ``bias_correction=False`` for ``likelihood``.
 
@@ -275,7 +283,7 @@ def fit(
     evidence = None if aiding or site else _Evidence.of_record(estimator, readings, frame.unit)
     if evidence is None:
         readings = within_range(_moved(readings, method, estimator, frame.unit))
-    instruments = _Instruments(gyro_scale, acceleration_bias)
+    instruments = _Instruments(gyro_scale, acceleration_bias, acceleration_gain)
     if aiding and (method != "auto" or set(options) - {"prior"}):
         raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
     joint, aiding_result = _aided(readings, aiding, request, instruments)
@@ -352,7 +360,7 @@ def _accepted(result: Fit) -> Fit:
     Refused
         With the fit.
     """
-    if result.verdict == "refused":
+    if any(finding.severity == "refuses" for finding in result.findings):
         raise Refused(result)
     return result
 

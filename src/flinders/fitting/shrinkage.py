@@ -26,6 +26,7 @@ True
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING, Final
@@ -70,10 +71,10 @@ def may_be_corrected(centres: Floats, variances: Floats, sizes: Floats) -> NDArr
 
 def shrunk(estimate: Estimate) -> Estimate | None:
     """Shrink an estimate towards the readings as they are; None where these were hardly corrected before."""
-    parameters = estimate.ellipsoid.parameters
-    size = float(SIZE @ parameters)
-    if not may_be_corrected(parameters[:3], np.diag(estimate.covariance)[:3], np.array(size)):
+    size = float(estimate.ellipsoid.shape.trace()) / 3.0
+    if not _is_near(estimate, size):
         return None
+    parameters = estimate.ellipsoid.parameters
     departures = DEPARTURES @ parameters / size
     covariance = DEPARTURES @ estimate.covariance @ DEPARTURES.T / size**2
     priors = [_prior(offset, shape) for offset, shape in product(OFFSETS, SHAPES)]
@@ -87,6 +88,13 @@ def shrunk(estimate: Estimate) -> Estimate | None:
     widths += np.outer(centre_and_shape, centre_and_shape) * (SIZE @ estimate.covariance @ SIZE) / size**2
     ellipsoid = Ellipsoid(centre_and_shape[:3], symmetric(centre_and_shape[3:]))
     return replace(estimate, ellipsoid=ellipsoid, covariance=widths, textbook=None)
+
+
+def _is_near(estimate: Estimate, size: float) -> bool:
+    """Whether `may_be_corrected` lets one estimate of a size pass, in plain numbers: most end here."""
+    least, variances = (OFFSETS[-1] * size) ** 2, estimate.covariance.diagonal()[:3].tolist()
+    centre = estimate.ellipsoid.centre.tolist()
+    return all(abs(b) < FARTHEST * math.sqrt(v + least) for b, v in zip(centre, variances, strict=True))
 
 
 def _prior(offset: float, shape: float) -> Floats:

@@ -7,9 +7,9 @@ With a unit vector d_k that points down in body axes and the field's direction q
 for all readings: I the dip, found with the rest or known of the site. The vertical comes from the accelerometer, down =
 −f/|f|, or from a logged attitude without its yaw, which may stem from the very compass that is to be calibrated.
 
-An accelerometer has a bias, 0.1 to 0.5 m/s² where nobody has calibrated it, that tilts its vertical by degrees. Taken
-for the truth it would bend offset and shape by far more than noise; it is found with the rest, see
-`flinders.likelihood.observations`.
+An accelerometer that nobody has calibrated has a bias of 0.1 to 0.5 m/s², gains that are off by per cents, and axes
+that are not quite square. They tilt its vertical by degrees, and taken for exact it would bend offset and shape by far
+more than noise: these nine are found with the rest, about an `AccelerometerPrior`.
 
 An accelerometer feels more than gravity, too. A reading is trusted the less, the farther |f| is from its usual length,
 
@@ -32,12 +32,15 @@ plain form is Σ (aᵀRm − |a||m| sin I)².
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.quaternions import inverse, rotated
 from flinders.geometry.rotation import lengths
+from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.term import Block, Term
 
 if TYPE_CHECKING:
@@ -56,6 +59,15 @@ GRAVITY: Final = 9.80665
 
 ACCELERATION_SIGMA: Final = 0.3
 """m/s²: what the bias of an accelerometer may be; small ones that nobody has calibrated have as much."""
+
+GAIN_SIGMA: Final = 0.02
+"""What its gains may be off by, and its axes from square, in rad."""
+
+LEAST_RAISED: Final = 1e-3
+"""Squared cosine of a dip below which the field is vertical, and tells nothing of a vertical's tilt."""
+
+EXACT: Final = 1e-6
+"""Standard deviation, of gravity, of what somebody states is exact."""
 
 HUBER: Final = 2.5
 """Standard deviations beyond which a residual counts less than its square."""
@@ -90,45 +102,87 @@ def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
     return down, trust
 
 
-def upright(down: Floats, bias: Floats) -> tuple[Floats, Floats]:
-    """Take an accelerometer's bias off its verticals.
+@dataclass(frozen=True, slots=True, eq=False)
+class AccelerometerPrior:
+    """What is known of an accelerometer's errors before the magnetometer is looked at.
 
-    At rest f = f₀ + gβ with |f₀| = g puts the vertical where ρd + β points, with ρ = |f|/g from |ρd + β| = 1. What is
-    given is d + β/ρ, which is not quite of unit length and has the noise of d, whatever β.
+    Attributes
+    ----------
+    mean : (9,) float
+        Bias β of gravity, and the upper triangle of Γ in the order of `flinders.geometry.ellipsoid.symmetric`: at rest
+        (1 + Γ)(gβ − f) is down, and as long as gravity.
+    precision : (9, 9) float
+    """
+
+    mean: Floats
+    precision: Floats
+
+    @classmethod
+    def of(cls, *, bias: float = ACCELERATION_SIGMA, gain: float = GAIN_SIGMA) -> Self:
+        """Errors about zero: a bias in m/s², gains, and axes from square in rad, 1 σ.
+
+        >>> (1.0 / np.sqrt(np.diag(AccelerometerPrior.of(bias=0.0).precision))).round(6)[[0, 3, 6]]
+        array([1.e-06, 2.e-02, 1.e-02])
+        """
+        sigmas = np.repeat([bias / GRAVITY, gain, 0.5 * gain], 3)
+        return cls(np.zeros(9), np.diag(1.0 / np.maximum(sigmas, EXACT) ** 2))
+
+    def equations(self, errors: Floats) -> NormalEquations:
+        """Normal equations at (9,) errors, in standard deviations."""
+        left = self.mean - errors
+        return NormalEquations(self.precision, self.precision @ left, float(left @ self.precision @ left), 0)
+
+
+def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
+    """Take an accelerometer's errors off its verticals.
+
+    At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ makes it of unit length. What is given is w/ρ, which
+    is not quite of unit length and has the noise of d, whatever the errors.
 
     Parameters
     ----------
     down : (..., 3) float
         Unit vectors d.
-    bias : (3,) float, of gravity
-        β.
+    errors : (9,) float
+        β and Γ, as in `AccelerometerPrior`.
 
     Returns
     -------
     vertical : (..., 3) float
-        d + β/ρ.
     rest : (...,) float
         ρ.
 
     Examples
     --------
     >>> felt = np.array([0.0, 0.6, 0.8]) - np.array([0.0, 0.0, 0.03])               # of an accelerometer that is off
-    >>> vertical, rest = upright(felt / np.linalg.norm(felt), np.array([0.0, 0.0, 0.03]))
+    >>> bias = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    >>> vertical, rest = upright(felt / np.linalg.norm(felt), bias)
     >>> (vertical * rest).round(12), bool(np.isclose(rest, np.linalg.norm(felt)))
     (array([0. , 0.6, 0.8]), True)
     """
-    along = down @ bias
-    rest = np.maximum(np.sqrt(np.maximum(1.0 - bias @ bias + along**2, LEAST_REST**2)) - along, LEAST_REST)
-    return down + bias / rest[..., np.newaxis], rest
+    whole = np.eye(3) + symmetric(errors[3:])
+    scaled, bias = down @ whole, whole @ errors[:3]
+    along, square = scaled @ bias, np.maximum(np.einsum("...i,...i->...", scaled, scaled), LEAST_REST**2)
+    root = np.sqrt(np.maximum(along**2 + square * (1.0 - bias @ bias), LEAST_REST**2))
+    rest = np.maximum((root - along) / square, LEAST_REST)
+    return scaled + bias / rest[..., np.newaxis], rest
 
 
-def by_bias(down: Floats, bias: Floats) -> Floats:
-    """(..., 3, 3) how the vertical of `upright` moves with the bias."""
-    along = down @ bias
-    root = np.sqrt(np.maximum(1.0 - bias @ bias + along**2, LEAST_REST**2))
-    rest = np.maximum(root - along, LEAST_REST)[..., np.newaxis]
-    slope = down + (bias - along[..., np.newaxis] * down) / root[..., np.newaxis]  # −∂ρ/∂β
-    moved: Floats = np.eye(3) / rest[..., np.newaxis] + bias[:, np.newaxis] * (slope / rest**2)[..., np.newaxis, :]
+def by_errors(down: Floats, errors: Floats) -> Floats:
+    """(..., 3, 9) how the vertical of `upright` moves with the errors."""
+    vertical, rest = upright(down, errors)
+    whole = np.eye(3) + symmetric(errors[3:])
+    by_bias = np.broadcast_to(whole, (*down.shape, 3)) / rest[..., np.newaxis, np.newaxis]
+    direct = np.concatenate([by_bias, by_symmetric(down + errors[:3] / rest[..., np.newaxis])], axis=-1)  # ρ as it is
+    along = np.einsum("...i,...i->...", vertical, down @ whole)
+    length = np.einsum("...i,...ij->...j", vertical, direct) / np.maximum(along, LEAST_REST)[..., np.newaxis]
+    moved: Floats = direct + np.einsum("i,...j->...ij", whole @ errors[:3], length) / rest[..., np.newaxis, np.newaxis]
+    return moved
+
+
+def by_symmetric(vectors: Floats) -> Floats:
+    """(..., 3, 6) how Γx moves with the upper triangle of Γ, of (..., 3) vectors x."""
+    moved: Floats = np.einsum("ijk,...j->...ik", symmetric(np.eye(6)), vectors)
     return moved
 
 
@@ -176,11 +230,14 @@ def fill(
     q: Floats,
     *,
     sine: float,
-    bias: Floats,
+    errors: Floats,
     of_gyro: slice,
     moved: Floats | None,
 ) -> None:
     """Write the Jacobian of vᵀq − |v| sin I.
+
+    That of an accelerometer's errors is taken at the vertical on which residual and field agree: the noise that stands
+    in the residual would else be in it, and gains would follow that noise.
 
     Parameters
     ----------
@@ -191,20 +248,23 @@ def fill(
     q : (W, n, 3) float
         The field's direction.
     sine : float
-    bias : (3,) float, of gravity
+    errors : (9,) float
+        Of the accelerometer.
     of_gyro : slice
         Columns that go with `moved`.
     moved : (W, n, 3, m) float, optional
         How q goes with a gyro.
     """
-    down, _ = upright(recorded, bias)
+    down, _ = upright(recorded, errors)
     length = lengths(down)
     if "sine" in columns:
         jacobian[..., columns["sine"].start] = -length
-    if "acceleration_bias" in columns:
+    if "accelerometer" in columns:
         height = sine / np.maximum(length, 1e-300)
         raised = q - height[..., np.newaxis] * down
-        jacobian[..., columns["acceleration_bias"]] = np.einsum("wni,wnij->wnj", raised, by_bias(recorded, bias))
+        off = residuals(down, q, sine) / np.maximum(np.einsum("wni,wni->wn", raised, raised), LEAST_RAISED)
+        agreed = recorded + off[..., np.newaxis] * raised
+        jacobian[..., columns["accelerometer"]] = np.einsum("wni,wnij->wnj", raised, by_errors(agreed, errors))
     if moved is not None:
         jacobian[..., of_gyro] = np.einsum("wni,wnij->wnj", down, moved)
 
@@ -214,7 +274,7 @@ TERM: Final = Term(
     "accelerometer",
     "the accelerometer: the field's angle to the vertical stays the same",
     ("acceleration",),
-    (Block("acceleration_bias", 3, ACCELERATION_SIGMA / GRAVITY), Block("sine", 1)),
+    (Block("accelerometer", 9), Block("sine", 1)),
 )
 TILT: Final = Term("tilt", "logged tilt", "the logged attitude without its yaw, as `dip`", ("attitude",))
-"""The same from a logged attitude, which has no bias."""
+"""The same from a logged attitude, which has no such errors."""

@@ -51,6 +51,12 @@ class NormalEquations:
             self.matrix + other.matrix, self.gradient + other.gradient, self.cost + other.cost, self.count + other.count
         )
 
+    def placed(self, columns: slice, size: int) -> Self:
+        """The same as some columns of so many parameters."""
+        matrix, gradient = np.zeros((size, size)), np.zeros(size)
+        matrix[columns, columns], gradient[columns] = self.matrix, self.gradient
+        return type(self)(matrix, gradient, self.cost, self.count)
+
     def step(self) -> Floats:
         """(9,) change of θ that solves the equations; the smallest one where they leave it open."""
         scale = self._scale

@@ -16,13 +16,12 @@ from flinders.core.axes import TURNS
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.geometry.rotation import across, in_pieces
 from flinders.likelihood import attitude, dip, gyro
-from flinders.likelihood.dip import ACCELERATION_SIGMA
 from flinders.likelihood.equations import FINEST, NormalEquations
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.observations import ObservationGroup, Weights, residuals_of
 from flinders.likelihood.parameters import ParameterLayout, Parameters
 from flinders.likelihood.prior import SensorPrior
-from flinders.likelihood.solver import NO_WORSE, SETTLED, Iterate, levenberg_marquardt
+from flinders.likelihood.solver import EASED, NO_WORSE, SETTLED, Iterate, levenberg_marquardt
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
+    from flinders.likelihood.dip import AccelerometerPrior
     from flinders.likelihood.disturbance import Disturbances
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
@@ -56,6 +56,9 @@ SEATED: Final = 10
 MANY_ATTITUDES: Final = 1000
 """Attitudes that a start is found from."""
 
+MANY: Final = 20_000
+"""Readings of which the standard deviations are so small that a hundredth of one is nothing."""
+
 MISFIT: Final = 1.5
 """Times larger than the noise from one reading to the next: residuals that another start may do away with."""
 
@@ -74,8 +77,8 @@ class JointProblem:
     disturbances : Disturbances, optional
     interval : float, s
         Between two readings of a window.
-    acceleration_bias : float, m/s²
-        What the accelerometer may be off by on each axis, 1 σ; 0 holds it.
+    accelerometer : AccelerometerPrior, optional
+        Where it brings verticals.
     """
 
     groups: tuple[ObservationGroup, ...]
@@ -85,9 +88,8 @@ class JointProblem:
     prior: SensorPrior
     disturbances: Disturbances | None
     interval: float
-    acceleration_bias: float = ACCELERATION_SIGMA
+    accelerometer: AccelerometerPrior | None = None
     tolerance: ClassVar[float] = NO_WORSE
-    settled: ClassVar[float] = SETTLED
 
     @classmethod
     def of(
@@ -102,7 +104,7 @@ class JointProblem:
         *,
         delay: bool,
         gyro_scale: float = SCALE_SIGMA,
-        acceleration_bias: float = ACCELERATION_SIGMA,
+        accelerometer: AccelerometerPrior | None = None,
     ) -> Self:
         """Put the readings in groups, and lay out what is to be found."""
         if disturbances is not None and disturbances.constant:
@@ -124,26 +126,43 @@ class JointProblem:
         )
         before = SensorPrior.of(
             samples.field, spread, np.eye(3) if rotation is None else rotation,
-            gyro_scale=gyro_scale, gyro_turn=gyro_scale, acceleration_bias=acceleration_bias / dip.GRAVITY,
+            gyro_scale=gyro_scale, gyro_turn=gyro_scale,
         )  # fmt: skip
         chunks = tuple(chunk for group in groups for chunk in group.chunks())
-        return cls(chunks, layout, terms, site, before, disturbances, interval, acceleration_bias)
+        return cls(chunks, layout, terms, site, before, disturbances, interval, accelerometer)
+
+    @property
+    def readings(self) -> int:
+        """How many there are."""
+        return sum(group.rows.size for group in self.groups)
+
+    @property
+    def settled(self) -> float:
+        """Standard deviations: such a step is the last. Of many readings, as long a one as of their correction."""
+        return SETTLED if self.readings < MANY else EASED
+
+    def thinned(self, readings: int) -> Self:
+        """The same with about so many readings, spread over the recording."""
+        step = self.readings // readings
+        return self if step < 2 else replace(self, groups=tuple(group.runs(step) for group in self.groups))
 
     def freed(self) -> Self:
-        """The same with the bias of an accelerometer among what is found, where there is one.
+        """The same with the errors of an accelerometer among what is found, where there is one.
 
         On the way there it is held: noise pretends so much of it that the way down could lead anywhere.
         """
-        if self.acceleration_bias <= 0.0 or "dip" not in self.aiding or "sine" not in self.layout:
+        if self.accelerometer is None or "sine" not in self.layout:
             return self
         count = 0 if self.disturbances is None else len(self.disturbances.names)
         free = dict.fromkeys(self.layout.columns.keys() - {"disturbances"}, True)
-        return replace(self, layout=ParameterLayout.of(disturbances=count, **free, acceleration_bias=True))
+        return replace(self, layout=ParameterLayout.of(disturbances=count, **free, accelerometer=True))
 
     def begin(self, ellipsoid: Ellipsoid) -> Parameters:
         """Where to start, with directions and dip that follow from an ellipsoid."""
         count = 0 if self.disturbances is None else len(self.disturbances.names)
         at = replace(Parameters.at(ellipsoid.centre, ellipsoid.shape, disturbances=count), rotation=self.prior.rotation)
+        if self.accelerometer is not None:
+            at = replace(at, accelerometer=self.accelerometer.mean)
         return self.facing(replace(at, rotation=self._aligned(at)))
 
     def begin_near(self, near: Parameters, layout: ParameterLayout) -> Parameters:
@@ -198,6 +217,9 @@ class JointProblem:
                 whole = np.zeros(self.layout.size)
                 whole[self.layout.columns[name]] = row
                 equations += NormalEquations(np.outer(whole, whole), whole * left, left**2, 0)
+        if self.accelerometer is not None and "accelerometer" in self.layout:
+            own = self.accelerometer.equations(at.accelerometer)
+            equations += own.placed(self.layout.columns["accelerometer"], self.layout.size)
         return equations
 
     def _site_rows(self, at: Parameters, site: Site) -> Iterator[tuple[str, Floats, float]]:

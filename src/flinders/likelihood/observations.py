@@ -19,7 +19,7 @@ The sphere that v moves on is curved. Noise that leaves v uncertain by the covar
 to take off. For one reading alone that is the curvature of `flinders.likelihood.magnitude`; in a window it shrinks with
 the number of readings.
 
-An accelerometer's bias β, of gravity, puts the vertical where v = d + β/ρ points, see `flinders.likelihood.dip`: all
+An accelerometer's errors put the vertical where v = (1 + Γ)(d + β/ρ) points, see `flinders.likelihood.dip`: all
 alike while the body stays level, where a rotation of the magnetometer does the same, and not as it leans. The residual
 is then |v| sin I − vᵀq, which has the noise of d whatever β: over |v| it would be the smaller the longer β makes v.
 
@@ -62,6 +62,10 @@ if TYPE_CHECKING:
 
 ROOM: Final = 8192
 """Readings worked on at a time, whatever the length of the recording."""
+
+
+RUN: Final = 32
+"""Readings in a row of which some stand for all."""
 
 
 class Weights(NamedTuple):
@@ -147,7 +151,13 @@ class ObservationGroup:
         """One window of so many."""
         return self.chunk(slice(None, None, step))
 
-    def chunk(self, rows: slice) -> Self:
+    def runs(self, step: int) -> Self:
+        """One window of so many; of single readings runs of `RUN`, so that noise still shows from one to the next."""
+        if self.turned is not None:
+            return self.every(step)
+        return self.chunk(np.flatnonzero(np.arange(len(self.rows)) // RUN % step == 0))
+
+    def chunk(self, rows: slice | NDArray[np.intp]) -> Self:
         """Some of the windows."""
         parts = {
             name: None if getattr(self, name) is None else getattr(self, name)[rows]
@@ -181,7 +191,7 @@ class ObservationGroup:
 
     def upright(self, at: Parameters) -> Floats | None:
         """(W, n, 3) v, which points down and is about as long as d; None where no vertical was recorded."""
-        return None if self.down is None else dip.upright(self.down, at.acceleration_bias)[0]
+        return None if self.down is None else dip.upright(self.down, at.accelerometer)[0]
 
     def guess(self, at: Parameters) -> Floats:
         """(W, 3) the direction of each window that readings agree on best."""
@@ -472,7 +482,7 @@ def jacobian_of(
     elif group.down is not None:
         dip.fill(
             jacobian[:, 3], layout.columns, group.down, q,
-            sine=at.sine, bias=at.acceleration_bias, of_gyro=of_gyro, moved=moved,
+            sine=at.sine, errors=at.accelerometer, of_gyro=of_gyro, moved=moved,
         )  # fmt: skip
     jacobian[:, 3:] *= (np.sqrt(group.trust) * weights.steepness)[:, np.newaxis, :, np.newaxis]
     return jacobian

@@ -6,8 +6,8 @@ A reading, in raw units, is
 
 with the field's direction q in body axes, the symmetric shape S, the rotation R from the magnetometer's axes to those
 of the body, an offset pⱼ for each unit of a disturbance cⱼ, and a slope a of the scale with the temperature τ. The gyro
-brings its bias, its scales, its mounting and its delay, the accelerometer its bias and the sine of the dip, a logged
-attitude the direction of the site's field.
+brings its bias, its scales, its mounting and its delay, the accelerometer its bias, its gains and the sine of the dip,
+a logged attitude the direction of the site's field.
 
 >>> layout = ParameterLayout.of(rotation=True, gyro_bias=True)
 >>> layout.size, layout.columns["gyro_bias"]
@@ -106,8 +106,8 @@ class Parameters:
         Upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the body turns by (1 + Γ)(ω − d).
     gyro_turn : (3,) float, rad
         ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d).
-    acceleration_bias : (3,) float, of gravity
-        β: what an accelerometer adds at rest, so that the vertical is where d + β points.
+    accelerometer : (9,) float
+        Its bias β, of gravity, and the upper triangle of Γ, see `flinders.likelihood.dip.AccelerometerPrior`.
     """
 
     offset: Floats
@@ -121,7 +121,7 @@ class Parameters:
     direction: Floats
     gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
     gyro_turn: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
-    acceleration_bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
+    accelerometer: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
 
     @classmethod
     def at(cls, offset: Floats, shape: Floats, *, disturbances: int = 0) -> Self:
@@ -143,7 +143,7 @@ class Parameters:
                 changed[name] = getattr(self, name) + float(parts[name][0])
         if "disturbances" in parts:
             changed["disturbances"] = self.disturbances + parts["disturbances"].reshape(-1, 3)
-        for name in ("gyro_bias", "gyro_scale", "gyro_turn", "acceleration_bias"):
+        for name in ("gyro_bias", "gyro_scale", "gyro_turn", "accelerometer"):
             if name in parts:
                 changed[name] = getattr(self, name) + parts[name]
         if "rotation" in parts:

@@ -45,7 +45,6 @@ AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0)
 """Where there is one, a datagram is taken without asking first whether there is one."""
 COUNT: Final = struct.Struct("=I")
 MOST_PEERS: Final = 16  # Senders that are answered over UDP; further ones are heard and not answered
-SLOWEST_BAUD, FASTEST_BAUD = 50, 20_000_000
 
 
 class ByteSource(Protocol):

@@ -158,6 +158,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     real scatter[81], step[9], weighed[81], explained[81];
     memcpy(record->covariance, fit->covariance, sizeof record->covariance);
     memset(&fit->slow, 0, sizeof fit->slow);
+    record->noise_lasts = FL_NOT_A_NUMBER;
     if (fit->used < FEW) return;
     gather_stretches(kernels, view, fit, room, &residuals);
     scatter_of(kernels, &residuals, fit, room, scatter, record);

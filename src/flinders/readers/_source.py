@@ -31,6 +31,7 @@ from __future__ import annotations
 import contextlib
 import gzip
 import io
+import itertools
 import os
 import stat
 import sys
@@ -199,21 +200,32 @@ class ByteStream:
 Source: TypeAlias = File | ByteStream
 
 
-def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
+Check: TypeAlias = "Callable[[str, bytes], object]"
+"""Raises `UnreadableInput` where a source of this name cannot be read that starts with these bytes."""
+
+
+def refuse_foreign(name: str, head: bytes) -> None:
+    """Refuse what is no text."""
+    if kind := foreign_kind(head):
+        raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
+
+
+def find(path: str | os.PathLike[str], *, once: bool = False, check: Check = refuse_foreign) -> Source:
     """Find what a path names, a file, a pipe or a device; ``"-"`` is standard input.
 
-    Where one pass is enough (`once`), what can be read only once is not kept, and comes as it arrives. A path where
-    there is nothing, nothing readable, a folder or an empty file raises `UnreadableInput`.
+    Where one pass is enough (`once`), what can be read only once is not kept, and comes as it arrives; else it is
+    copied, if its first bytes pass the `check`. A path where there is nothing, nothing readable, a folder or an empty
+    file raises `UnreadableInput`.
     """
     text = os.fspath(path)
     if text == "-":
-        return _piped("standard input", _standard_input(), once=once)
+        return _piped("standard input", _standard_input(), once, check)
     file, name = Path(text), shown(text)
     try:
         status = file.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             with contextlib.ExitStack() as stack:
-                source = _piped(file.name, stack.enter_context(file.open("rb")), once=once)
+                source = _piped(file.name, stack.enter_context(file.open("rb")), once, check)
                 weakref.finalize(source, stack.pop_all().close)
                 return source
     except (OSError, ValueError) as error:
@@ -228,7 +240,7 @@ def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
 def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
     """Copy what can be read only once to a temporary file, which is deleted with the source or at exit.
 
-    Nothing, what is no text, and what cannot be written raise `UnreadableInput`; `empty` says what to do about nothing.
+    Nothing, and what cannot be written, raise `UnreadableInput`; `empty` says what to do about nothing.
     """
     import tempfile
 
@@ -291,10 +303,18 @@ def _standard_input() -> io.BufferedIOBase:
     return cast("io.BufferedIOBase", buffer) if buffer else io.BytesIO(sys.stdin.read().encode())
 
 
-def _piped(name: str, stream: io.BufferedIOBase, *, once: bool) -> Source:
+def _piped(name: str, stream: io.BufferedIOBase, once: bool, check: Check) -> Source:
     if once:
         return ByteStream(name, _as_it_arrives(name, stream))
-    return spooled(name, _chunks(name, stream.read), empty=NOTHING_PIPED)
+    return spooled(name, _checked(name, _chunks(name, stream.read), check), empty=NOTHING_PIPED)
+
+
+def _checked(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes]:
+    """Yield chunks if the first passes the check, or is packed."""
+    first = next(chunks, b"")
+    if first and not first.startswith(GZIP):
+        check(name, first[:HEAD])
+    return itertools.chain([first], chunks)
 
 
 def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
@@ -339,11 +359,9 @@ def _row_width(line: str) -> int:
 
 
 def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes], empty: str) -> int:
-    """Write chunks to a file and count bytes; a stream that is not a recording is refused at its first chunk."""
+    """Write chunks to a file and count bytes."""
     size = 0
     for chunk in chunks:
-        if size == 0 and not chunk.startswith(GZIP) and not may_be_log(chunk) and (kind := foreign_kind(chunk)):
-            raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
         size += file.write(chunk)
         if size > MOST_SPOOLED:
             raise UnreadableInput(f"{name} is longer than {MOST_SPOOLED >> 30} GB: save it as a file, or cut it")
@@ -469,17 +487,6 @@ MAGIC: Final[dict[bytes, FileKind]] = {
 }
 """First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
 
-LOGS: Final = (
-    b"PK\x03\x04", b"MATLAB 5.0", b"\x93NUMPY", b"PAR1", b"ARROW1", b"ULog", b"\xa3\x95", b"#ROSBAG", b"\x89MCAP",
-    b"SQLite format 3",
-)  # fmt: skip
-"""First bytes of what is binary and has a reader of its own; the readers look closer."""
-HDF5: Final = b"\x89HDF\r\n\x1a\n"
-MATLAB_7_3: Final = b"MATLAB 7.3 MAT-file"
-"""HDF5 behind 512 bytes of its own; others may have put a block of 512, 1024, ... bytes there too."""
-USER_BLOCKS: Final = (0, *(512 << power for power in range(7)))
-MAVLINK: Final = (0xFE, 0xFD)
-"""A telemetry log has eight bytes of time before the first of these."""
 
 PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
 _WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
@@ -524,16 +531,6 @@ def foreign_kind(head: bytes) -> FileKind | None:
         if opening.startswith(start):
             return FileKind(name, "download the raw file it shows")
     return FileKind("a binary file", "give a text recording with three columns of numbers") if binary else None
-
-
-def may_be_log(head: bytes) -> bool:
-    """Tell whether a binary file that starts with these bytes may be one that a reader knows."""
-    return head.startswith(LOGS) or is_hdf5(head) or (len(head) > 8 and head[8] in MAVLINK)
-
-
-def is_hdf5(head: bytes) -> bool:
-    """Tell whether these are the first bytes of an HDF5 file, behind a user block or without one."""
-    return head.startswith(MATLAB_7_3) or any(head.startswith(HDF5, place) for place in USER_BLOCKS)
 
 
 def is_binary(head: bytes) -> bool:

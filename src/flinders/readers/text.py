@@ -29,7 +29,7 @@ from flinders.readers._columns import ColumnsRecording, unit_of, wanted_accelera
 from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
 from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
 from flinders.readers._rewrite import Rewriter
-from flinders.readers._source import File, Progress, Reader, derived, foreign_kind
+from flinders.readers._source import File, Progress, Reader, derived, foreign_kind, refuse_foreign
 from flinders.readers._tokenizer import (
     BLOCKS_AT_ONCE,
     COMMENTS,
@@ -352,8 +352,7 @@ def open_text(
     """Recognise a text recording from its first lines; parameters and errors as `flinders.open_recording`."""
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
-    if kind := foreign_kind(head):
-        raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
+    refuse_foreign(file.name, head)
     laid_out = _laid_out(file, head, partial(sniff, file.name, columns=columns, flat=flat, choice=choice), pattern)
     table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
     frame = transcription.frame if transcription else "sensor"

@@ -308,7 +308,7 @@ function noted(name, words) {
  * @param {State | null} state
  * @returns {{kind: string, title: string, words: string}}
  */
-export function judged(view, state) {
+function judged(view, state) {
     const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity }) => severity === "warning") : [];
     const why = wrong.map(({ advice }) => sentence(advice));
     const isWrong = wrong.some(({ code }) => !NOT_OF_READINGS.includes(code));
