@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 from rich.console import Console
-from tests.worlds import judged, with_slow_noise
+from tests.worlds import SENSOR, judged, with_slow_noise
 
 from flinders import Fit, Samples, simulate
 from flinders.comparison.comparison import compare
@@ -24,19 +24,20 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-RECORDING: Final = simulate.tumble(seed=1, n=1500, sensor=simulate.Sensor(noise=0.5))
+RECORDING: Final = simulate.tumble(seed=1, n=1500, sensor=SENSOR)
 SAMPLES: Final = RECORDING.samples
 
 
 def structured(field: Floats) -> Floats:
     """Readings that are longer in some directions."""
-    x, y, z = (field / np.linalg.norm(field, axis=1)[:, np.newaxis]).T
-    return field * (1.0 + 0.01 * np.sqrt(105.0) * x * y * z)[:, np.newaxis]
+    local = field - SENSOR.offset
+    x, y, z = (local / np.linalg.norm(local, axis=1)[:, np.newaxis]).T
+    return field + 0.01 * (np.sqrt(105.0) * x * y * z)[:, np.newaxis] * local
 
 
 def bent(field: Floats) -> Floats:
     """Readings of which the first axis is not linear."""
-    return field + 1.5 * (field[:, :1] / 50.0) ** 2 * np.array([1.0, 0.0, 0.0])
+    return field + 1.5 * ((field - SENSOR.offset)[:, :1] / 50.0) ** 2 * np.array([1.0, 0.0, 0.0])
 
 
 def late(field: Floats) -> Floats:

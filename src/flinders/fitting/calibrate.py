@@ -27,7 +27,7 @@ from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, repeated
-from flinders.fitting.result import Fit, Refused, structure_error_deg
+from flinders.fitting.result import Fit, Refused
 from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, judge
 from flinders.geometry.plane import down_of
@@ -580,9 +580,8 @@ def _judged(
     estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
     final = nearer or estimate
     error = evidence.heading_error(final, request.dip_deg, is_scaled=driving is None and nearer is None)
-    dip, distortion = error.dip_deg, _distortion(estimate)
+    dip = error.dip_deg
     nonlinearity, axis_lag = (None, None) if driving else _faults_of_axes(estimate, evidence)
-    structure_deg = structure_error_deg(distortion, (nonlinearity, axis_lag), estimate.ellipsoid.radius, dip)
     result = Fit(
         calibration=calibration,
         method=estimate.method,
@@ -590,8 +589,8 @@ def _judged(
         noise=estimate.noise,
         samples=estimate.used or statistics.rows,
         coverage=evidence.coverage,
-        heading_error_deg=error.combined(structure_deg),
-        distortion=distortion,
+        heading_error_deg=error,
+        distortion=_distortion(estimate),
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
         prior_influence=estimate.prior_influence,
@@ -614,6 +613,7 @@ def _judged(
         aiding=aiding,
         alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip),
     )
+    result = replace(result, heading_error_deg=error.combined(result.structure_deg))
     if driving is not None:
         result = _with_disturbances(result, driving)
     findings = judge(result, statistics)

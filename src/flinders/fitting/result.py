@@ -120,18 +120,6 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
-def structure_error_deg(
-    distortion: float, faults: Iterable[Nonlinearity | AxisLag | None], radius: float, dip_deg: float
-) -> float:
-    """Heading error from what belongs to the direction, at a dip of the field.
-
-    It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not to
-    be linear or to be late (at the worst heading), whichever is larger.
-    """
-    across = math.degrees(distortion / (radius * math.cos(math.radians(dip_deg))))
-    return max(across, *(fault.heading_deg for fault in faults if fault is not None and fault.is_proven), 0.0)
-
-
 def _stated(number: float) -> float | None:
     """A number as it stands in a file, where there is no NaN."""
     return None if math.isnan(number) else number
@@ -434,10 +422,14 @@ class Fit(Outcome):
 
     @property
     def structure_deg(self) -> float:
-        """Heading error from what belongs to the direction: `structure_error_deg`."""
-        return structure_error_deg(
-            self.distortion, (self.nonlinearity, self.axis_lag), self.ellipsoid.radius, self.known_dip_deg
-        )
+        """Heading error from what belongs to the direction, degrees.
+
+        It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not
+        to be linear or to be late (at the worst heading), whichever is larger.
+        """
+        across = self.distortion / (self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg)))
+        faults = (fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven)
+        return max(math.degrees(across), *(fault.heading_deg for fault in faults), 0.0)
 
     @property
     def unsteady_deg(self) -> float:
