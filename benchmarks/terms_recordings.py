@@ -28,6 +28,7 @@ from flinders.estimators.auto import Auto
 from flinders.fitting.result import Refused
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.error_propagation import level_error, level_turn
+from flinders.likelihood.dip import upright
 from flinders.simulate import rotation_vectors
 
 if TYPE_CHECKING:

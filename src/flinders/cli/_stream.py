@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.cli._options import Accelerometer, Place
     from flinders.comparison.comparison import Strength
-    from flinders.core.calibration import Calibration
     from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording, Samples
@@ -27,7 +26,9 @@ if TYPE_CHECKING:
 FOREIGN: Final = 3.0
 """Readings that come out so many times too long or too short are of another sensor or unit: refused."""
 ODD, UNEVEN = 1.3, 0.1
-"""Strength, as a factor, and spread, as a fraction, from which on the calibration is said not to suit."""
+"""Strength, as a factor, and spread, as a fraction, from which on a calibration of unknown accuracy does not suit."""
+SUITED, LEAST_UNEVEN = 3.0, 0.02
+"""Times what noise and claim make of the spread of one that states them; 2 % bend a heading by 3° and more."""
 ENOUGH_TO_JUDGE: Final = 1000
 """Readings of a stream after which the axes are looked at for the first time; at its end fewer will do."""
 ENOUGH_TO_WEIGH: Final = 100
@@ -92,15 +93,15 @@ class Preparation:
 
 
 class Corrector:
-    """Applies a calibration block by block, and watches whether the result makes sense.
+    """Applies the calibration of a fit block by block, and watches whether the result makes sense.
 
-    `strength` is that of the readings corrected so far.
+    `strength` is that of the readings corrected so far, and `spread_limit` what its spread is in readings that suit.
     """
 
-    def __init__(self, calibration: Calibration, source: str) -> None:
+    def __init__(self, fit: Fit, source: str) -> None:
         from flinders.comparison.comparison import Strength
 
-        self._calibration, self._source = calibration, source
+        self._calibration, self._source, self.spread_limit = fit.calibration, source, _spread_limit(fit)
         self.strength: Strength = Strength()
 
     def __call__(self, readings: Floats) -> Floats:
@@ -123,12 +124,34 @@ class Corrector:
 
     @property
     def is_plausible(self) -> bool:
-        """The corrected readings are about as long as the calibration's field, and about equally long."""
-        return not self.strength.readings or (1 / ODD < self.strength.mean < ODD and self.strength.spread < UNEVEN)
+        """The corrected readings are about as long as the calibration's field, and as equally long as it claims."""
+        strength = self.strength
+        return not strength.readings or (1 / ODD < strength.mean < ODD and strength.spread < self.spread_limit)
+
+    @property
+    def doubt(self) -> str:
+        """What readings that do not suit may come from; nothing where they suit."""
+        if self.is_plausible:
+            return ""
+        return (
+            f"these readings do not suit the calibration: corrected, their strength is {self.strength.mean:.3f} of its "
+            f"field and spreads by {self.strength.spread:.1%}, and {self.spread_limit:.1%} would be much: iron or "
+            "currents have come or gone, or it is for another sensor, unit or place; see flinders check, or calibrate "
+            "again"
+        )
 
     def read_words(self, recording: Recording) -> str:
         """How many readings were corrected, and which lines were left out."""
         return read_and_left_out(self.strength.readings, getattr(recording, "skipped", ()))
+
+
+def _spread_limit(fit: Fit) -> float:
+    """The spread of lengths from which on readings do not suit, by the noise and the claim of a fit."""
+    if not fit.states_uncertainty:
+        return UNEVEN
+    error, noise = fit.heading_error_deg, fit.noise / fit.ellipsoid.radius
+    claimed = math.radians(error.worst) * math.cos(math.radians(error.dip_deg))
+    return min(max(SUITED * math.hypot(noise, claimed), LEAST_UNEVEN), UNEVEN)
 
 
 @dataclass(eq=False)
@@ -145,7 +168,7 @@ class HeadingLog:
     def __post_init__(self) -> None:
         from flinders.heading.compass import Voyage
 
-        self.corrector = Corrector(self.fit.calibration, self.recording.source)
+        self.corrector = Corrector(self.fit, self.recording.source)
         self.voyage = Voyage()  # what was read so far
 
     def __str__(self) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from flinders.cli import _options as option
 from flinders.cli._inputs import in_use, open_with, say_sensor
 from flinders.cli._output import print_json, progress, say, written
+from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._stream import Corrector, Preparation
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ Example:
   tail -f raw.csv | flinders apply calibration.json -
 """,
 )
-def command(options: Apply) -> None:
+def command(options: Apply) -> int:
     """Correct RECORDING with CALIBRATION: the same rows and columns, in the recording's own unit.
 
     Unit and axes come from the calibration file; a recording that contradicts it is refused. Corrected
@@ -64,7 +65,7 @@ def command(options: Apply) -> None:
         if getattr(source, "name", ""):
             say(str(source))
         say_sensor(calibration, fit.calibration, source, options.sensor)
-        corrector, preparation = Corrector(fit.calibration, source.source), Preparation.of(compensator, options.by)
+        corrector, preparation = Corrector(fit, source.source), Preparation.of(compensator, options.by)
         encoding, lines = _lines(source, corrector, preparation, options)
         with written(
             options.output, encoding=encoding, force=options.force, live=not Path(recording).is_file()
@@ -74,13 +75,14 @@ def command(options: Apply) -> None:
     if fit.tilt_words:
         say(f"! {fit.tilt_words}")
     prepared = preparation.say()
-    if not corrector.is_plausible:
-        say(f"! {_doubt(calibration, recording)}")
+    if corrector.doubt:
+        say(f"! {corrector.doubt}")
     outputs.say_written()
     if options.as_json:
         strength = corrector.strength
         skipped = [str(skipped) for skipped in getattr(source, "skipped", ())]
         print_json({"rows": strength.readings, **strength.as_dict(), "skipped": skipped, **prepared})
+    return LIMITED if corrector.doubt else GOOD
 
 
 def _lines(
@@ -121,13 +123,4 @@ def _say_strength(source: Recording, corrector: Corrector) -> None:
     say(
         f"{source.source}: {corrector.read_words(source)}; corrected, their strength is {strength.mean:.3f} of the "
         f"calibration's field, with a spread of {strength.spread:.1%}"
-    )
-
-
-def _doubt(calibration: str, recording: str) -> str:
-    """Say what an implausible strength may come from, and how to find out."""
-    again = f"flinders check {calibration} {recording if recording != '-' else 'RECORDING'}"
-    return (
-        "these readings do not suit the calibration: iron or currents have come or gone, or it is for another sensor, "
-        f"unit or place; see {again}, or calibrate again"
     )

@@ -11,6 +11,7 @@ import click
 from flinders.cli import _options as option
 from flinders.cli._inputs import clock_start, say_sensor
 from flinders.cli._output import drawn, print_json, progress, say, written
+from flinders.cli._program import GOOD, LIMITED
 from flinders.cli._stream import HeadingLog, open_log
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ Example:
   tail -f log.csv | flinders heading calibration.json - --level
 """,
 )
-def command(options: Heading) -> None:
+def command(options: Heading) -> int:
     """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
 
     It is the heading of the sensor's x axis, clockwise from magnetic north, with the tilt taken off by the
@@ -79,12 +80,13 @@ def command(options: Heading) -> None:
     say(f"{log.recording.source}: {log.corrector.read_words(log.recording)}")
     prepared = log.preparation.say()
     claimed = claims(log)
-    _say_how_good(log, claimed)
+    limits = _say_how_good(log, claimed)
     if log.fit.tilt_words:
         say(f"! {log.fit.tilt_words}")
     outputs.say_written()
     if options.as_json:
-        print_json({**summary(log, claimed), **prepared})
+        print_json({**summary(log, claimed), **prepared, "limits": limits})
+    return LIMITED if limits else GOOD
 
 
 def _opened(options: Heading, bar: Any) -> HeadingLog:  # noqa: ANN401 - progress
@@ -180,17 +182,21 @@ def _error(error: HeadingError | None, **more: float) -> dict[str, float] | None
     return None if error is None else error.as_dict(**more, dip_deg=error.dip_deg, tilt_deg=error.tilt_deg)
 
 
-def _say_how_good(log: HeadingLog, claimed: dict[str, Any]) -> None:
-    """Say on standard error how good the headings are, and what to know about them."""
-    from flinders.report.heading_pages import of_headings
+def _say_how_good(log: HeadingLog, claimed: dict[str, Any]) -> list[str]:
+    """Say on standard error how good the headings are, and give what limits them."""
+    from flinders.report.heading_pages import heading_notes, of_headings
 
+    compass = log.compass
+    said = heading_notes(
+        log.voyage, compass.formula, log.site, claimed, doubt=log.corrector.doubt, turned=compass.acceleration_axes
+    )
     page = of_headings(
         log.voyage,
-        formula=log.compass.formula,
+        formula=compass.formula,
         site=log.site,
-        declination_deg=log.compass.declination_deg,
+        declination_deg=compass.declination_deg,
         claims=claimed,
-        plausible=log.corrector.is_plausible,
-        turned=log.compass.acceleration_axes,
+        said=said,
     )
     say(drawn(page, sys.stderr))
+    return [words for kind, words in said if kind == "limits"]

@@ -63,8 +63,8 @@ class Consistent:
         """
         readings.require(self.unknowns, self.name)
         ellipsoid, noise = adjusted(readings)
-        noise *= math.sqrt(len(readings) / max(len(readings) - METHOD.parameters, 1))  # those of a sample fit it
-        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
+        sigma = noise * math.sqrt(len(readings) / max(len(readings) - METHOD.parameters, 1))
+        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, sigma), noise, self.name)
 
 
 def adjusted(readings: Readings) -> tuple[Ellipsoid, float]:

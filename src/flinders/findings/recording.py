@@ -109,8 +109,8 @@ ROWS: Final = (
         action="keep the rows in the order of recording, with their times, or record again",
         rule=Rule("path_correlation", (Grade("note", 0.3),), comparison="<", needs=(Needs("distinct", ">=", 100.0),)),
         said=(
-            "each reading is as far from the next as from any other, as where rows were sorted or shuffled: noise that "
-            "changes slowly cannot be seen, and the heading error does not allow for it; keep the order of recording"
+            "the readings follow no path, as where rows were sorted or shuffled: slow noise cannot be seen, and is not "
+            "in the heading error; keep the order of recording"
         ),
         plain=(
             "The readings are in no order of time, so that errors which change slowly cannot be seen. The errors given "

@@ -420,8 +420,8 @@ def _named_fault(records: Records, fault: str, other: str) -> Floats:
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
     """How much there was to go by."""
     per_reading = 1.0 / (records["correlation_time"] * records["excess_variance"])
-    effective = np.nan_to_num(records["rows"] / repetition * per_reading, nan=np.inf)
-    independent = np.minimum(effective, records["used"])
+    effective = np.minimum(records["rows"] / repetition * per_reading, records["distinct"])
+    independent = np.minimum(np.nan_to_num(effective, nan=np.inf), records["used"])
     return {
         "hole_deg": records["hole_deg"],
         "covered": records["coverage"],
@@ -438,8 +438,8 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     seconds = np.nan_to_num(records["end"] - records["start"])
     return {
         "outlier_share": records["rejected"] / records["rows"],
-        "distinct": records["distinct"],
         "repeated_share": 1.0 - records["distinct"] / records["rows"],
+        "distinct": records["distinct"],
         "step": records["step"],
         "path_correlation": np.where(np.isnan(records["start"]), records["path_correlation"], np.nan),
         "backward_steps": records["backward_steps"],

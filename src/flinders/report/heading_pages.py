@@ -45,14 +45,13 @@ def of_headings(
     site: SiteField | None,
     declination_deg: float | None,
     claims: Mapping[str, Any],
-    plausible: bool,
-    turned: Axes = AS_THEY_ARE,
+    said: Sequence[tuple[str, str]],
 ) -> RenderableType:
-    """Lay out a run of headings.
+    """Lay out a run of headings, what limits them first.
 
     `formula` is by which tilt was taken off, or ``level``; `declination_deg` is what true headings were made with;
     `claims` has ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which is from ``dip_from``;
-    corrected readings are about as long as they should be where `plausible`; `turned` is how the acceleration was.
+    `said` is from `heading_notes`.
     """
     how = "from x and y alone, level" if formula == LEVEL else f"tilt taken off ({formula})"
     known = [
@@ -63,8 +62,8 @@ def of_headings(
         known.append(("north", _north(site, declination_deg)))
     if voyage.frames.readings and formula != LEVEL:
         known.append(("dip", _dip(voyage, site)))
-    said = _heading_notes(voyage, formula, site, claims, plausible=plausible, turned=turned)
-    return Group(facts(known), notes(said))
+    limits = [note for note in said if note[0] == "limits"]
+    return Group(notes(limits), facts(known), notes(note for note in said if note[0] != "limits"))
 
 
 def _heading_error(claims: Mapping[str, Any]) -> str:
@@ -100,22 +99,33 @@ def _dip(voyage: Voyage, site: SiteField | None) -> str:
     return f"{dip:.1f}° seen, scatter {scatter:.1f}° with the attitude{modelled}"
 
 
-def _heading_notes(
-    voyage: Voyage, formula: str, site: SiteField | None, claims: Mapping[str, Any], *, plausible: bool, turned: Axes
+def heading_notes(
+    voyage: Voyage,
+    formula: str,
+    site: SiteField | None,
+    claims: Mapping[str, Any],
+    *,
+    doubt: str = "",
+    turned: Axes = AS_THEY_ARE,
+) -> list[tuple[str, str]]:
+    """What limits headings, and what to know about them, each with its kind, ``limits`` or ``note``.
+
+    `doubt` says why readings do not suit their calibration, and `turned` is how the acceleration was.
+    """
+    return list(_notes_of_headings(voyage, formula, site, claims, doubt=doubt, turned=turned))
+
+
+def _notes_of_headings(
+    voyage: Voyage, formula: str, site: SiteField | None, claims: Mapping[str, Any], *, doubt: str, turned: Axes
 ) -> Iterator[tuple[str, str]]:
-    """What limits the headings, and what to do."""
-    if not plausible:
-        words = (
-            "these readings do not suit the calibration: iron or currents have come or gone, or it is for another "
-            "sensor, unit or place; see flinders check, or calibrate again"
-        )
-        yield "limits", words
+    if doubt:
+        yield "limits", doubt
     if site is not None and site.doubt:
         yield "limits", site.doubt
     if voyage.without:
         missing = counted(voyage.without, "reading")
         yield "note", f"{missing} without a heading (nan): a number is missing, or x is vertical"
-    yield from _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, turned)
+    yield from _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, claims, turned)
 
 
 def _level_notes(voyage: Voyage, claims: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -129,14 +139,16 @@ def _level_notes(voyage: Voyage, claims: Mapping[str, Any]) -> Iterator[tuple[st
         yield "limits", words
 
 
-def _tilted_notes(voyage: Voyage, formula: str, site: SiteField | None, turned: Axes) -> Iterator[tuple[str, str]]:
+def _tilted_notes(
+    voyage: Voyage, formula: str, site: SiteField | None, claims: Mapping[str, Any], turned: Axes
+) -> Iterator[tuple[str, str]]:
     if formula == "an3192":
         yield "limits", "an3192 is wrong where roll and pitch come together, by 10° at 20° of each: use exact"
     if voyage.frames.readings and voyage.shaken > MANY * voyage.readings:
         share = voyage.shaken / voyage.readings
         yield "note", f"in {share:.0%} of the readings the acceleration was not that of gravity: their tilt is off"
     if voyage.frames.readings:
-        yield from _dip_notes(voyage, site, turned)
+        yield from _dip_notes(voyage, site, claims, turned)
     yield "note", "a constant error of mounting is unseen: compare with a known heading"
 
 
@@ -148,10 +160,12 @@ def _is_z_up(voyage: Voyage, claims: Mapping[str, Any]) -> bool:
     return bool(seen * claims["dip_deg"] < 0.0 and abs(seen) > max(0.2, 2.0 * scatter))
 
 
-def _dip_notes(voyage: Voyage, site: SiteField | None, turned: Axes) -> Iterator[tuple[str, str]]:
+def _dip_notes(
+    voyage: Voyage, site: SiteField | None, claims: Mapping[str, Any], turned: Axes
+) -> Iterator[tuple[str, str]]:
     """What the dip shows of iron, axes and the sign of the acceleration."""
     dip, scatter = voyage.frames.dip_deg
-    if site is None and dip < 0.0:
+    if claims["dip_from"] == "seen" and dip < 0.0:
         words = (
             f"the field is seen to point up by {-dip:.0f}°: right in the south; north of the magnetic equator the "
             f"acceleration has the opposite sign, and headings run backwards: {remedy(Axes.of(OPPOSITE), turned)}; "
