@@ -2,7 +2,7 @@
  * parameters, by least squares. Terms that the others explain are left out, as those across a level turn. */
 #include "residuals.h"
 
-enum { AXES = 3, WIDTH = 9 + AXES, ALL = WIDTH + 1 };
+enum { AXES = 3, WIDTH = 9 + AXES, ALL = WIDTH + 1, MOST = 5000 /* readings, as of fl_gather_evenly */ };
 
 #define DISTINCT (100000 * FL_ROUNDING) /* part of the square of a term that the others have to leave of it */
 
@@ -83,7 +83,8 @@ int flinders_regress(const real *field, const real *values, size_t rows, const r
     if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;
     if (fl_surface_of(centre, shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     const fl_view view = inliers_of(kernels, field, rows, &surface, limit, &room);
-    found->stride = (int64_t)fl_gather_evenly(kernels, &view, &surface, &room, WIDTH, &some);
+    fl_gather_evenly(kernels, &view, &surface, &room, WIDTH, &some);
+    found->stride = (int64_t)((fl_view_count(&view) + MOST - 1) / MOST);
     join(values, &some, found);
     if (found->used == 0) return FLINDERS_TOO_FEW;
     equations(kernels, &some, scale, all);

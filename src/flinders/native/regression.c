@@ -12,9 +12,9 @@ static void places_of(const fl_view *view, uint32_t *out)
 }
 
 /* The readings that are looked at, evenly spaced, with nine derivatives each and room for further terms behind these;
- * none where they are too few. Returns their spacing. */
-size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        int width, fl_residuals *out)
+ * none where they are too few. */
+void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                      int width, fl_residuals *out)
 {
     enum { MOST = 5000, FEWEST = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
@@ -26,7 +26,7 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
     out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;
     out->begins = room->begins, out->cells = room->order;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
-    if (count < FEWEST) return some.stride;
+    if (count < FEWEST) return;
     kernels->rows(&some, surface, (size_t)width, out->rows, out->directions);
     places_of(&some, out->places);
     for (size_t i = 0; i < count; i++) {
@@ -40,7 +40,6 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
         row[width] = (real)i / (real)(count - 1) - (real)0.5;
     }
     out->begins[0] = 0, out->begins[1] = out->n;
-    return some.stride;
 }
 
 /* Make rows and distances independent that slow noise correlates: the innovations of a Kalman filter, over their standard

@@ -39,8 +39,8 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
-size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        int width, fl_residuals *out);
+void fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                      int width, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, const fl_slow *slow);
 void fl_take_off(fl_residuals *residuals, const real *solution);
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance);
