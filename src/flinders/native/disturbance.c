@@ -27,18 +27,16 @@ static void join(const real *values, fl_residuals *rows, flinders_disturbance *f
         const real value = values[rows->places[i]];
         if (!(fl_abs(value) < FL_HUGE)) continue;
         memmove(rows->rows + ALL * kept, rows->rows + ALL * i, ALL * sizeof(real));
-        rows->distances[kept] = rows->distances[i];
-        rows->rows[ALL * kept++ + WIDTH] = value;
+        rows->distances[kept] = rows->distances[i], rows->places[kept++] = rows->places[i];
         sum += value;
         lowest = value < lowest ? value : lowest, highest = value > highest ? value : highest;
     }
     rows->n = kept;
     if (kept == 0) return;
     const real mean = sum / (real)kept;
-    for (size_t i = 0; i < kept; i++) {
-        real *const row = rows->rows + ALL * i;
-        for (int axis = 0; axis < AXES; axis++) row[9 + axis] = (row[WIDTH] - mean) * row[axis];
-    }
+    for (size_t i = 0; i < kept; i++)
+        for (int axis = 0; axis < AXES; axis++)
+            rows->rows[ALL * i + 9 + axis] = (values[rows->places[i]] - mean) * rows->rows[ALL * i + axis];
     found->used = (int64_t)kept, found->range = highest - lowest;
     found->farthest = highest - mean > mean - lowest ? highest - mean : mean - lowest;
 }
