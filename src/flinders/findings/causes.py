@@ -54,7 +54,7 @@ CAUSES: Final = (
     Cause("heading-error", "limits", ()),
     Cause("coverage", "limits", ("prior", "unobservable-parameters")),
     Cause("lasting-noise", "limits", ("few-samples", "correlated")),
-    Cause("few-samples", "limits", ("correlated",)),
+    Cause("few-samples", "limits", ("nonlinear-axis", "axis-lag", "structure", "correlated")),
     Cause("quantised", "note", ("stale-repeats",)),
 )
 """The first cause first, as the findings are shown."""
