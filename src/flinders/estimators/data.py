@@ -447,4 +447,4 @@ class Readings:
             raise TooFewSamples(found=health.distinct, of=len(self), needed=unknowns, method=method, how=how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
-            raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), **how)
+            raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), how)
