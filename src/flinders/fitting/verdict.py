@@ -259,6 +259,7 @@ def _changes(fit: Fit) -> dict[str, float]:
         "drift": math.nan if drift is None else float(np.linalg.norm(drift.offset)),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
+        "tilt_error_deg": fit.tilt_error_deg,
         **_alternation(fit),
     }
 

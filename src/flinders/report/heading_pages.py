@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -73,6 +74,9 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
     words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (1 σ), held level"
     if tilted is not None:
         words += f"; {degrees(tilted.worst)} at {tilted.tilt_deg:.0f}° of tilt"
+    if claims["tilt_error_deg"] is not None:
+        whole = math.hypot(level.worst, claims["tilt_error_deg"])
+        words = f"{degrees(whole)} a reading (1 σ), tilt and noise included; the calibration to {words}"
     return f"{words}; dip {claims['dip_deg']:.0f}°, {_FROM[claims['dip_from']]}"
 
 
@@ -124,7 +128,9 @@ def _notes_of_headings(
     if voyage.without:
         missing = counted(voyage.without, "reading")
         yield "note", f"{missing} without a heading (nan): a number is missing, or x is vertical"
-    yield from _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, claims, turned)
+    yield from (
+        _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, claims, turned)
+    )
 
 
 def _level_notes(voyage: Voyage, claims: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
