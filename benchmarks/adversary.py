@@ -311,6 +311,14 @@ def lumpy(rng: Generator, readings: Floats, *, rms: float) -> Floats:
     return read
 
 
+def warped(rng: Generator, readings: Floats, *, rms: float) -> Floats:
+    """Each axis is off by a random harmonic of degree three of its own."""
+    directions = readings / np.linalg.norm(readings, axis=1)[:, None]
+    x, y, z = np.moveaxis(directions @ np.stack([anywhere(rng) for _ in range(3)]), 2, 0)
+    read: Floats = readings + rms * np.sqrt(105.0) * (x * y * z).T
+    return read
+
+
 def stale(rng: Generator, rows: Floats, *, share: float) -> Floats:
     """One axis repeats its last reading now and then."""
     rows = rows.copy()
@@ -355,7 +363,7 @@ def all_late(rng: Generator) -> Floats:
 
 
 def _slow(sigma: float, time_s: float, *, log: Rows | None = None) -> Effect:
-    return Effect(body=partial(remembering, sigma=sigma, time_s=time_s), log=log)
+    return Effect(body=partial(remembering, sigma=sigma, time_s=time_s), log=log, is_timed=log is None)
 
 
 EFFECTS: Final[dict[str, Effect]] = {
@@ -376,6 +384,7 @@ EFFECTS: Final[dict[str, Effect]] = {
     "axes late by 50 ms ± 30 %": Effect(lags=all_late),
     "structure of degree 3, 0.3 µT": Effect(axes=partial(lumpy, rms=0.3)),
     "structure of degree 3, 1 µT": Effect(axes=partial(lumpy, rms=1.0)),
+    "axes off by degree 3, 0.3 µT": Effect(axes=partial(warped, rms=0.3)),
     "one axis stale, 5 %": Effect(log=partial(stale, share=0.05)),
     "one axis stale, 30 %": Effect(log=partial(stale, share=0.3)),
     "12 readings, 50 times each": Effect(log=partial(tiled, distinct=12, times=50), is_timed=False),

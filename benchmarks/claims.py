@@ -8,11 +8,13 @@
 ``distortion``  a smooth distortion that belongs to the direction, and a field with a gradient along the hand's path
 ``outliers``    efficiency (bound ÷ rms angle error) with strays; centre error with clusters, over that without
 ``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
-``repeats``     four recordings of one real board: their differences over what is claimed of them
+``few``         readings at rest, 10 to 24 of them: how many that only ``few-samples`` limits are wrong, and should be
+``shrunk``      short turns of sensors that were never corrected: how many fits are shrunk, and how wrong these are
+``doubt``       how far runs of rejected readings reach, in limits of rejection: noise near steel, and passing magnets
 ``halves``      real recordings cut in two: how far the halves' calibrations are apart, over what is claimed of that
 
-A fit that is refused counts with the fit that the refusal carries. The recordings of ``repeats`` and ``halves`` are
-looked for as `benchmarks.recordings` does.
+A fit that is refused counts with the fit that the refusal carries. The recordings of ``halves`` are looked for
+as `benchmarks.recordings` does; `benchmarks.windows` has those of one board, and smaller parts.
 """
 
 from __future__ import annotations
@@ -23,12 +25,13 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations, repeat
+from itertools import repeat
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 import flinders
+from benchmarks import adversary
 from benchmarks.accuracy import fitted, score
 from benchmarks.datasets import (
     FIELD,
@@ -46,7 +49,6 @@ from flinders.errors import FlindersError
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg
 
 if TYPE_CHECKING:
@@ -68,8 +70,6 @@ DISTORTED: Final = 0.01
 
 MEDIAN_CHI_SQUARE: Final = 8.343
 """Of nine degrees of freedom."""
-
-REPEATS: Final = ("198_253_-9", "208_249_-2", "215_253_0", "222_240_-8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,44 +390,89 @@ def confidence(pool: Executor, trials: int) -> Iterator[str]:
             )  # fmt: skip
 
 
-def repeats(pool: Executor, trials: int) -> Iterator[str]:
-    """Four recordings of one board; required 0.4 to 1.5."""
-    del pool, trials
-    paths = [FOLDER / "pichim_betaflight" / f"calTest1_{name}.csv" for name in REPEATS]
-    if not all(path.exists() for path in paths):
-        yield f"(no recordings in {FOLDER}: set FLINDERS_DATA)"
-        return
-    fits = [flinders.fit(flinders.read(path), target_deg=90.0) for path in paths]
-    plain = [Auto().estimate(Readings.of(flinders.read(path))) for path in paths]
-    found = [np.concatenate([fit.calibration.offset, upper(fit.calibration.shape)]) for fit in fits]
-    pairs = list(combinations(range(len(paths)), 2))
-    yield from _head("four recordings of one board", "all nine", "offset", "shape")
-    for name, covariances in (
-        ("claimed", [fit.covariance for fit in fits]),
-        ("textbook", [one.textbook if one.textbook is not None else one.covariance for one in plain]),
-    ):
-        cells = [
-            math.sqrt(
-                float(
-                    np.mean(
-                        [
-                            _weighed((found[i] - found[j])[part], (covariances[i] + covariances[j])[part, part])
-                            for i, j in pairs
-                        ]
-                    )
-                )
-            )
-            for part in (slice(0, 9), slice(0, 3), slice(3, 9))
-        ]
-        yield _row(name, *(f"{cell:.2f}" for cell in cells))
-    yield ""
-    yield from _head("recording", "method", "noise", "heading, worst", "textbook", "independent", "of")
-    for name, fit in zip(REPEATS, fits, strict=True):
-        textbook = fit.textbook_heading_error_deg
+def few(pool: Executor, trials: int) -> Iterator[str]:
+    """Few readings at rest that are good, but perhaps for their number: wrong as in `benchmarks.adversary`."""
+    yield from _head("readings at rest", "good but for their number", "ratio 50 / 90 %", "wrong", "expected")
+    for count in (10, 12, 15, 16, 18, 20, 24):
+        done = [one for one in pool.map(partial(_at_rest, count), range(trials)) if one is not None]
+        fifty, ninety = np.quantile([one.true / one.claimed for one in done], [0.5, 0.9])
         yield _row(
-            name, fit.method, f"{fit.noise:.3g}", f"{fit.heading_error_deg.worst:.2f}°",
-            "–" if textbook is None else f"{textbook.worst:.2f}°", f"{fit.independent_samples:.0f}", str(fit.samples),
+            str(count), f"{len(done)} of {trials}", f"{fifty:.2f} / {ninety:.2f}",
+            str(sum(one.is_wrong for one in done)), f"{sum(one.expected for one in done):.1f}",
         )  # fmt: skip
+
+
+def _at_rest(count: int, seed: int) -> adversary.Trial | None:
+    """Fit readings in random directions; None where anything but their number limits the fit."""
+    rng, of = adversary.stream(seed, f"rest {count}"), adversary.sensor(adversary.stream(seed, "sensor"))
+    read = adversary.STRENGTH_UT * simulate.uniform(rng, count) @ of.iron + of.offset
+    fit = adversary.fitted(Samples.of(read + (0.05, 0.1, 0.2)[seed % 3] * rng.standard_normal((count, 3)), unit="uT"))
+    if fit is None or any(one.code != "few-samples" for one in fit.findings if one.severity != "note"):
+        return None
+    level = adversary.level(seed, of, adversary.Effect())
+    true = float(np.abs(adversary.headings(fit.calibration.apply(level))).max())
+    return adversary.Trial("good", (), (), fit.heading_error_deg.worst, true, adversary.probability(fit))
+
+
+def shrunk(pool: Executor, trials: int) -> Iterator[str]:
+    """Sensors with iron and offsets of up to two fields, turned for a few seconds: none of them was corrected."""
+    yield from _head("turned for", "shrunk", "their largest offset, of the field", "largest ratio")
+    for name, path in (("4 s, all axes", _tumbled), ("12 s, nearly one axis", _rolled)):
+        done = [one for one in pool.map(partial(_fit_of_path, path), range(trials), chunksize=8) if one is not None]
+        offset, ratio = np.max(done, axis=0) if done else (math.nan, math.nan)
+        yield _row(name, f"{len(done)} of {trials}", f"{offset:.1%}", f"{ratio:.1f}")
+
+
+def _tumbled(rng: Generator) -> adversary.Path:
+    return adversary.tumble(rng, seconds=4.0)
+
+
+def _rolled(rng: Generator) -> adversary.Path:
+    step_s = 1.0 / (adversary.FINE * adversary.RATE_HZ)
+    rates = 0.08 * adversary.smooth(rng, round(12.0 / step_s), step_s, 1.0)
+    rates[:, rng.integers(3)] += 2.0
+    return adversary.turned(rng, rates, step_s)
+
+
+def _fit_of_path(path: Callable[[Generator], adversary.Path], seed: int) -> tuple[float, float] | None:
+    """Offset over the field, and error over claim, of a fit that is shrunk; None for any other."""
+    effect, of = adversary.Effect(), adversary.sensor(adversary.stream(seed, "sensor"))
+    fit = adversary.fitted(adversary.recorded(seed, of, effect, path(adversary.stream(seed, "path 0"))))
+    if fit is None or not fit.is_shrunk:
+        return None
+    off = float(np.abs(adversary.headings(fit.calibration.apply(adversary.level(seed, of, effect)))).max())
+    return float(np.linalg.norm(of.offset)) / adversary.STRENGTH_UT, off / fit.heading_error_deg.worst
+
+
+def doubt(pool: Executor, trials: int) -> Iterator[str]:
+    """What is beyond doubt is no noise that comes and goes, and all of a magnet that passes."""
+    yield from _head("tumbles by hand", "with rejected runs", "runs", "limits 50 / 90 / 95 %", "beyond 2.5 limits")
+    for name, effect in (
+        ("steel desk, 1 µT", adversary.Effect(place=partial(adversary.desk, rms=1.0))),
+        ("steel desk, 3 µT", adversary.EFFECTS["steel desk, 3 µT"]),
+        ("magnet passes, 20 µT", adversary.EFFECTS["magnet passes, 20 µT"]),
+    ):
+        samples = [
+            adversary.recorded(seed, adversary.sensor(adversary.stream(seed, "sensor")), effect,
+                               adversary.tumble(adversary.stream(seed, "path 0")))
+            for seed in range(trials)
+        ]  # fmt: skip
+        each = list(pool.map(_reach, samples))
+        runs = np.array([reach for reaches in each for reach in reaches])
+        quantiles = " / ".join(f"{reach:.2f}" for reach in np.quantile(runs, [0.5, 0.9, 0.95]))
+        yield _row(
+            name,
+            f"{sum(bool(one) for one in each)} of {trials}",
+            str(len(runs)),
+            quantiles,
+            f"{np.mean(runs > 2.5):.0%}",
+        )
+
+
+def _reach(samples: Samples) -> list[float]:
+    """How far runs of more than one rejected reading reach, in limits."""
+    estimate = Auto().estimate(Readings.of(samples))
+    return [run.farthest / estimate.rejected_beyond for run in estimate.outliers if run.rows > 1]
 
 
 def halves(pool: Executor, trials: int) -> Iterator[str]:
@@ -465,7 +510,9 @@ TABLES: Final[Mapping[str, Callable[[Executor, int], Iterator[str]]]] = {
     "distortion": distortion,
     "outliers": outliers,
     "confidence": confidence,
-    "repeats": repeats,
+    "few": few,
+    "shrunk": shrunk,
+    "doubt": doubt,
     "halves": halves,
 }
 

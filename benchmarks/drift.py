@@ -138,7 +138,7 @@ def _table(fleet: Fleet, rng: np.random.Generator, offset: Floats, shape: Floats
     return UnitResults(
         unit=objects(unit.tolist()), recording=objects(names), start_s=start, end_s=none,
         readings=np.full(rows, 500), used=np.full(rows, 500), verdict=texts("good"), code=texts(""), message=texts(""),
-        method=texts("likelihood"), worst_deg=none, rms_deg=none, dip_deg=np.full(rows, 60.0),
+        method=texts("likelihood"), worst_deg=none, rms_deg=none, bound_deg=none, dip_deg=np.full(rows, 60.0),
         offset=offset + errors[:, :3], matrix=(radius[:, None, None] * np.linalg.inv(shape)).reshape(-1, 9),
         covariance=covariance, noise=none, radius=radius, coverage=none, findings=objects([()] * rows),
         unit_of_field=texts("uT"), batch=texts(""),

@@ -3,13 +3,15 @@
     python -m benchmarks.walk            # the counts
     python -m benchmarks.walk --list     # and the files, in the order in which they are entered
 
-Counts are of the distinct files of `flinders` in which a traced run enters a function; what runs when a module is
-imported does not count.
+Counts are of the distinct files of `flinders` in which a traced run enters a function, and of the functions that are
+called from a lower package, as a callback or a recording that wraps another; what runs when a module is imported does
+not count.
 
 reading     from a CSV file to the exported header: ``calibrate`` and ``export --to arduino``
 line        from a line of a serial port to what the page is told: the transcript, the session, a message
 live fit    from the readings of a session to the view that its pages draw
-row group   from a row group of a Parquet file to a row of the table: ``fleet``
+row group   from a row group of a Parquet file to a row of the table: ``fleet``, all but what its worker does
+worker      from the readings of that row group to the row: the same in one process, less the files of the other
 """
 
 from __future__ import annotations
@@ -19,6 +21,8 @@ import functools
 import sys
 import tempfile
 import threading
+import tomllib
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -41,26 +45,60 @@ PASSING: Final = {"<module>", "__getattr__"}
 """What runs when a module is imported, or hands a name on."""
 
 
-def entered(run: Callable[[Path], None]) -> list[str]:
-    """Files of the project that a run in an empty folder enters, in that order; all is imported before."""
-    files: dict[str, None] = {}
+@dataclass(frozen=True)
+class Walk:
+    """Files of the project that a run enters, in that order, and calls of a function by one of a lower package."""
 
-    def look(frame: FrameType, event: str, _: object) -> None:
-        path = Path(frame.f_code.co_filename)
-        if event == "call" and frame.f_code.co_name not in PASSING and path.is_relative_to(ROOT):
-            files.setdefault(str(path.relative_to(ROOT)))
+    files: dict[str, None] = field(default_factory=dict)
+    climbs: dict[str, None] = field(default_factory=dict)
 
+    def look(self, frame: FrameType, event: str, _: object) -> None:
+        """Note a call; for `sys.setprofile`."""
+        own = _own_file(frame)
+        if event != "call" or own is None or frame.f_code.co_name in PASSING:
+            return
+        self.files.setdefault(own)
+        caller = frame.f_back
+        while caller is not None and _own_file(caller) is None:
+            caller = caller.f_back
+        below = _own_file(caller) if caller is not None else None
+        if below is not None and _layer(own) < _layer(below):
+            self.climbs.setdefault(f"{below} to {own}, {frame.f_code.co_qualname}")
+
+
+def _own_file(frame: FrameType) -> str | None:
+    """The file of a frame below the package; None for those of others."""
+    path = Path(frame.f_code.co_filename)
+    return str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else None
+
+
+@functools.cache
+def _layers() -> dict[str, int]:
+    """Packages and modules by their layer in pyproject.toml, the highest 0."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text("utf-8"))
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    return {name: place for place, names in enumerate(layers) for name in names.split(" | ")}
+
+
+def _layer(file: str) -> int:
+    """The layer of a file."""
+    return _layers()[file.partition("/")[0].removesuffix(".py")]
+
+
+def walked(run: Callable[[Path], None]) -> Walk:
+    """The walk of a run in an empty folder; all is imported before."""
+    walk = Walk()
     with tempfile.TemporaryDirectory() as folder:
         run(Path(folder))
     with tempfile.TemporaryDirectory() as folder:
-        threading.setprofile(look)
-        sys.setprofile(look)
+        threading.setprofile(walk.look)
+        sys.setprofile(walk.look)
         try:
             run(Path(folder))
         finally:
             sys.setprofile(None)
             threading.setprofile(None)
-    return list(files)
+    return walk
 
 
 def a_reading(folder: Path) -> None:
@@ -84,8 +122,8 @@ def _three_tumbles() -> Floats:
     return np.concatenate([simulate.tumble(seed=seed, n=300).samples.field for seed in range(3)])
 
 
-def a_row_group(folder: Path) -> None:
-    """From a row group of a Parquet file to a row of the table."""
+def a_row_group(folder: Path, workers: int = 1) -> None:
+    """From a row group of a Parquet file to a row of the table; a worker is another process, and not traced."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -94,7 +132,7 @@ def a_row_group(folder: Path) -> None:
     columns |= {f"m{axis}_uT": field[:, place] for place, axis in enumerate("xyz")}
     parquet.write_table(pa.table(columns), folder / "units.parquet", row_group_size=300)
     units, table = str(folder / "units.parquet"), str(folder / "table.parquet")
-    _command("fleet", units, "-o", table, "--unit-column", "unit", "--workers", "1")
+    _command("fleet", units, "-o", table, "--unit-column", "unit", "--workers", str(workers))
 
 
 def a_line(_: Path) -> None:
@@ -142,17 +180,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--list", action="store_true", help="also list the files")
     asked = parser.parse_args()
-    walks = {
+    runs = {
         "a reading, to the header": a_reading,
         "a line, to the page": a_line,
         "a live fit, to its view": a_live_fit,
         "a row group": a_row_group,
     }
-    for name, walk in walks.items():
-        files = entered(walk)
-        print(f"{name:<26} {len(files):>3} files")
+    made = {name: walked(run) for name, run in runs.items()}
+    whole = walked(functools.partial(a_row_group, workers=0))
+    job = made["a row group"]
+    made["its worker"] = Walk(*({each: None for each in new if each not in old} for new, old in (
+        (whole.files, job.files), (whole.climbs, job.climbs),
+    )))  # fmt: skip
+    for name, walk in made.items():
+        print(f"{name:<26} {len(walk.files):>3} files, {len(walk.climbs):>2} calls into a higher package")
         if asked.list:
-            print("".join(f"    {file}\n" for file in files))
+            print("".join(f"    {each}\n" for each in (*walk.files, *(f"up: {climb}" for climb in walk.climbs))))
 
 
 if __name__ == "__main__":

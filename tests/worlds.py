@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 FIELD_STRENGTH: Final = 50.0
 """µT, of the field in all of these worlds."""
 SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
+HARD_IRON: Final = np.array([20.0, 120.0, 90.0])
+"""mG: with `SOFT_IRON` the sensor of the MAGYC simulations, whose field is in mG too."""
 SENSOR: Final = Sensor(SOFT_IRON, np.array([20.0, -60.0, 30.0]), 0.5)
 PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
 """µT/A of a motor."""
@@ -115,3 +117,13 @@ def body(
         recordings["abcd"[number]] = Samples.of(field, unit="uT", time=path.samples.time, source="abcd"[number])
         sensors.append(sensor)
     return recordings, sensors, path.directions
+
+
+def with_slow_noise(field: Floats, *, sigma: float, memory: float, seed: int = 1) -> Floats:
+    """Readings (N, 3) with an Ornstein–Uhlenbeck disturbance of each axis, whose memory is so many readings."""
+    decay = np.exp(-1.0 / memory)
+    steps = np.sqrt(1.0 - decay**2) * np.random.default_rng(seed).normal(size=field.shape)
+    course = np.zeros_like(field)
+    for row in range(1, len(field)):
+        course[row] = decay * course[row - 1] + steps[row]
+    return field + sigma * course

@@ -13,7 +13,7 @@ Names are looked up when they are first used, so that importing the package cost
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from flinders import errors as errors
@@ -68,6 +68,12 @@ _HOMES: Final = {
 _RENAMED: Final = {"fit_together": "fit_multi", "Judged": "Fit"}
 """Old names, which work for one release."""
 
+_RENAMED_KEYWORDS: Final = {
+    "fit": {"drivers": "disturbances", "aids": "aiding"},
+    "fit_multi": {"aids": "aiding"},
+}
+"""Old keywords of functions, and the new ones."""
+
 __version__: Final = "0.1.0"
 """That of pyproject.toml; ``importlib.metadata``, which knows it too, takes longer to load than a fit."""
 
@@ -84,7 +90,12 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module 'flinders' has no attribute {name!r}")
     home = _HOMES[name]
     module = import_module(f"flinders.{home}")
-    found: object = module if home.rpartition(".")[2] == name else getattr(module, name)
+    found: Any = module if home.rpartition(".")[2] == name else getattr(module, name)
+    if name in _RENAMED_KEYWORDS:
+        from flinders.deprecation import renamed_keywords
+
+        found = renamed_keywords(**_RENAMED_KEYWORDS[name])(found)
+        found.__module__ = __name__  # for pickle
     globals()[name] = found  # looked up once
     return found
 

@@ -46,16 +46,28 @@ batch can store a refusal as a row.
 >>> print(error)
 5 usable readings, 'likelihood' needs at least 10: record for longer while turning the sensor through all directions
 
-Messages of all modules write counts, numbers and shares with `counted`, `figures` and `percent`.
+Messages of all modules write counts, numbers and shares with `counted`, `figures` and `percent`. What other packages
+raise becomes one of these errors in `needs` and `reading`.
+
+>>> needs("json", "px4", "a PX4 ULog").loads("[1, 2]")
+[1, 2]
+>>> needs("no_such_package", "px4", "a PX4 ULog")
+Traceback (most recent call last):
+flinders.errors.MissingExtra: a PX4 ULog needs no_such_package, which is not installed: pip install 'flinders[px4]'
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, ClassVar
+from contextlib import contextmanager
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
+
+LONGEST: Final = 120
+"""Characters of another package's message that are passed on."""
 
 
 def counted(number: float, noun: str) -> str:
@@ -180,7 +192,8 @@ class FitError(FlindersError):
 class TooFewSamples(FitError):
     """Fewer usable readings (`found`) than the method has unknowns (`needed`); `skipped` says what was left out.
 
-    How the sensor should have been turned is `how`, here and below.
+    Where readings repeat each other, `found` of `of` are different. How the sensor should have been turned is `how`,
+    here and below.
     """
 
     code = "too-few-samples"
@@ -191,15 +204,17 @@ class TooFewSamples(FitError):
         found: int,
         needed: int,
         method: str,
+        of: int = 0,
         skipped: Iterable[object] = (),
         how: str = "through all directions",
     ) -> None:
-        self.found, self.needed, self.method, self.how = found, needed, method, how
+        self.found, self.needed, self.method, self.of, self.how = found, needed, method, of, how
+        readings = f"{counted(found, 'different reading')} among {of:,}" if of else counted(found, "usable reading")
         self.skipped = tuple(map(str, skipped))
         besides = f" besides {' and '.join(self.skipped)}" if self.skipped else ""
         check = "check what was left out, and " if self.skipped else ""
         super().__init__(
-            f"{counted(found, 'usable reading')}{besides}, {method!r} needs at least {needed:,}: "
+            f"{readings}{besides}, {method!r} needs at least {needed:,}: "
             f"{check}record for longer while turning the sensor {how}",
             found=found,
             needed=needed,
@@ -379,3 +394,38 @@ class NotConfirmed(OutputError):
     """Values were sent and not confirmed; the message says what the other end holds now."""
 
     code = "not-confirmed"
+
+
+def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
+    """Import an optional package such as ``pyarrow.parquet``, for `what` (with its article: ``a PX4 ULog``).
+
+    Where it is not installed, `MissingExtra` says to install the `extra`: ``px4`` for ``pip install 'flinders[px4]'``.
+    """
+    try:
+        return import_module(package)
+    except ImportError:
+        raise MissingExtra(package.partition(".")[0], extra, what) from None
+
+
+@contextmanager
+def reading(name: str, kind: str) -> Iterator[None]:
+    """Let another package read a file, and turn whatever it raises into one line: on a broken file that is anything.
+
+    `kind` is what the file should be, with its article. Errors of Flinders pass through.
+
+    >>> with reading("flight.ulg", "a PX4 ULog"):
+    ...     {}["sensor_mag"]
+    Traceback (most recent call last):
+    flinders.errors.UnreadableInput: flight.ulg cannot be read as a PX4 ULog (KeyError: 'sensor_mag'): it is broken or
+    cut short; copy it again
+    """
+    try:
+        yield
+    except FlindersError:
+        raise
+    except Exception as error:  # noqa: BLE001 - other people's parsers, and bytes that anyone may have written
+        said = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":").removesuffix(": ")
+        message = "".join(letter if letter.isprintable() else "\ufffd" for letter in said)
+        raise UnreadableInput(
+            f"{name} cannot be read as {kind} ({message[:LONGEST]}): it is broken or cut short; copy it again"
+        ) from None

@@ -128,6 +128,10 @@ static int fit(size_t recordings)
     const int told = flinders_drift(field, rows[0], records->centre, records->shape, options.dip_deg, workspace, size,
                                     &single);
     REQUIRE(told >= 0 && told <= 9);
+    flinders_disturbance found;
+    const int regressed = flinders_regress(field, time, rows[0], records->centre, records->shape,
+                                           uniform() < 0.5 ? INFINITY : anything(), workspace, size, &found);
+    REQUIRE(regressed >= 0 && regressed <= 9 && found.used <= (int64_t)rows[0]);
     if (rows[0] == longest && longest)
         REQUIRE(flinders_fit(field, NULL, longest, &options, workspace, size - 1, &single) == FLINDERS_NO_WORKSPACE);
     free(field), free(time), free(workspace), free(records);

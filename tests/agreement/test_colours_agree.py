@@ -6,11 +6,12 @@ import json
 import shutil
 import subprocess
 from importlib.resources import files
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from flinders.report.colours import ENDS, STEPS, THEMES, class_of, colour_of
+from flinders.report.colours import ENDS, STEPS, Theme, class_of, colour_of
 
 EDGES = np.geomspace(*ENDS, STEPS + 1)
 MIDDLES = np.sqrt(EDGES[1:] * EDGES[:-1]).tolist()
@@ -35,7 +36,7 @@ console.log(JSON.stringify(found));
         [node, "--input-type=module"], input=program, capture_output=True, text=True, check=True, timeout=60
     )
     found = json.loads(done.stdout)
-    for theme in THEMES:
+    for theme in get_args(Theme):
         assert found[theme] == [
             colour_of(kind, theme) for kind in [*(class_of(ratio, 1.0) for ratio in MIDDLES), "unknown"]
         ]

@@ -28,7 +28,7 @@ from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import magnitude
 from flinders.native import build
 from flinders.native.engine import RECORD, Engine, engine, layout
-from flinders.summary.coverage import Coverage
+from flinders.summary.coverage import Coverage, directions_of
 from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality
 from flinders.summary.summary import Summary
@@ -233,8 +233,14 @@ def test_coverage_is_that_of_the_cloud(world: str) -> None:
     npt.assert_allclose(record["hole_deg"], expected.hole_deg, rtol=1e-6)
 
 
-def test_quality_counts_what_it_counted() -> None:
-    field = np.round(tumble(3000, noise=0.0) / 8.0).clip(max=18.0) * 8.0
+def rails_of(quality: DataQuality) -> int:
+    """The rails of a recording as a record has them."""
+    return sum(1 << rail.axis + 3 * (rail.end == "highest") for rail in quality.rails)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 144.0])
+def test_quality_counts_what_it_counted(limit: float) -> None:
+    field = (np.round(tumble(3000, noise=0.0) / 8.0) * 8.0).clip(max=limit)
     field[100:110] = field[100]
     time = np.arange(3000.0)
     time[50] = 0.0
@@ -244,19 +250,21 @@ def test_quality_counts_what_it_counted() -> None:
     npt.assert_array_equal(record["lowest"], quality.lows.values)
     npt.assert_array_equal(record["highest"], -quality.highs.values)
     npt.assert_array_equal(record["end_counts"], np.concatenate([quality.lows.counts, quality.highs.counts]))
-    npt.assert_array_equal(
-        record["end_extent"].reshape(6, 3), np.concatenate([quality.lows.ranges, quality.highs.ranges])
-    )
+    assert (int(record["rails"]), float(record["step"])) == (rails_of(quality), quality.step)
+    npt.assert_allclose(record["path_correlation"], quality.path.correlation(Moments.of(field).spread), rtol=1e-9)
     assert record["repeats"] == quality.repeats
     assert record["longest_repeat"] >= 10
-    assert record["distinct"] == len(np.unique(field, axis=0))
+    assert record["distinct"] == quality.distinct == len(np.unique(field, axis=0))
     assert int(record["backward_steps"]) == quality.clock.backward_steps
     assert float(record["end"]) == 2999.0
 
 
-def test_distinct_readings_beyond_4096_are_estimated() -> None:
-    field = tumble(100_000)
-    npt.assert_allclose(engine().fit(field)["distinct"], len(np.unique(field, axis=0)), rtol=0.06)
+@pytest.mark.parametrize("times", [1, 3])
+def test_of_many_different_readings_a_sample_is_counted(times: int) -> None:
+    field = np.random.default_rng(2).permutation(np.concatenate([tumble(30_000)] * times + [tumble(10_000)]))
+    record = engine().fit(field)
+    assert record["distinct"] == DataQuality.of(Samples.of(field)).distinct
+    npt.assert_allclose(record["distinct"], len(np.unique(field, axis=0)), rtol=0.03)
 
 
 def test_distances_are_those_of_sampson() -> None:
@@ -355,3 +363,31 @@ def test_the_example_of_the_header_runs(tmp_path: Path) -> None:
     told = subprocess.run([str(program)], capture_output=True, text=True, check=True).stdout
     centre = Engine().fit(tumble(50))["centre"]
     assert told == "offset {:.1f} {:.1f} {:.1f}\n".format(*centre)
+
+
+@pytest.mark.parametrize("is_level", [False, True])
+def test_a_disturbance_explains_what_a_triangular_factor_says(is_level: bool) -> None:
+    rng = np.random.default_rng(3)
+    field = tumble(3000, seed=3)
+    if is_level:
+        field[:, 2] = 90.0 + rng.normal(scale=0.5, size=3000)
+    values = np.cumsum(rng.normal(size=3000))
+    field[:, 0] += 0.05 * values
+    values[::7] = np.nan
+    ellipsoid = Ellipsoid(np.array([20.0, 120.0, 90.0]), np.diag([45.0, 50.0, 55.0]))
+    found = engine().regress(field, values, ellipsoid.centre, ellipsoid.shape, limit=2.0)
+
+    residuals = magnitude.distances(field, ellipsoid)
+    taken = (np.abs(residuals) <= 2.0) & np.isfinite(values)
+    jacobian = magnitude.information(directions_of(field[taken], ellipsoid), ellipsoid)
+    about = values[taken] - values[taken].mean()
+    design = np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]])
+    scale = np.linalg.norm(design, axis=0)
+    triangle = np.linalg.qr(np.column_stack([design / scale, residuals[taken]]), mode="r")
+    step = np.linalg.lstsq(design / scale, residuals[taken], rcond=1e-9)[0] / scale
+
+    assert (found["used"], found["stride"]) == (taken.sum(), 1)
+    assert found["explained"] == pytest.approx(np.sum(triangle[9:12, -1] ** 2), rel=1e-7)
+    assert found["left"] == pytest.approx(triangle[12, -1] ** 2, rel=1e-7)
+    npt.assert_allclose(found["per_unit"], step[9:], rtol=1e-6, atol=1e-9)
+    npt.assert_allclose([found["range"], found["farthest"]], [np.ptp(about), np.abs(about).max()], rtol=1e-12)

@@ -261,7 +261,8 @@ def test_a_reload_keeps_everything(visitor: Visitor) -> None:
 
 
 def test_two_tabs_see_the_same(visitor: Visitor) -> None:
-    context = visitor.context()
+    """With all that moves."""
+    context = visitor.context(reduced_motion="no-preference")
     one, other = done(visitor.page(context)), done(visitor.page(context))
     one.locator("#target").fill("0.7")
     one.keyboard.press("Enter")
@@ -326,7 +327,7 @@ LAID = """async ([counts, view]) => {
 
 
 def test_readings_drawn_onto_a_picture_that_was_kept_look_as_when_all_are_drawn(visitor: Visitor) -> None:
-    page = done(visitor.page(reduced_motion="reduce"))
+    page = done(visitor.page())
     view = page.evaluate("flinders.store.view")
     kept, whole, fewer = (
         np.frombuffer(b64decode(page.evaluate(LAID, [counts, view])), np.uint8).reshape(200, 300, 4).astype(int)
@@ -349,7 +350,7 @@ INK = """text => {
 
 
 def test_no_number_covers_the_arc(visitor: Visitor) -> None:
-    page = done(visitor.page(viewport={"width": 1280, "height": 800}))
+    page = done(visitor.page())
     for width, text in product((1280, 360), ("12.3", "0.043", "0.0043", "> 90", "–")):
         page.set_viewport_size({"width": width, "height": 800})
         room = page.evaluate("async text => String((await import('/static/views/gauge.js')).ems(text))", text)
@@ -493,7 +494,7 @@ def test_a_phone_gives_each_view_its_room_and_keeps_advice_and_finish_in_sight(v
 
 
 def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:
-    page = done(visitor.page(viewport={"width": 1280, "height": 800}))
+    page = done(visitor.page())
     for width, height in ((1280, 800), (1920, 1080), (3840, 2160)):
         page.set_viewport_size({"width": width, "height": height})
         sizes = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
@@ -571,7 +572,7 @@ def test_shortcuts_act_and_can_be_switched_off(visitor: Visitor) -> None:
 
 
 def test_axe_finds_nothing_serious(visitor: Visitor, axe: str) -> None:
-    page = done(visitor.page(color_scheme="dark", reduced_motion="reduce"))
+    page = done(visitor.page())
     for theme in ("dark", "light"):
         expect(page.locator("html")).to_have_attribute("data-theme", theme)
         assert grave(page, axe) == [], theme

@@ -20,14 +20,16 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 LIMITED = 3
-LOGS = {
-    "michaelwro_fxos8700/mag-readings.txt": "a table without header or times",
-    "sunsided_hmc5883l/full-sphere.csv": "a table with times, acceleration and rate",
-    "dronekit_log171_3mags/log171.bin": "a log of ArduPilot",
-}
+LOGS = [
+    pytest.param(
+        "michaelwro_fxos8700/mag-readings.txt", id="a table without header or times", marks=pytest.mark.nightly
+    ),
+    pytest.param("sunsided_hmc5883l/full-sphere.csv", id="a table with times, acceleration and rate"),
+    pytest.param("dronekit_log171_3mags/log171.bin", id="a log of ArduPilot"),
+]
 
 
-@pytest.mark.parametrize("name", LOGS, ids=LOGS.get)
+@pytest.mark.parametrize("name", LOGS)
 def test_a_log_played_back_gives_the_calibration_of_the_command_line(
     browser: Browser, recordings: Callable[[str], Path], tmp_path: Path, name: str
 ) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.trials import nightly
 from tests.truth.test_report import fitted, flat
 
 from flinders.report.formatting import degrees
@@ -51,7 +52,7 @@ def opened(browser: Browser, folder: Path, name: str, **options: object) -> Watc
 
 
 @pytest.mark.parametrize(
-    ("name", "scheme"), [("good", "light"), ("good", "dark"), ("limited", "light"), ("refused", "dark")]
+    ("name", "scheme"), [("good", "light"), nightly("good", "dark"), nightly("limited", "light"), ("refused", "dark")]
 )
 def test_it_opens_from_the_disk_without_an_error_or_a_request(
     browser: Browser, folder: Path, name: str, scheme: str
@@ -104,7 +105,7 @@ def test_without_scripts_the_figures_are_there(browser: Browser, folder: Path) -
     found.page.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", [nightly("light"), "dark"])
 def test_paper_is_light_has_the_still_picture_and_a_round_sphere(browser: Browser, folder: Path, scheme: str) -> None:
     found = opened(browser, folder, "limited", color_scheme=scheme, viewport=A4)
     found.page.wait_for_selector("#scene canvas")
@@ -124,7 +125,7 @@ def test_paper_is_light_has_the_still_picture_and_a_round_sphere(browser: Browse
     found.page.close()
 
 
-@pytest.mark.parametrize("name", ["good", "limited", "refused"])
+@pytest.mark.parametrize("name", [nightly("good"), "limited", nightly("refused")])
 def test_on_a_telephone_nothing_sticks_out(browser: Browser, folder: Path, name: str) -> None:
     found = opened(browser, folder, name, viewport={"width": 360, "height": 740})
     assert found.page.evaluate("document.documentElement.scrollWidth") <= 360

@@ -36,7 +36,7 @@ class Bench:
         self.visitor = Visitor(browser, program)
 
     def page(self) -> Page:
-        return self.visitor.page(reduced_motion="reduce")  # a picture for each change, and no movement in between
+        return self.visitor.page()
 
 
 @pytest.fixture

@@ -28,7 +28,7 @@ def visitor(browser: Browser, tmp_path: Path) -> Iterator[Visitor]:
 
 
 def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Path) -> None:
-    page = visitor.page(reduced_motion="reduce")
+    page = visitor.page()
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
     expect(page.locator("#source-name")).to_have_text("simulation")
     until(page, "flinders.store.state.readings > 20 && flinders.store.points.count > 20")
@@ -55,7 +55,7 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
 
 
 def test_axe_finds_nothing_serious_while_it_collects(visitor: Visitor, axe: str) -> None:
-    page = visitor.page(color_scheme="dark", reduced_motion="reduce")
+    page = visitor.page()
     page.locator("#target").fill("0.05")  # which takes minutes
     page.keyboard.press("Enter")
     until(page, "flinders.store.state.target_deg === 0.05 && flinders.store.view && flinders.store.points.count > 50")

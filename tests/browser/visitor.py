@@ -9,13 +9,14 @@ import pytest
 
 if TYPE_CHECKING:
     from benchmarks.stage import Program
-    from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, Route
+    from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, Route, ViewportSize
 
 
 class Visitor:
     """A person with a browser: opens pages, and remembers what they complain of and whom they ask.
 
     A page without options stays open for the next test, which finds it as at first: loaded anew, its storage empty.
+    Nothing moves on a page that is not told to: without a graphics card each picture takes its time.
     """
 
     def __init__(self, browser: Browser, program: Program) -> None:
@@ -28,7 +29,7 @@ class Visitor:
 
     def context(self, **options: Any) -> BrowserContext:
         """A browser of its own: its own storage, size, and colours."""
-        options = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "dark", **options}
+        options = {"viewport": DESK, "color_scheme": "dark", "reduced_motion": "reduce", **options}
         context = self.browser.new_context(accept_downloads=True, **options)
         context.set_default_timeout(UNTIL_MS)
         context.route(re.compile(f"^(?!{re.escape(self.program.address)}|blob:|data:)"), self._refuse)
@@ -45,6 +46,7 @@ class Visitor:
         else:
             page = self.plain = self.plain or self.context().new_page()
         if page.url == self.program.address:
+            page.set_viewport_size(DESK)
             page.mouse.move(0, 0)
             page.evaluate("localStorage.clear()")
             page.reload()
@@ -88,6 +90,7 @@ class Visitor:
             self.complaints.append(f"{message.text} ({message.location.get('url', '')})")
 
 
+DESK: Final[ViewportSize] = {"width": 1280, "height": 800}
 UNTIL_MS: Final = 60_000
 UNTIL: Final = """words => new Promise((resolve, reject) => {
     const end = performance.now() + MS;

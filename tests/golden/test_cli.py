@@ -19,13 +19,6 @@ if TYPE_CHECKING:
 DOCS = ROOT / "docs"
 
 
-@pytest.fixture(autouse=True)
-def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Help is as wide as the terminal; recordings lie in the working directory."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
-
-
 def record(name: str, motion: str, *, axes: tuple[int, int, int] = (0, 1, 2)) -> None:
     """Write a simulated recording, its axes in another order where the sensor is mounted so."""
     field = simulate.tumble(seed=2, motion=motion).samples.field[:, axes]
@@ -48,7 +41,7 @@ def test_methods(golden: Golden) -> None:
 
 
 def test_a_good_calibration_applied(golden: Golden) -> None:
-    record("tumble.csv", "uniform")
+    record("tumble.csv", "hand")
     lines = (
         "flinders calibrate tumble.csv -o calibration.json",
         "flinders apply calibration.json tumble.csv -o corrected.csv",
@@ -57,25 +50,25 @@ def test_a_good_calibration_applied(golden: Golden) -> None:
 
 
 def test_a_limited_calibration(golden: Golden) -> None:
-    record("deck.csv", "tilted")
+    record("deck.csv", "swayed")
     golden("cli/limited.txt", session("flinders calibrate deck.csv -o calibration.json", code=3))
 
 
 def test_a_report_in_plain_words(golden: Golden) -> None:
-    record("deck.csv", "tilted")
+    record("deck.csv", "swayed")
     shown = session("flinders calibrate deck.csv -o calibration.json --report-text -", code=3)
     dated = re.sub(r"(?m)^\d+ \w+ \d{4}, [\d:]+ UTC, Flinders [^,]+", "1 May 2026, 12:30 UTC, Flinders 1.2.3", shown)
     golden("cli/report.txt", dated)
 
 
 def test_a_calibration_of_a_level_turn(golden: Golden) -> None:
-    record("boat.csv", "level")
+    record("boat.csv", "sweep-xy")
     golden("cli/level.txt", session("flinders calibrate boat.csv -o calibration.json", code=3))
 
 
 def test_a_refused_calibration(golden: Golden) -> None:
     """Turned about the vertical with its x axis down."""
-    record("table.csv", "level", axes=(2, 0, 1))
+    record("table.csv", "sweep-xy", axes=(2, 0, 1))
     golden("cli/refused.txt", session("flinders calibrate table.csv -o calibration.json", code=4))
 
 

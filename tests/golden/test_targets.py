@@ -18,8 +18,6 @@ from flinders.core.units import Unit
 from flinders.targets import registry
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.golden.sessions import Golden
 
     from flinders.targets import Target
@@ -28,10 +26,8 @@ ROWS = [row for row in registry().values() if row.docs == "targets.md"]
 
 
 @pytest.fixture(autouse=True)
-def calibrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def calibrations(page_of_80_columns: None) -> None:
     """With soft iron all over, along the axes alone, and with next to none of it; in milligauss and in counts."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     matrix = np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
     offset = np.array([-69.8, 68.9, -5.6])
     along, hardly = np.diag([0.97, 1.05, 0.98]), np.diag([1.003, 1.0, 0.997])
@@ -123,6 +119,22 @@ def test_the_page_has_what_the_rows_say(request: pytest.FixtureRequest) -> None:
         PAGE.write_text(made, encoding="utf-8")
     else:
         assert text == made, "docs/targets.md is not what the rows say: `uv run pytest --regenerate`, review the diff"
+
+
+API = ROOT / "docs" / "api.md"
+MODULES = re.compile(r"(?<=<!-- modules of targets -->\n).*?(?=<!-- end of the modules -->)", re.DOTALL)
+
+
+def test_the_reference_has_a_section_for_each_module_of_targets(request: pytest.FixtureRequest) -> None:
+    names = dict.fromkeys(row.write.__module__ for row in registry().values())
+    sections = [f"## `{name}`\n\n```{{eval-rst}}\n.. automodule:: {name}\n```\n\n" for name in names]
+    text = API.read_text(encoding="utf-8")
+    made = MODULES.sub(lambda _: "".join(["\n", *sections]), text)
+    assert MODULES.search(text)
+    if request.config.getoption("--regenerate", default=False):
+        API.write_text(made, encoding="utf-8")
+    else:
+        assert text == made, "docs/api.md lacks a target's module: `uv run pytest --regenerate`, review the diff"
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:

@@ -35,6 +35,8 @@ def recordings(draw: st.DrawFn) -> Samples:
 def same_lows(a: Lows, b: Lows) -> None:
     assert np.array_equal(a.values, b.values)
     assert np.array_equal(a.counts, b.counts)
+    assert np.array_equal(a.next_values, b.next_values)
+    assert np.array_equal(a.next_counts, b.next_counts)
     assert np.array_equal(a.least, b.least)
     assert np.array_equal(a.most, b.most)
 
@@ -50,10 +52,15 @@ def same_clock(a: TimeStamps, b: TimeStamps) -> None:
 
 def same(a: DataQuality, b: DataQuality) -> None:
     assert (a.rows, a.repeats) == (b.rows, b.repeats)
+    assert a.path.count == b.path.count
+    npt.assert_allclose(a.path.squares, b.path.squares)
     assert np.array_equal(a.first, b.first, equal_nan=True)
     assert np.array_equal(a.last, b.last, equal_nan=True)
     same_lows(a.lows, b.lows)
     same_lows(a.highs, b.highs)
+    assert np.array_equal(a.seen.hashes, b.seen.hashes)
+    assert np.array_equal(a.seen.counts, b.seen.counts)
+    assert a.seen.level == b.seen.level
     same_clock(a.clock, b.clock)
     assert a.skipped == b.skipped
 

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from msgspec import structs
 from rich.console import Console
 from tests.program import flinders_
+from tests.worlds import judged
 
 import flinders
 from flinders import simulate
@@ -340,3 +341,18 @@ def calibrated_with_a_turn(home: Path) -> str:
     correction = structs.replace(found.calibration, matrix=tuple(map(tuple, turn.tolist())), rotation="estimated")
     calibration_file.write(structs.replace(found, calibration=correction), path, force=True)
     return path
+
+
+def test_the_dip_of_the_calibration_is_that_of_its_comparisons(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its size, and its side: of a sensor that is mounted upside down the field points along −z."""
+    monkeypatch.chdir(tmp_path)
+    upside_down = simulate.tumble(seed=3, motion="flight", dip_deg=-70.0, sensor=simulate.Sensor(noise=0.5)).samples
+    fit = judged(upside_down, dip_deg=70.0)
+    assert fit.known_dip_deg == -70.0
+    other = judged(simulate.tumble(seed=4, sensor=simulate.Sensor(noise=0.5)).samples)
+    assert flinders.compare(fit, other).heading_difference_deg.dip_deg == -70.0
+    assert flinders.compare(other, fit).heading_difference_deg.dip_deg == 60.0
+    fit.save("known.json")
+    np.savetxt("fresh.csv", upside_down.field, delimiter=",", header="mag_x_uT,mag_y_uT,mag_z_uT", comments="")
+    printed = flinders_("check", "known.json", "fresh.csv", "--json").json
+    assert printed["heading_difference_deg"]["dip_deg"] == printed["fresh"]["heading_error_deg"]["dip_deg"] == -70.0

@@ -6,15 +6,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from tests.program import flinders_
 from tests.worlds import MOTORS
 
 import flinders
 from flinders import Fit, simulate
 from flinders.core.samples import Joined
-from flinders.fitting.advice import condition
+from flinders.report.formatting import condition
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import pytest
 
 SENSOR: Final = simulate.Sensor(offset=np.array([20.0, 5.0, -30.0]), noise=0.5)
 
@@ -44,6 +47,35 @@ def test_the_strength_of_the_place_speaks_for_it_where_readings_have_it() -> Non
     there, elsewhere = (flinders.fit(samples, field_strength=strength) for strength in (50.0, 40.0))
     assert there.conditions == ("constant-iron",)
     assert "uniform-field" in elsewhere.conditions
+
+
+def test_the_command_line_ends_each_with_its_evidence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second recording, the accelerometer's dip, the site, and a recorded current."""
+    monkeypatch.chdir(tmp_path)
+    for seed in (1, 2):
+        write(f"{seed}.csv", simulate.tumble(seed=seed, sensor=SENSOR, field_strength=52.6, dip_deg=68.0).samples)
+    site = ("--at", "47.62,-122.35", "--date", "2026-11-21")
+    assert conditions_of() == ["uniform-field", "constant-iron"]
+    assert conditions_of("2.csv") == conditions_of("--with", "dip") == conditions_of(*site) == ["constant-iron"]
+    assert conditions_of("--with", "current") == ["uniform-field"]
+    assert conditions_of("--with", "current,dip") == []
+
+
+def conditions_of(*options: str) -> list[str]:
+    """What a good calibration of the first recording rests on."""
+    printed = flinders_("calibrate", "1.csv", *options, "--json").json
+    assert printed["verdict"] == "good"
+    return list(printed["conditions"])
+
+
+def write(name: str, samples: flinders.Samples) -> None:
+    """A table of readings, acceleration and a current that comes and goes."""
+    assert samples.time is not None
+    assert samples.acceleration is not None
+    current = 5.0 + 4.0 * np.sin(np.arange(len(samples)) / 60.0)
+    columns = "time_s,mag_x_uT,mag_y_uT,mag_z_uT,acc_x_mps2,acc_y_mps2,acc_z_mps2,current_A"
+    rows = np.column_stack([samples.time, samples.field, samples.acceleration, current])
+    np.savetxt(name, rows, delimiter=",", header=columns, comments="", fmt="%.5f")
 
 
 def test_a_current_that_is_compensated_is_no_condition() -> None:

@@ -461,14 +461,21 @@ def test_a_calibration_without_uncertainty_claims_nothing_of_a_swing(home: Path)
 
 
 def test_a_curve_that_is_not_known_to_the_target_or_runs_backwards_is_limited(home: Path) -> None:
-    wild = "compass,deviation\n0,200\n90,92\n180,179\n270,268\n45,47\n135,136\n"
+    wild = "compass,deviation\n0,2\n45,48\n90,71\n135,52\n180,-3\n225,-50\n270,-68\n315,-51\n"
     ended = flinders_("swing", "-", stdin=wild)
     assert ended.code == 3
     page = " ".join(ended.out.split())
-    assert "the curve is known to 30.82° (1 σ) at worst, the target is 1°" in page
+    assert "the curve is known to 2.13° (1 σ) at worst, the target is 1°" in page
     assert "one magnetic heading has several by compass" in page
     assert flinders_("swing", "-", "--sigma", "2", stdin=HO226).code == 3
     assert flinders_("swing", "-", "--sigma", "2", "--target", "2", stdin=HO226).code == 0
+
+
+def test_a_compass_that_turns_the_other_way_makes_no_curve(home: Path) -> None:
+    turned = "".join(f"{-heading % 360},{heading}\n" for heading in range(0, 360, 45))
+    ended = flinders_("swing", "-", stdin="compass,magnetic\n" + turned)
+    assert (ended.code, ended.out) == (4, "")
+    assert "about any curve of five coefficients" in ended.err
 
 
 def test_known_headings_may_be_true_ones(home: Path) -> None:

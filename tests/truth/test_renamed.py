@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -23,6 +24,10 @@ def test_fit_takes_keywords_by_their_old_names(given: dict[str, tuple[str, ...]]
     with pytest.warns(DeprecationWarning, match="goes with the next release"):
         fit = flinders.fit(FLIGHT, **given)  # type: ignore[arg-type]
     assert fit.as_dict() == flinders.fit(FLIGHT).as_dict()
+
+
+def test_functions_with_old_keywords_can_be_sent_to_other_processes() -> None:
+    assert pickle.loads(pickle.dumps(flinders.fit)) is flinders.fit
 
 
 def test_both_names_at_once_are_refused() -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.testing as npt
 import pytest
+from benchmarks import adversary
 from tests.worlds import SENSOR, Streamed, moved_alike, passed_by_a_magnet
 
 import flinders
@@ -14,8 +16,10 @@ from flinders import simulate
 from flinders.errors import NotAnEllipsoid
 from flinders.estimators import Readings, data
 from flinders.estimators.auto import Auto
+from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.geometry.ellipsoid import upper
+from flinders.heading.error_propagation import level_error
 from flinders.native.engine import engine
 from flinders.simulate import Simulated, angle_error_deg, tumble
 from flinders.summary.coverage import Coverage
@@ -209,3 +213,19 @@ def test_nonsense_is_no_minority() -> None:
     except (flinders.FitError, NotAnEllipsoid):
         return
     assert fit.verdict != "good"
+
+
+def test_rejected_runs_that_may_be_noise_do_not_sharpen_the_claim() -> None:
+    """Near steel noise comes and goes: a claim from the quiet part alone would be too small."""
+    near_steel = adversary.Effect(place=partial(adversary.desk, rms=1.0))
+    wider = 0
+    for seed in range(12):
+        sensor, path = (adversary.stream(seed, what) for what in ("sensor", "path 0"))
+        samples = adversary.recorded(seed, adversary.sensor(sensor), near_steel, adversary.tumble(path))
+        estimate, plain = (method.estimate(Readings.of(samples)) for method in (Auto(), Likelihood()))
+        reach = max((run.farthest for run in estimate.outliers), default=np.inf)
+        if reach < 2.5 * estimate.rejected_beyond:
+            wider += 1
+            claim, of_all = (level_error(one.ellipsoid, one.covariance).worst for one in (estimate, plain))
+            assert claim > 0.9 * of_all
+    assert wider >= 2

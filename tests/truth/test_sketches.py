@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
+from tests.program import flinders_
 from tests.sketches import SHAPES, printed
 
 import flinders
@@ -48,7 +49,9 @@ def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
 
 
 @pytest.mark.parametrize("name", FIVE)
-def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(name: str, tmp_path: Path) -> None:
+def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     shape = next(shape for shape in SHAPES if shape["name"] == name)
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -65,10 +68,11 @@ def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(name: st
     os.close(slave)
     os.close(master)
     assert recorded.returncode == 0, recorded.stderr
-    calibrated = run("calibrate", "tumble.csv", "-o", "calibration.json", folder=tmp_path)
-    assert calibrated.returncode == 0, calibrated.stderr
-    exported = run("export", "--to", "arduino", "calibration.json", "-o", "calibration.h", folder=tmp_path)
-    assert exported.returncode == 0, exported.stderr
+    monkeypatch.chdir(tmp_path)
+    calibrated = flinders_("calibrate", "tumble.csv", "-o", "calibration.json")
+    assert calibrated.code == 0, calibrated.err
+    exported = flinders_("export", "--to", "arduino", "calibration.json", "-o", "calibration.h")
+    assert exported.code == 0, exported.err
     assert "MAG_MATRIX" in (tmp_path / "calibration.h").read_text(encoding="utf-8")
     calibration = flinders.Calibration.load(tmp_path / "calibration.json")
     _, numbers = printed(shape, TUMBLE.samples)

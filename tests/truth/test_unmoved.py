@@ -109,9 +109,8 @@ def test_a_sensor_that_was_wobbled_is_unmoved(wobble_deg: float, iron: float, ki
 
 @pytest.mark.parametrize("iron", [0.0, 1.0, 10.0])
 @pytest.mark.parametrize("wobble_deg", [0.0, 3.0])
-def test_the_angle_in_microtesla_is_that_from_the_true_centre_but_for_the_range_of_the_earths_field(
-    wobble_deg: float, iron: float, trials: Choose
-) -> None:
+def test_the_angle_in_microtesla_is_that_from_the_true_centre(wobble_deg: float, iron: float, trials: Choose) -> None:
+    """But for the range of the Earth's field."""
     for seed in trials(25, 2).seeds:
         field, offset = handled(seed, wobble_deg=wobble_deg, iron=iron)
         directions = (field - offset) / np.linalg.norm(field - offset, axis=1, keepdims=True)
@@ -127,17 +126,17 @@ def test_the_angle_in_microtesla_is_that_from_the_true_centre_but_for_the_range_
 
 
 @pytest.mark.parametrize("motion", simulate.MOTIONS)
-@pytest.mark.parametrize("iron", [0.0, 1.0, 10.0])
-def test_a_sensor_that_was_turned_is_not_called_still(motion: str, iron: float, trials: Choose) -> None:
+def test_a_sensor_that_was_turned_is_not_called_still(motion: str, trials: Choose) -> None:
     """Tumbles, level turns, tilts of a few degrees, drives and rests, also in coarse counts."""
     for seed in trials(25, 2).seeds:
         turned = simulate.tumble(seed=seed, motion=motion, stationary=0.3 if seed % 2 else 0.0).samples.field
         offset = np.random.default_rng(seed).normal(size=3)
-        field = turned + iron * FIELD * offset / np.linalg.norm(offset)
-        for one in (field, np.round(field / 2.0) * 2.0):
-            summary = Summary.of(one)
-            assert unmoved_deg(summary, "uT") is None
-            assert unmoved_deg(summary, "counts") is None
+        for iron in (0.0, 1.0, 10.0):
+            field = turned + iron * FIELD * offset / np.linalg.norm(offset)
+            for one in (field, np.round(field / 2.0) * 2.0):
+                summary = Summary.of(one)
+                assert unmoved_deg(summary, "uT") is None
+                assert unmoved_deg(summary, "counts") is None
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 5.0])
@@ -249,7 +248,8 @@ def test_a_recording_without_noise_is_good(n: int, offset: float, kept: type) ->
     fit = flinders.fit((exact(n) + np.array([offset, 0.0, -offset])).astype(kept))
     assert fit.verdict == "good"
     assert fit.independent_samples == n
-    assert {finding.code for finding in fit.findings} <= {"unit-unknown", "scale-unknown", "rotation-unknown"}
+    always = {"unit-unknown", "scale-unknown", "rotation-unknown"}
+    assert {finding.code for finding in fit.findings} == always | ({"unordered"} if n == 200 else set())
 
 
 @pytest.mark.parametrize("resolution", [1e-6, 1e-4, 0.01, 0.15, 1.0])

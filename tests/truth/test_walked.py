@@ -17,7 +17,7 @@ from flinders.likelihood.parameters import ParameterLayout, Parameters
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-DRAWS, EACH_S, STEP = 400, 0.1, 5e-3
+DRAWS, EACH_S, STEP = 200, 0.1, 5e-3
 """Pairs of mirrored draws, the time between readings in s, and a gyro's noise in a step in rad."""
 
 

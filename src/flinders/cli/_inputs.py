@@ -49,7 +49,12 @@ def saying_what_was_skipped(recordings: Iterable[Recording]) -> Iterator[None]:
     except TooFewSamples as error:
         skipped = [entry for recording in recordings for entry in getattr(recording, "skipped", ())]
         raise TooFewSamples(
-            found=error.found, needed=error.needed, method=error.method, skipped=skipped, how=error.how
+            found=error.found,
+            needed=error.needed,
+            method=error.method,
+            of=error.of,
+            skipped=skipped,
+            how=error.how,
         ) from None
 
 

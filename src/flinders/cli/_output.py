@@ -183,10 +183,8 @@ class Outputs:
     as_json: bool = False  # the result goes to standard output as JSON
 
     @classmethod
-    def of(
-        cls, *files: tuple[str, str | None] | tuple[str, str | None, str], force: bool = False, as_json: bool = False
-    ) -> Outputs:
-        """Make it of what it is, its path, and its option where that is not ``-o``."""
+    def of(cls, *files: tuple[str, str | None], force: bool = False, as_json: bool = False) -> Outputs:
+        """Make it of what it is and its path."""
         return cls(tuple(Output(*each) for each in files), force, as_json)
 
     @property

@@ -33,7 +33,8 @@ class Check(option.Group):
     reading: option.PartOfColumns = option.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
     fixed: tuple[str, ...] = option.fixed()
-    judgement: option.Judgement = option.group(option.Judgement)
+    target_deg: float = option.target()
+    dip_deg: float | None = option.dip("Inclination of the field [default: what CALIBRATION was judged at].")
     as_json: bool = option.as_json()
 
 
@@ -62,6 +63,7 @@ def command(options: Check) -> int:
     calibration file; a recording that contradicts it is refused. RECORDING is a file, or - for standard
     input; several recordings are fitted together.
     """
+    from flinders.comparison.comparison import judged_at
     from flinders.core.compensation import compensated
     from flinders.fitting.calibrate import fit
     from flinders.fitting.result import Refused
@@ -80,12 +82,14 @@ def command(options: Check) -> int:
         extrapolated = say_beyond(_gone_through(as_recorded, compensator))
         strength = _strength(known.calibration, recording)
         say_exact(known)
+        dip_deg = abs(judged_at(known)) if options.dip_deg is None else options.dip_deg
         try:
             with saying_what_was_skipped(as_recorded.recordings):
-                fresh = fit(recording, **options.judgement.as_dict())
+                fresh = fit(recording, target_deg=options.target_deg, dip_deg=dip_deg)
         except Refused as refused:
-            return _refused(refused, known, recording, strength, options)
-        comparison = _compared(known, fresh, recording, target_deg=options.judgement.target_deg)
+            return _refused(refused, known, recording, strength, options, dip_deg)
+        judged_deg = judged_at(known, fresh) if options.dip_deg is None else judged_at(fresh)
+        comparison = _compared(known, fresh, recording, dip_deg=judged_deg, target_deg=options.target_deg)
         strengths = strength, _strength(fresh.calibration, recording)
     own = made_from(options.calibration, as_recorded.recordings)
     walk = _walked(recording, fresh) if options.is_followed else None
@@ -108,7 +112,7 @@ def _gone_through(recording: Joined, compensator: Compensator) -> Compensator:
     return compensator
 
 
-def _compared(known: Fit, fresh: Fit, recording: Joined, *, target_deg: float) -> Comparison:
+def _compared(known: Fit, fresh: Fit, recording: Joined, *, dip_deg: float, target_deg: float) -> Comparison:
     """Hold them against each other; where the recording is a level turn, in the plane that was turned."""
     from flinders.comparison.comparison import compare
     from flinders.comparison.level_plane import compare_turned
@@ -116,17 +120,7 @@ def _compared(known: Fit, fresh: Fit, recording: Joined, *, target_deg: float) -
     fresh = replace(fresh, name="fresh fit")
     if fresh.plane == "xy" and known.plane is None:
         return compare_turned(known, fresh, recording, target_deg=target_deg)
-    dip = _dip(known.calibration, recording, fresh)
-    return compare(known, fresh, dip_deg=dip, target_deg=target_deg)
-
-
-def _dip(calibration: Calibration, recording: Joined, fresh: Fit) -> float:
-    """The dip with the sign that the recording shows: a level turn alone does not tell which side is up."""
-    dip = fresh.heading_error_deg.dip_deg
-    if fresh.plane is None:
-        return dip
-    down = sum(float(calibration.apply(block.field)[:, 2].sum()) for block in recording.blocks())
-    return -dip if down * dip < 0.0 else dip
+    return compare(known, fresh, dip_deg=dip_deg, target_deg=target_deg)
 
 
 def _walked(recording: Joined, fresh: Fit) -> RandomWalk:
@@ -148,7 +142,7 @@ def _print(
     """Print the page, or all of it as JSON."""
     from flinders.report.comparison_pages import of_comparison
 
-    target_deg = options.judgement.target_deg
+    target_deg = options.target_deg
     if not options.as_json:
         show(of_comparison(comparison, fresh=fresh, strengths=strengths, own=own))
         if walk is not None:
@@ -167,7 +161,9 @@ def _print(
     )
 
 
-def _refused(refused: Refused, known: Fit, recording: Joined, strength: Strength, options: Check) -> int:
+def _refused(
+    refused: Refused, known: Fit, recording: Joined, strength: Strength, options: Check, dip_deg: float
+) -> int:
     """Say why the recording cannot be fitted; and, where that was asked for, how the offset moved all the same."""
     from flinders.diagnostics.random_walk import walk_through
 
@@ -175,8 +171,7 @@ def _refused(refused: Refused, known: Fit, recording: Joined, strength: Strength
         f"under {options.calibration} the strength is {strength.mean:.3f} of its field, with a spread of "
         f"{strength.spread:.1%}; the recording does not tell more:"
     )
-    target_deg, dip_deg = options.judgement.target_deg, options.judgement.dip_deg
-    walk = None
+    target_deg, walk = options.target_deg, None
     if options.is_followed:
         with contextlib.suppress(NeedsSamples, TooFewSamples):
             walk = walk_through(recording, known.ellipsoid, dip_deg=dip_deg, is_own=False)

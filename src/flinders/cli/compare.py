@@ -19,7 +19,8 @@ class Compare(option.Group):
 
     first: str = option.argument("A")
     second: str = option.argument("B")
-    judgement: option.Judgement = option.group(option.Judgement)
+    target_deg: float = option.target()
+    dip_deg: float | None = option.dip("Inclination of the field [default: what A was judged at].")
     as_json: bool = option.as_json()
 
 
@@ -52,7 +53,7 @@ def command(options: Compare) -> int:
 
     first, second = options.first, options.second
     a, b = _load(first, second), _load(second, first)
-    comparison = compare(a, b, **options.judgement.as_dict())
+    comparison = compare(a, b, dip_deg=options.dip_deg, target_deg=options.target_deg)
     say_exact(a, b)
     say_difference(a, b)
     if None not in (names := {a.calibration.sensor, b.calibration.sensor}) and len(names) > 1:

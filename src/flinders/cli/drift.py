@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._output import Outputs, refuse_twice, working
+from flinders.cli._output import refuse_twice, working
 from flinders.cli._program import GOOD, LIMITED
 
 if TYPE_CHECKING:
@@ -18,11 +18,14 @@ class Drift(option.Group):
     """Tables of calibrations, what changes are held against, and what is written."""
 
     tables: tuple[str, ...] = option.argument("TABLE...", nargs=-1)
-    report: str | None = option.member(
-        "--report", metavar="FILE.html", help="Also write a report of the fleet and how it changed."
-    )
     out: str | None = option.member(
-        "-o", "--out", metavar="FILE.parquet", help="Also write a table with a row for each unit."
+        "-o", "--out", what="the table", metavar="FILE.parquet", help="Also write a table with a row for each unit."
+    )
+    report: str | None = option.member(
+        "--report",
+        what="the report",
+        metavar="FILE.html",
+        help="Also write a report of the fleet and how it changed.",
     )
     against: Literal["first", "previous"] = option.member(
         "--against", type=click.Choice(["first", "previous"]), default="first", show_default=True,
@@ -70,11 +73,7 @@ def command(options: Drift) -> int:
     from flinders.report.comparison_pages import of_drift
 
     refuse_twice(options.tables)
-    outputs = Outputs.of(
-        ("the table", options.out), ("the report", options.report, "--report"),
-        force=options.force, as_json=options.as_json,
-    )  # fmt: skip
-    outputs.check(options.tables)
+    outputs = options.checked_outputs()
     with working() as watch, drift_table(options.out, force=options.force) as each:
         if watch is not None:
             watch("holding calibrations against each other")

@@ -142,15 +142,22 @@ def _rows(columns: dict[str, Floats]) -> str:
 
 def claims(log: HeadingLog) -> dict[str, Any]:
     """What heading error to expect, 1 σ, at the dip of the site, of a level vehicle and as far as it was tilted."""
+    from flinders.heading.confidence import level_bound_deg
     from flinders.heading.error_propagation import level_error, tilted_error
 
     dip, source = log.site_dip()
-    claimed: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "tilted": None}
+    claimed: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "bound": None, "tilted": None}
     claimed["tilt_error_deg"] = log.tilt_error_deg
     if not log.fit.states_uncertainty:
         return claimed
-    ellipsoid, covariance, down, tilt_deg = log.fit.ellipsoid, log.fit.covariance, log.down(), log.voyage.tilt_deg
+    ellipsoid, covariance, down, tilt_deg = (
+        log.fit.ellipsoid,
+        log.fit.claimed_covariance,
+        log.down(),
+        log.voyage.tilt_deg,
+    )
     claimed["level"] = level_error(ellipsoid, covariance, dip_deg=dip, down=down)
+    claimed["bound"] = level_bound_deg(ellipsoid, covariance, dip_deg=dip, down=down)
     if tilt_deg >= 1.0:
         claimed["tilted"] = tilted_error(ellipsoid, covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
     return claimed
@@ -161,7 +168,7 @@ def summary(log: HeadingLog, claimed: dict[str, Any]) -> dict[str, Any]:
     return {
         **log.voyage.as_dict(),
         "formula": log.compass.formula,
-        "heading_error_deg": _error(claimed["level"]),
+        "heading_error_deg": _error(claimed["level"], bound_95=claimed["bound"]),
         "tilted_heading_error_deg": _error(claimed["tilted"]),
         "tilt_error_deg": claimed["tilt_error_deg"],
         "dip_from": claimed["dip_from"],
@@ -172,9 +179,9 @@ def summary(log: HeadingLog, claimed: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _error(error: HeadingError | None) -> dict[str, float] | None:
+def _error(error: HeadingError | None, **more: float) -> dict[str, float] | None:
     """JSON-ready: a heading error, and for what it holds."""
-    return None if error is None else error.as_dict(dip_deg=error.dip_deg, tilt_deg=error.tilt_deg)
+    return None if error is None else error.as_dict(**more, dip_deg=error.dip_deg, tilt_deg=error.tilt_deg)
 
 
 def _say_how_good(log: HeadingLog, claimed: dict[str, Any]) -> list[str]:

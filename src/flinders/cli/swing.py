@@ -167,7 +167,7 @@ def _of_table(path: str, sigma_deg: float | None, place: option.Place) -> Swing:
     for name in ("compass", "magnetic", "true", "deviation"):
         places = (f"{name} in line {line} of {table.source}" for line in table.lines)
         _refuse_no_heading(columns.get(name, ()), places)
-    say(f"{table.source}: {len(table.lines)} headings; columns {', '.join(columns)}")
+    say(f"{table.source}: {counted(len(table.lines), 'heading')}; columns {', '.join(columns)}")
     site = _site_of_table(path, place, is_true="true" in columns)
     if site is not None:
         columns = {**columns, "magnetic": wrapped(columns["true"] - site.declination_deg)}
@@ -261,7 +261,7 @@ def _expected(log: HeadingLog) -> Expected | None:
     if not log.fit.states_uncertainty:
         return None
     dip, source = log.site_dip()
-    covariance = deviation_covariance(log.fit.ellipsoid, log.fit.covariance, dip_deg=dip, down=log.down())
+    covariance = deviation_covariance(log.fit.ellipsoid, log.fit.claimed_covariance, dip_deg=dip, down=log.down())
     return Expected(covariance, dip, source)
 
 

@@ -330,7 +330,7 @@ class Strength:
         return f"Strength(mean={self.mean:.3f}, spread={self.spread:.1%}, readings={self.readings:,})"
 
 
-def compare(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
+def compare(a: Fit, b: Fit, *, dip_deg: float | None = None, target_deg: float = 1.0) -> Comparison:
     """Say how far two calibrations of one sensor are apart, and whether that is more than chance.
 
     Each corrects the readings that the other expects of a vehicle that turns, and what comes out is held against
@@ -352,8 +352,9 @@ def compare(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 1.0) -
     ----------
     a, b : Fit
         Fitted or loaded from their files, in the same unit and axes. One that states no uncertainty is taken as exact.
-    dip_deg : float
-        Inclination of the field at the site, positive where it points along +z of the sensor's mapped axes.
+    dip_deg : float, optional
+        Inclination of the field, positive where it points along +z of the sensor's mapped axes; by default what `a`
+        was judged at, else what `b` was, else 60°.
     target_deg : float
         Worst heading difference that is good enough, in degrees.
 
@@ -366,12 +367,20 @@ def compare(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 1.0) -
     UsageError
         For a target that is not positive, or a dip within a degree of the poles.
     """
+    if dip_deg is None:
+        dip_deg = judged_at(a, b)
     if "xy" in (a.plane, b.plane):
         refuse_unlike(a, b)
         comparison = compare_level(_level(a, dip_deg), _level(b, dip_deg), dip_deg=dip_deg, target_deg=target_deg)
     else:
         comparison = _compared(a, b, dip_deg=dip_deg, target_deg=target_deg, is_flat=False)
     return replace(comparison, rotation=RotationDifference.of(a, b), left_out_deg=_left_out_deg(a, b))
+
+
+def judged_at(*fits: Fit) -> float:
+    """Dip, with its side, that the first fit which states one was judged at, else 60°."""
+    stated = [fit.heading_error_deg.dip_deg for fit in fits]
+    return next((dip for dip in stated if math.isfinite(dip)), 60.0)
 
 
 def compare_level(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 1.0) -> Comparison:
@@ -437,7 +446,7 @@ def _level(fit: Fit, dip_deg: float) -> Fit:
     strength = fit.calibration.field_strength * math.cos(math.radians(dip_deg))
     known = strength if fit.calibration.field_strength_known else None
     rows = to_equator("xy", dip_deg=dip_deg)
-    return as_equator(fit, rows, fit.ellipsoid.parameters, fit.covariance, field_strength=known)
+    return as_equator(fit, rows, fit.ellipsoid.parameters, fit.claimed_covariance, field_strength=known)
 
 
 def as_equator(
@@ -448,7 +457,8 @@ def as_equator(
     calibration = Calibration.from_ellipsoid(
         flat[:3], symmetric(flat[3:]), field_strength=field_strength, raw=old.raw, axes=old.axes, frame=old.frame
     )
-    return replace(fit, calibration=calibration, covariance=rows @ covariance @ rows.T)
+    claimed: Floats = rows @ covariance @ rows.T
+    return replace(fit, calibration=calibration, covariance=claimed, distortion=0.0, nonlinearity=None, axis_lag=None)
 
 
 def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
@@ -462,7 +472,7 @@ def _pair(a: Fit, b: Fit) -> tuple[Pairs, bool]:
 def _one(fit: Fit) -> EllipsoidPairs:
     """A fit as a batch of one; without a covariance it is exact."""
     ellipsoid = fit.ellipsoid
-    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], fit.covariance[np.newaxis])
+    return EllipsoidPairs(ellipsoid.centre[np.newaxis], ellipsoid.shape[np.newaxis], fit.claimed_covariance[np.newaxis])
 
 
 def refuse_unlike(a: Fit, b: Fit) -> None:

@@ -26,8 +26,7 @@ from flinders.core.units import label
 from flinders.errors import UsageError, figures
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.verdict import of_calibration
-from flinders.geometry.angles import heading_errors
-from flinders.geometry.plane import PLANES, order_of
+from flinders.geometry.plane import PLANES, heading_errors, order_of
 from flinders.heading.error_propagation import HeadingError, level_turn
 from flinders.summary.coverage import Coverage
 

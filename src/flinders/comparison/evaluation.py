@@ -19,7 +19,7 @@ import numpy as np
 from flinders.comparison.comparison import CHANCE, DIRECTIONS, printed
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
-from flinders.geometry.angles import heading_errors
+from flinders.geometry.plane import heading_errors
 from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
     DirectionError,
@@ -264,9 +264,9 @@ def _claims(fit: Fit, dip_deg: float, errors: Floats) -> dict[str, Any]:
     heading, _ = level_turn(dip_deg)
     waves = np.array([wave(order * heading) for order in (1, 2) for wave in (np.cos, np.sin)]) * (2 / len(heading))
     gradient = waves @ level_gradients(fit.ellipsoid, dip_deg=dip_deg)
-    chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.covariance @ gradient.T)
+    chi_square, freedom = chi_square_of(waves @ errors, gradient @ fit.claimed_covariance @ gradient.T)
     return {
-        "claimed_heading_deg": level_error(fit.ellipsoid, fit.covariance, dip_deg=dip_deg),
+        "claimed_heading_deg": level_error(fit.ellipsoid, fit.claimed_covariance, dip_deg=dip_deg),
         "claimed_direction_deg": fit.direction_error_deg,
         "offset_sigma": fit.offset_sigma,
         "chi_square": chi_square,

@@ -124,7 +124,7 @@ class _Turn:
         numbers = np.concatenate([ellipse.parameters[list(IN_PLANE)], [heights.height], heights.slopes])
         covariance = np.zeros((8, 8))
         rows = to_equator("xy", dip_deg=dip_deg)[list(IN_PLANE)]
-        covariance[:5, :5] = rows @ fresh.covariance @ rows.T
+        covariance[:5, :5] = rows @ fresh.claimed_covariance @ rows.T
         covariance[5:, 5:] = heights.covariance
         return cls(known, numbers, covariance)
 
@@ -172,7 +172,7 @@ class _Turn:
             change = (change + change.T) / 2.0
             rows[:2, 3 + place] = 2.0 * math.sin(dip) * change[:2, 2]
             rows[2:, 3 + place] = math.cos(dip) * np.array([change[0, 0], change[1, 1], change[0, 1]])
-        covariance: Floats = rows @ self.known.covariance @ rows.T
+        covariance: Floats = rows @ self.known.claimed_covariance @ rows.T
         return covariance
 
 

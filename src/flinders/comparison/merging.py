@@ -43,7 +43,6 @@ from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import contradiction, of_calibration
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
-from flinders.heading.error_propagation import level_error
 from flinders.summary.pooling import chi_square_of, pool
 
 if TYPE_CHECKING:
@@ -145,12 +144,13 @@ def merge(parts: Sequence[Fit], *, target_deg: float = 1.0, dip_deg: float | Non
         covariance=covariance,
         samples=sum(part.samples for part in parts),
         noise=_noise(parts),
-        heading_error_deg=level_error(ellipsoid, covariance, dip_deg=dip),
         target_deg=float(target_deg),
         dip_deg=abs(dip),
+        distortion=max(map(_distortion, parts)),
         repeats=repeats,
         name=METHOD,
     )
+    merged = replace(merged, heading_error_deg=merged.level_error(dip))
     merged = replace(merged, findings=_judged(merged, repeats, parts))
     if merged.verdict == "refused":
         raise NotMerged(merged)
@@ -241,6 +241,12 @@ def _claim(part: Fit) -> Floats:
             "or leave it out"
         )
     return part.covariance
+
+
+def _distortion(part: Fit) -> float:
+    """What belongs to the direction in a calibration, in its unit: every other one of the sensor has it too."""
+    across = math.radians(part.structure_deg) * math.cos(math.radians(part.known_dip_deg))
+    return across * part.ellipsoid.radius
 
 
 def _refuse_alone(part: Fit) -> None:

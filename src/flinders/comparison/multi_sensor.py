@@ -30,7 +30,6 @@ from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, affine_residuals, paired
-from flinders.deprecation import renamed_keywords
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
@@ -202,7 +201,6 @@ class Together:
         return {**known, "departures": runs}
 
 
-@renamed_keywords(aids="aiding")
 def fit_multi(
     sources: Mapping[str, Recording],
     *,

@@ -276,9 +276,7 @@ class Calibration:
         >>> flown.apply([15, 20, 80], current=10.0)                 # motors that add half a microtesla for each ampere
         array([ 0.,  0., 50.])
         """
-        shift, gain = effect(
-            self.disturbances, named(current=current, throttle=throttle, temperature=temperature, **motors)
-        )
+        shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **motors)
         with np.errstate(invalid="ignore", over="ignore"):  # infinite readings become NaN
             readings = vectors(raw, "raw", finite=False)
             if not self.disturbances:
@@ -300,15 +298,19 @@ class Calibration:
         >>> Calibration(np.diag([2.0, 1.0, 0.5]), [10, 20, 30], 50.0).unapply([0, 0, 50])
         array([ 10.,  20., 130.])
         """
-        shift, gain = effect(
-            self.disturbances, named(current=current, throttle=throttle, temperature=temperature, **motors)
-        )
+        shift, gain = self._effect(current=current, throttle=throttle, temperature=temperature, **motors)
         with np.errstate(invalid="ignore", over="ignore"):
             field = vectors(corrected, "corrected", finite=False) @ np.linalg.inv(self.matrix).T
             if not self.disturbances:
                 return field + self.offset
             raw: Floats = field * gain[..., np.newaxis] + self.offset + shift
             return raw
+
+    def _effect(self, **given: ArrayLike | None) -> tuple[Floats, Floats]:
+        """What disturbances of these values add to readings, and what they multiply the field by."""
+        if not self.disturbances and all(values is None for values in given.values()):
+            return np.zeros(3), np.ones(())
+        return effect(self.disturbances, named(**given))
 
     def at(self, **values: float) -> Calibration:
         """The plain calibration at fixed values of its disturbances, of each that is not given at its reference.

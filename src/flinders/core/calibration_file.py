@@ -120,6 +120,7 @@ class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     rms: NotNegative  #: 1 σ over all directions
     worst: NotNegative  #: 1 σ in the worst one
+    bound_95: NotNegative | None = None  #: that all stay within with a probability of 95 %
     dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field it holds for
     target_deg: Positive | None = None  #: what was asked for
 

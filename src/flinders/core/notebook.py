@@ -12,7 +12,6 @@ This knows plain numbers only, and so lies below what it shows; `Calibration` an
 from __future__ import annotations
 
 import math
-from html import escape
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ def correction(
         f"<tr><th>{axis}</th><td>{measured(value, sigma)}</td>{_cells(row)}</tr>"
         for axis, value, sigma, row in zip("xyz", offset, sigmas, matrix, strict=True)
     )
-    head = f'<tr><td></td><th>offset, {escape(unit)}</th><th colspan="3">matrix</th></tr>'
+    head = f'<tr><td></td><th>offset, {_escaped(unit)}</th><th colspan="3">matrix</th></tr>'
     return f"{_head(title, words)}<table><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
 
 
@@ -62,8 +61,15 @@ def _cells(row: Iterable[float]) -> str:
 
 
 def _head(title: str, words: Iterable[str]) -> str:
-    lines = "".join(f"<br>{escape(line)}" for line in words)
-    return f"<div><p><b>{escape(title)}</b>{lines}</p>"
+    lines = "".join(f"<br>{_escaped(line)}" for line in words)
+    return f"<div><p><b>{_escaped(title)}</b>{lines}</p>"
+
+
+def _escaped(text: str) -> str:
+    """As HTML, which is imported where something is displayed."""
+    from html import escape
+
+    return escape(text)
 
 
 def _signed(number: str) -> str:

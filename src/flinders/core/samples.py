@@ -15,6 +15,7 @@ they need without holding it in memory.
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
@@ -24,7 +25,7 @@ from flinders.arrays import Floats, column, floats, table
 from flinders.core.axes import Axes
 from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, AxesError, UnitError
+from flinders.errors import ArrayError, AxesError, UnitError, UsageError, figures
 from flinders.geometry.quaternions import attitudes, of_matrix, product
 
 if TYPE_CHECKING:
@@ -53,6 +54,14 @@ class Skipped:
         lines = ", ".join(str(line) for line in self.lines[:3]) + (", …" if self.rows > 3 else "")
         example = f": {self.example!r}" if self.example else ""
         return f"{self.rows:,} {self.reason} row{'s' * (self.rows != 1)} (line {lines}{example})"
+
+
+def added(one: tuple[Skipped, ...], other: tuple[Skipped, ...]) -> tuple[Skipped, ...]:
+    """Put two accounts of what was left out together, one entry a reason."""
+    reasons = {entry.reason: entry for entry in one}
+    for entry in other:
+        reasons[entry.reason] = reasons[entry.reason] + entry if entry.reason in reasons else entry
+    return tuple(reasons.values())
 
 
 COLUMNS: Final = (
@@ -162,29 +171,44 @@ class Samples:
         """
         unit = unit if isinstance(unit, Unit) else Unit.of(unit, scale)
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
-        raw = table(field, finite=False)
-        rows = len(raw)
-        if unit.scale != 1.0:
-            with np.errstate(over="ignore"):
-                raw = raw * unit.scale
-        field = axes.apply(raw)
-        samples = cls(
-            field=field,
+        recorded = table(field, finite=False)
+        rows = len(recorded)
+        return cls.recorded(
+            recorded,
             unit=unit,
             axes=axes,
             time=None if time is None else column(time, rows, "time"),
-            acceleration=None if acceleration is None else axes.apply(_three_axes(acceleration, rows, "acceleration")),
-            rate=None if rate is None else axes.apply(_three_axes(rate, rows, "rate")),
+            acceleration=None if acceleration is None else _three_axes(acceleration, rows, "acceleration"),
+            rate=None if rate is None else _three_axes(rate, rows, "rate"),
             temperature=None if temperature is None else column(temperature, rows, "temperature"),
             current=None if current is None else column(current, rows, "current"),
-            strength=None if strength is None else column(strength, rows, "strength") * unit.scale,
+            strength=None if strength is None else column(strength, rows, "strength"),
             throttle=None if throttle is None else _share(column(throttle, rows, "throttle")),
-            attitude=None if attitude is None else _of_axes(_attitude(attitude, rows), axes),
+            attitude=None if attitude is None else _attitude(attitude, rows),
             currents=None if currents is None else _of_motors(currents, rows, "currents"),
             throttles=None if throttles is None else _share(_of_motors(throttles, rows, "throttles")),
             source=source,
         )
-        return samples._without_gaps()
+
+    @classmethod
+    def recorded(
+        cls,
+        field: Floats,
+        *,
+        unit: Unit,
+        axes: Axes,
+        strength: Floats | None = None,
+        source: str = "array",
+        frame: str = "sensor",
+        **others: Floats | None,
+    ) -> Samples:
+        """Take float64 columns of equal length, as a reader made them, without the checks of `of`."""
+        if unit.scale != 1.0:
+            with np.errstate(over="ignore"):
+                field = field * unit.scale
+        strength = None if strength is None else strength * unit.scale
+        read = cls(field, unit, strength=strength, source=source, frame=frame, **others)  # type: ignore[arg-type]
+        return read.turned(axes)._without_gaps()
 
     @property
     def span(self) -> tuple[float, float]:
@@ -258,7 +282,7 @@ class Samples:
         """Leave out the rows whose field is not finite, and note which they were."""
         # A sum is finite whenever all its terms are: one pass settles the usual case.
         with np.errstate(over="ignore", invalid="ignore"):
-            if np.isfinite(self.field.sum()):
+            if math.isfinite(self.field.sum()):
                 return self
         whole: NDArray[np.bool_] = np.all(np.isfinite(self.field), axis=1)
         if whole.all():
@@ -411,6 +435,78 @@ def singles(recording: Recording) -> Iterator[Recording]:
         return
     for part in recording.recordings:
         yield from singles(part)
+
+
+@dataclass(frozen=True, slots=True)
+class TimeSpan:
+    """From one time to another, in s from the beginning of the recording; both are within.
+
+    >>> clock = TimeSpan(1.0, 2.0).clock("tumble.csv")
+    >>> clock.within(Samples.of([[1, 2, 3]] * 4, time=[100.0, 101.0, 102.0, 103.0]))
+    array([False,  True,  True, False])
+    """
+
+    start: float = -np.inf
+    end: float = np.inf
+
+    @classmethod
+    def of(cls, start: float | None, end: float | None) -> TimeSpan:
+        """Take what the user gave; what is not given is not limited."""
+        span = cls(-np.inf if start is None else float(start), np.inf if end is None else float(end))
+        for name, given in (("from", start), ("to", end)):
+            if given is not None and not (np.isfinite(given) and given >= 0):
+                raise UsageError(f"--{name} is {given:g}: need seconds from the beginning of the recording, 0 or more")
+        if span.end <= span.start:
+            raise UsageError(f"--from {span.start:g} --to {span.end:g}: nothing lies between; the end comes second")
+        return span
+
+    @property
+    def is_all(self) -> bool:
+        """Nothing is left out."""
+        return self == TimeSpan()
+
+    def clock(self, source: str, beginning: float = np.nan) -> SpanClock:
+        """Start a pass over the recording of this name; `beginning` is the time of its first reading, if known."""
+        return SpanClock(self, source, beginning)
+
+    def __str__(self) -> str:
+        ends = {"from": self.start, "to": self.end}
+        return " ".join(f"{word} {time:g} s" for word, time in ends.items() if np.isfinite(time))
+
+
+class SpanClock:
+    """One pass: takes the time of the first reading for the beginning, and knows whether any reading lay within."""
+
+    def __init__(self, span: TimeSpan, source: str, beginning: float) -> None:
+        self._span, self._source, self._beginning = span, source, beginning
+        self._last, self._taken = np.nan, 0
+
+    def within(self, samples: Samples) -> NDArray[np.bool_]:
+        """(N,) whether each reading lies within; those without a time do not."""
+        if self._span.is_all:
+            return np.ones(len(samples), dtype=np.bool_)
+        if samples.time is None:
+            raise UsageError(f"{self._source} has no time: leave --from and --to out, or cut it with a text editor")
+        known = samples.time[np.isfinite(samples.time)]
+        if len(known):
+            self._beginning = known[0] if np.isnan(self._beginning) else self._beginning
+            self._last = known[-1]
+        since = samples.time - self._beginning
+        inside = np.asarray((since >= self._span.start) & (since <= self._span.end), dtype=np.bool_)
+        self._taken += int(np.count_nonzero(inside))
+        return inside
+
+    def selected(self, samples: Samples, within: NDArray[np.bool_]) -> Samples:
+        """Those readings; nothing is copied where all are taken."""
+        return samples if within.all() else samples[within]
+
+    def judge(self) -> None:
+        """Refuse a span in which nothing lies, at the end of the pass."""
+        if not self._span.is_all and not self._taken:
+            length = "without a clock that runs"
+            if np.isfinite(self._last - self._beginning):
+                length = f"{figures(self._last - self._beginning, 4)} s long"
+            raise UsageError(f"no reading of {self._source} lies {self._span}: it is {length}")
 
 
 def _three_axes(values: ArrayLike, rows: int, name: str) -> Floats:

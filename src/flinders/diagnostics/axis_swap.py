@@ -1,6 +1,6 @@
 """Whether an axis changed its sign, or two were exchanged, while the recording was made.
 
-A disturbance that is started again, a cable with a bad wire or a firmware that changes the mounting it assumes does
+A driver that is restarted, a cable with a bad wire or a firmware that changes the mounting it assumes does
 this. The field at the sensor goes on as smoothly as before, so readings on both sides of the moment fit together after,
 and only after, T is applied to those behind it:
 

@@ -2,7 +2,7 @@
 
 With a disturbance c that moves the offset by p for each unit of it, residuals of a fit without it are n·p (c − c̄) for
 surface normals n, but for what the nine parameters of the ellipsoid take up. They are regressed on both, and p
-counts where it explains far more than correlated residuals could by chance.
+counts where it explains far more than correlated residuals could by chance (`disturbance.c`).
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -24,16 +24,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.disturbance import known
-from flinders.likelihood import magnitude
-from flinders.summary.coverage import directions_of
+from flinders.native.engine import engine
 
 if TYPE_CHECKING:
-    from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
-
-MOST: Final = 5_000
-"""Readings that are looked at, spread evenly over the recording."""
 
 FEWEST: Final = 100
 """Fewer say too little."""
@@ -64,7 +59,9 @@ class Unmodelled:
     chi_square: float
 
 
-def unmodelled_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0) -> Unmodelled | None:
+def unmodelled_of(
+    samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, time: float = 1.0, limit: float = math.inf
+) -> Unmodelled | None:
     """Look at each disturbance that was recorded; of several the one that explains most.
 
     Parameters
@@ -75,55 +72,30 @@ def unmodelled_of(samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, tim
     dip_deg : float
     time : float
         Readings that say as much as one independent reading.
+    limit : float
+        Distance from the ellipsoid beyond which readings are outliers.
     """
-    stride = max(1, -(-len(samples) // MOST))
-    some, time = samples[::stride], max(time / stride, min(time, 1.0))
-    tests = [one for name in samples.disturbances if (one := _by(some, name, ellipsoid, dip_deg, time)) is not None]
-    return max(tests, key=lambda one: one.chi_square, default=None)
+    tests = (_by(samples, name, ellipsoid, dip_deg, time, limit) for name in samples.disturbances)
+    return max((one for one in tests if one is not None), key=lambda one: one.chi_square, default=None)
 
 
-def _by(samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float) -> Unmodelled | None:
+def _by(
+    samples: Samples, name: str, ellipsoid: Ellipsoid, dip_deg: float, time: float, limit: float
+) -> Unmodelled | None:
     """What one disturbance explains; None where it was not recorded, hardly changed, or explains nothing."""
     values = samples.driving(name)
     if values is None:
         return None
-    finite = np.isfinite(values)
-    values, field = values[finite], samples.field[finite]
-    if len(values) < FEWEST or np.ptp(values) < known(name).least:
+    found = engine().regress(samples.field, values, ellipsoid.centre, ellipsoid.shape, limit=limit)
+    used, stride = int(found["used"]), int(found["stride"])
+    if used < FEWEST or found["range"] < known(name).least:
         return None
-    about = values - values.mean()
-    jacobian = magnitude.information(directions_of(field, ellipsoid), ellipsoid)
-    residuals = magnitude.distances(field, ellipsoid)
-    design = np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]])
-    explained, left = _explained(design, residuals)
-    variance = left / max(len(values) - 12, 1)
-    chi_square = explained / max(variance * time, np.finfo(float).tiny)
+    variance = float(found["left"]) / max(used - 12, 1)
+    time = max(time / stride, min(time, 1.0))
+    chi_square = float(found["explained"]) / max(variance * time, np.finfo(float).tiny)
     if chi_square < PROVEN:
         return None
-    step = _factors(design, residuals)
+    per_unit = found["per_unit"].tolist()
     level = ellipsoid.radius * math.cos(math.radians(dip_deg))
-    off = float(np.linalg.norm(step[9:])) * float(np.abs(about).max())
-    return Unmodelled(name, tuple(step[9:].tolist()), math.degrees(math.atan2(off, level)), chi_square)
-
-
-def _explained(design: Floats, values: Floats) -> tuple[float, float]:
-    """Sum of squares of (N,) values that the last three of (N, 12) columns explain beyond the others, and what is left.
-
-    Both stand in the last column of one triangular factor, as the values' parts along each further direction.
-    """
-    triangle = np.asarray(np.linalg.qr(np.column_stack([design / _lengths(design), values]), mode="r"))
-    squares = triangle[:, -1] ** 2
-    return float(squares[9:12].sum()), float(squares[12:].sum())
-
-
-def _factors(design: Floats, values: Floats) -> Floats:
-    """(K,) by which columns (N, K) make most of (N,) values."""
-    scale = _lengths(design)
-    factors: Floats = np.linalg.lstsq(design / scale, values, rcond=1e-9)[0] / scale
-    return factors
-
-
-def _lengths(design: Floats) -> Floats:
-    """(K,) lengths of columns; 1 for those of zeros."""
-    lengths: Floats = np.sqrt(np.einsum("ij,ij->j", design, design))
-    return np.where(lengths == 0.0, 1.0, lengths)
+    off = math.hypot(*per_unit) * float(found["farthest"])
+    return Unmodelled(name, tuple(per_unit), math.degrees(math.atan2(off, level)), chi_square)

@@ -32,11 +32,7 @@ import numpy as np
 
 from flinders.core.units import EARTH_UT, MICROTESLA
 from flinders.errors import Unmoved
-from flinders.summary.quality import RAIL_COUNT, RAIL_SHARE
-from flinders.summary.summary import (
-    FLATTEST,
-    Summary,
-)
+from flinders.summary.summary import FLATTEST, Summary
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -123,8 +119,7 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
     level = np.minimum(np.maximum(size, weakest), EARTH_UT[1]) if unit == MICROTESLA else size
     is_wide = variances[..., 2] > (NARROW_BALL * level) ** 2
     is_thick = variances[..., 0] > FLATTEST**2 * variances[..., 2]
-    counts = np.maximum.reduce(records["end_counts"], axis=-1)
-    turned: NDArray[np.bool_] = is_wide & is_thick & ((counts < RAIL_COUNT) | (counts <= RAIL_SHARE * records["rows"]))
+    turned: NDArray[np.bool_] = is_wide & is_thick & (records["rails"] == 0)
     return turned
 
 

@@ -73,7 +73,7 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
 
 
 def scatter_at_rest(acceleration: Floats) -> float:
-    """Scatter of |g| that no errors of an accelerometer explain, of gravity: that of a body that is moved, and noise."""
+    """Scatter of |g| that no errors of an accelerometer explain, as a share: a body that is moved, and noise."""
     errors = known_before(acceleration, AccelerometerPrior.of()).mean
     force = acceleration[np.isfinite(acceleration).all(axis=1)]
     corrected = lengths((errors[:3] - force / np.median(lengths(force))) @ (np.eye(3) + symmetric(errors[3:])))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from flinders.errors import NeedsSamples
-from flinders.estimators.base import Method
+from flinders.estimators.base import Method, check_prior
 from flinders.estimators.level import Level, is_level
 from flinders.estimators.likelihood import ENOUGH, Likelihood, estimated, recorded
 from flinders.estimators.robust import Robust
@@ -80,7 +80,7 @@ class Auto:
 
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing."""
-        prior.check(self.prior)
+        check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
@@ -159,7 +159,8 @@ def trimmed_covariance(field: Floats) -> Floats:
     for _ in range(TRIMS):
         local = field - field.mean(axis=0)
         across = np.abs(local @ np.linalg.eigh(local.T @ local)[1][:, 0])
-        field = field[across <= np.quantile(across, 1.0 - TRIMMED)]
+        last = int((1.0 - TRIMMED) * (len(field) - 1))
+        field = field[across <= np.partition(across, last)[last]]
     return np.cov(field.T)
 
 

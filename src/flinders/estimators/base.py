@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 
+from flinders.errors import UsageError
+from flinders.likelihood.prior import SPREAD
+
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.data import Readings
@@ -37,12 +40,15 @@ class Correlation:
         Standard deviation of the distortion that belongs to directions, in the unit of the readings.
     excess_variance : float
         Factor by which blocks of the recording scatter more than that allows, in variance.
+    lasting : float
+        Probability that slow noise lasts longer than a third of the recording.
     """
 
     lag_one: float
     time: float
     direction: float
     excess_variance: float = 1.0
+    lasting: float = 0.0
 
     @property
     def is_white(self) -> bool:
@@ -117,6 +123,12 @@ class Estimate:
     follows: Literal["", "constant", "varying"] = ""
     may_be_swapped: bool = True
     z_down: bool | None = True
+
+
+def check_prior(spread: object) -> None:
+    """Let the spread of a prior through that means something, or None for no prior; else raise UsageError."""
+    if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < np.inf):
+        raise UsageError(f"prior is {spread!r}: need a positive number such as {SPREAD:g}, or None")
 
 
 class Estimator(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -62,7 +63,8 @@ class Consistent:
         """
         readings.require(self.unknowns, self.name)
         ellipsoid, noise = adjusted(readings)
-        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, noise), noise, self.name)
+        sigma = noise * math.sqrt(len(readings) / max(len(readings) - METHOD.parameters, 1))
+        return Estimate(ellipsoid, algebraic_covariance(readings, ellipsoid, sigma), noise, self.name)
 
 
 def adjusted(readings: Readings) -> tuple[Ellipsoid, float]:

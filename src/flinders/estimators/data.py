@@ -424,7 +424,7 @@ class Readings:
         Raises
         ------
         TooFewSamples
-            Unless there are as many readings as unknowns.
+            Unless there are as many different readings as unknowns.
         OutOfScale
             For numbers that no magnetometer reads.
         StuckAxis
@@ -442,6 +442,8 @@ class Readings:
         stuck = ["xyz".index(axis) for axis in axes if health.extent["xyz".index(axis)] == 0.0]
         if stuck:
             raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()), **how)
+        if health.distinct < unknowns:
+            raise TooFewSamples(found=health.distinct, of=len(self), needed=unknowns, method=method, **how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
             raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), **how)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from flinders.errors import UsageError
-from flinders.estimators.base import Method
+from flinders.estimators.base import Method, check_prior
 from flinders.estimators.in_plane import fitted_flat, laid_flat, lifted, require_turn
 from flinders.geometry.plane import Plane, order_of
 from flinders.likelihood import prior
@@ -79,7 +79,7 @@ class Ellipse:
             For either.
         """
         order_of(self.plane)
-        prior.check(self.prior)
+        check_prior(self.prior)
         if self.prior is None:
             raise UsageError("ellipse needs a prior for what lies across the plane: leave prior=None out")
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from flinders.core.samples import Wrapped
 from flinders.errors import NotAnEllipsoid, UsageError
-from flinders.estimators.base import Method
+from flinders.estimators.base import Method, check_prior
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -91,7 +91,7 @@ class Level:
         UsageError
             For either.
         """
-        prior.check(self.prior)
+        check_prior(self.prior)
         if self.prior is None:
             raise UsageError("level needs a prior for what lies across the plane: leave prior=None or --prior none out")
 

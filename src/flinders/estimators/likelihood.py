@@ -11,7 +11,7 @@ import numpy as np
 from flinders.core.samples import Samples
 from flinders.errors import NotAnEllipsoid, Undetermined
 from flinders.estimators.algebraic import trace_fit
-from flinders.estimators.base import Correlation, Estimate, Method
+from flinders.estimators.base import Correlation, Estimate, Method, check_prior
 from flinders.estimators.consistent import adjusted
 from flinders.estimators.outliers import outliers_among
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
@@ -33,7 +33,7 @@ ENOUGH: Final = 20_000
 ROBUST: Final = "robust"
 """Method of an estimate that outliers were rejected for."""
 
-RESIDUALS: Final = ("lag_one", "correlation_time", "distortion", "excess_variance")
+RESIDUALS: Final = ("lag_one", "correlation_time", "distortion", "excess_variance", "noise_lasts")
 """Of a record: what a `Correlation` is made of."""
 
 
@@ -87,7 +87,7 @@ class Likelihood:
 
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing."""
-        prior.check(self.prior)
+        check_prior(self.prior)
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
@@ -159,14 +159,15 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         limit = float(record["rejected_beyond"])
         majority = Ellipsoid(record["majority_centre"], symmetric(record["majority_shape"]))
         outliers = outliers_among(readings, majority, limit, int(record["dense"]))
-    lag_one, time, direction, excess = (float(record[name]) for name in RESIDUALS)
+    lag_one, time, direction, excess, lasting = (float(record[name]) for name in RESIDUALS)
+    lasting = 0.0 if math.isnan(lasting) else lasting
     return Estimate(
         Ellipsoid(record["centre"].copy(), symmetric(record["shape"])),
         record["covariance"].reshape(9, 9).copy(),
         float(record["noise"]),
         method,
         prior_influence=float(record["prior_influence"]),
-        correlation=None if np.isnan(time) else Correlation(lag_one, time, direction, excess),
+        correlation=None if math.isnan(time) else Correlation(lag_one, time, direction, excess, lasting),
         textbook=record["textbook"].reshape(9, 9).copy(),
         used=int(record["used"]),
         unobserved=int(record["unobserved"]),

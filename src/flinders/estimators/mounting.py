@@ -72,9 +72,6 @@ SCALES: Final = {
 EXPLAINED: Final = 0.5
 """Of how far the field moves: a gyro that is read aright leaves less, and then no other unit is tried."""
 
-ONE_AXIS: Final = 0.05
-"""Turning about the second axis, of that about the first, below which all of it is about one."""
-
 REVERSED: Final = Axes(signs=(-1, -1, -1))
 """All signs the other way round."""
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import Final
 
 from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
+from flinders.findings.causes import first_causes as first_causes
 from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import VERDICTS as VERDICTS
 from flinders.findings.row import CatalogueRow as CatalogueRow  # noqa: TC001 - also a name to import

@@ -60,34 +60,63 @@ ROWS: Final = (
         code="saturated",
         subject="recording",
         grades="limits",
-        number="share of the readings at the very end of an axis; they are left out",
+        number="largest share of the readings at the very end of an axis; they are left out",
         limit="0.01",
         action="choose a larger range of the sensor, or move it away from magnets",
         rule=Rule("rail_share", (Grade("limits", 0.0),), limit=Limit(0.01)),
-        said=(
-            "{rail_share:.1%} of the readings sit at the {rail_end} value of {rail_axis} ({rail_value:g}) and are"
-            " left out: choose a larger range, or move the sensor away from magnets"
-        ),
+        said=("of the readings {rails}, and are left out: choose a larger range, or move the sensor away from magnets"),
         plain="The sensor was at the end of its range in {number:.1%} of the readings.",
         remedy="Choose a larger range of the sensor, or move it away from magnets, and record again.",
         alarm=True,
     ),
     CatalogueRow(
+        code="quantised",
+        subject="recording",
+        grades="note",
+        number="coarsest step of an axis; looked for where many readings share its end value, and its next one",
+        limit="0",
+        action="nothing: the heading error allows for it; a smaller range of the sensor has finer steps",
+        rule=Rule("step", (Grade("note", 0.0),)),
+        said=(
+            "readings go in coarse steps of {step}, which the heading error allows for; a smaller range of the "
+            "sensor, or a file with more digits, has finer ones"
+        ),
+        plain="The sensor is read in coarse steps. The errors given here allow for it.",
+    ),
+    CatalogueRow(
         code="stale-repeats",
         subject="recording",
         grades="note",
-        number="share of the readings that repeat the one before",
+        number="share of the readings that another one equals",
         limit="0.1",
         action="nothing: the uncertainty counts them once; log no faster than the sensor measures",
         rule=Rule("repeated_share", (Grade("note", 0.1),)),
         said=(
-            "{repeated_share:.0%} of the readings repeat the one before (the log is faster than its sensor): the "
-            "uncertainty counts them once"
+            "{repeated_share:.0%} of the readings repeat another one exactly (a log faster than its sensor, coarse "
+            "steps, or copied rows): the uncertainty counts them once"
         ),
         plain=(
-            "Of the readings, {number:.0%} only repeat the one before, because the log is faster than the sensor."
-            " They count once."
+            "Of the readings, {number:.0%} only repeat another one, because the log is faster than the sensor, its "
+            "steps are coarse, or rows were copied. They count once."
         ),
+    ),
+    CatalogueRow(
+        code="unordered",
+        subject="recording",
+        grades="note",
+        number="correlation of one reading with the next, of a hundred different readings or more without times",
+        limit="0.3",
+        action="keep the rows in the order of recording, with their times, or record again",
+        rule=Rule("path_correlation", (Grade("note", 0.3),), comparison="<", needs=(Needs("distinct", ">=", 100.0),)),
+        said=(
+            "the readings follow no path, as where rows were sorted or shuffled: slow noise cannot be seen, and is not "
+            "in the heading error; keep the order of recording"
+        ),
+        plain=(
+            "The readings are in no order of time, so that errors which change slowly cannot be seen. The errors given "
+            "here do not allow for them."
+        ),
+        remedy="Keep the readings in the order in which they were recorded.",
     ),
     CatalogueRow(
         code="time-back",

@@ -18,7 +18,6 @@ from flinders.fitting.result import TILTS
 from flinders.heading.guidance import guide
 
 if TYPE_CHECKING:
-    from flinders.findings import Condition
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Guidance
     from flinders.summary.coverage import Coverage
@@ -27,18 +26,6 @@ WORTH_IT: Final = 0.05
 """Share of the error that a hundredth of the readings must save where they are advised for one attitude to be named."""
 
 UPSIDE_DOWN: Final = 180.0
-
-CONDITIONS: Final[dict[Condition, str]] = {
-    "uniform-field": "no iron is near",
-    "constant-iron": "currents are constant",
-}
-"""What a good verdict rests on, in words."""
-
-CERTAINTY: Final[dict[Condition, str]] = {
-    "uniform-field": "record elsewhere too",
-    "constant-iron": "record the currents",
-}
-"""What would show it."""
 
 
 def attitudes(fit: Fit) -> str:
@@ -55,20 +42,6 @@ def attitudes(fit: Fit) -> str:
 
 def _at(tilt: float) -> str:
     return "upside down" if tilt == UPSIDE_DOWN else f"at {tilt:g}°"
-
-
-def condition(fit: Fit) -> str:
-    """What a good verdict rests on, with what would show it; nothing where other evidence shows it.
-
-    >>> from flinders import simulate
-    >>> from flinders.fitting.calibrate import fit
-    >>> condition(fit(simulate.tumble(seed=1).samples))
-    'holds if no iron is near and currents are constant: record elsewhere too'
-    """
-    if not fit.conditions:
-        return ""
-    words = " and ".join(CONDITIONS[code] for code in fit.conditions)
-    return f"holds if {words}: {CERTAINTY[fit.conditions[0]]}"
 
 
 def remedy(fit: Fit) -> str:

@@ -373,11 +373,4 @@ def _angle_of(rotation: Floats) -> Floats:
     return angle
 
 
-def without_rotation(aided: Aided) -> Aided:
-    """The same with the rotation left as it is where nothing saw it: an ellipsoid's symmetric root."""
-    if aided.sees_rotation:
-        return aided
-    return replace(aided, parameters=replace(aided.parameters, rotation=np.eye(3)))
-
-
-__all__ = ["AIDS", "aided_by", "available", "change_deg", "claim_deg", "without_rotation"]
+__all__ = ["AIDS", "aided_by", "available", "change_deg", "claim_deg"]

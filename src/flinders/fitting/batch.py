@@ -32,9 +32,10 @@ from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
-from flinders.fitting.verdict import ALTERNATING, OF_CALIBRATION, OF_RECORDING
+from flinders.fitting.shrinkage import may_be_corrected
+from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING, halves_matter
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.likelihood.magnitude import distances
+from flinders.heading.confidence import bounds_deg, deviation_covariances
 from flinders.native.engine import engine
 from flinders.summary.summary import flat_below
 
@@ -115,8 +116,10 @@ class FitColumns:
         ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two.
     worst_deg, rms_deg, dip_deg : (U,) float
         Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
+    bound_deg : (U,) float
+        That it stays within at all headings with a probability of 95 %.
     offset, matrix, covariance : (U, 3), (U, 9), (U, 45) float, in `unit_of_field`
-        Of the calibration; the upper triangle of the covariance of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), row by row.
+        Of the calibration; the upper triangle of `Fit.claimed_covariance`, row by row.
     noise, radius : (U,) float, in `unit_of_field`
     coverage : (U,) float
         Share of the sphere that was seen.
@@ -133,6 +136,7 @@ class FitColumns:
     method: NDArray[np.object_]
     worst_deg: Floats
     rms_deg: Floats
+    bound_deg: Floats
     dip_deg: Floats
     offset: Floats
     matrix: Floats
@@ -206,8 +210,10 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     for places, whole, offsets in _groups(units):
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
+        known &= ~halves_matter(records["drift_deg"], records["drift_by_chance"], target_deg)
+        known &= ~may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
-            known[at] = not _may_be_level(records[at], units[places[at]])
+            known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
         table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
         _fill(columns, places[known], table)
     for place in np.flatnonzero(~columns.by_record).tolist():
@@ -254,7 +260,7 @@ class _Table:
 
     records: Records  # (U,)
     quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
-    covariance: Floats  # (U, 81) with what repeated and few readings add
+    covariance: Floats  # (U, 9, 9) with all that widens it, as `Fit.claimed_covariance`
     inside: str  # unit of the readings: ``uT`` or ``counts``
 
     @classmethod
@@ -263,6 +269,7 @@ class _Table:
         repetition, factor = _repetition(records)
         quantities = {
             "target_deg": np.full(len(records), target_deg),
+            "drift_allowed_deg": np.full(len(records), target_deg),
             "samples": records["used"],
             **_of_surface(records, inside),
             **_of_accuracy(records, np.sqrt(factor)),
@@ -271,7 +278,7 @@ class _Table:
             **_changes(records, disturbed),
             **{name: np.full(len(records), value) for name, value in NOT_ASKED.items()},
         }
-        return cls(records, quantities, records["covariance"] * factor[:, np.newaxis], inside)
+        return cls(records, quantities, _claimed(records, factor, quantities["structure_deg"]), inside)
 
     @property
     def findings(self) -> dict[tuple[str, Severity], NDArray[np.bool_]]:
@@ -285,7 +292,16 @@ class _Table:
 
 
 NOT_ASKED: Final = dict.fromkeys(
-    ("alignment_deg", "apart_deg", "apart_by_chance", "apart_beyond_claim_deg", "swap_gain", "farthest"), np.nan
+    (
+        "alignment_deg",
+        "apart_deg",
+        "apart_by_chance",
+        "apart_beyond_claim_deg",
+        "swap_gain",
+        "farthest",
+        "uncorrected_deg",
+    ),
+    np.nan,
 ) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
 """Quantities of what no record tells; a unit of which one of them matters is fitted by itself."""
 
@@ -299,20 +315,23 @@ def _tells_all(records: Records, inside: str) -> NDArray[np.bool_]:
     return tells
 
 
-def _inliers(record: Records, one: Samples) -> Samples:
-    """The readings of a unit without its outliers."""
-    if not record["is_robust"]:
-        return one
-    surface = Ellipsoid(record["centre"], symmetric(record["shape"]))
-    return one[np.abs(distances(one.field, surface)) <= record["rejected_beyond"]]
+def _surface(record: Records) -> Ellipsoid:
+    """The ellipsoid of a record."""
+    return Ellipsoid(record["centre"], symmetric(record["shape"]))
 
 
-def _may_be_level(record: Records, one: Samples) -> bool:
+def _limit(record: Records) -> float:
+    """Distance from it beyond which readings are outliers."""
+    return float(record["rejected_beyond"]) if record["is_robust"] else np.inf
+
+
+def _may_be_level(record: Records, field: Floats) -> bool:
     """Whether a unit with outliers may have been turned in one plane, which a few of them hide: a look at some."""
-    field = _inliers(record, one[:: max(1, len(one) // LOOKED)]).field
-    if len(field) < FEWEST_LEFT:
+    some = field[:: max(1, len(field) // LOOKED)]
+    some = some[np.abs(engine().distances(some, record)) <= _limit(record)]
+    if len(some) < FEWEST_LEFT:
         return False
-    return _thickness(np.cov(field.T)) < NEVER_FLAT and _thickness(trimmed_covariance(field)) < MAY_BE_FLAT
+    return _thickness(np.cov(some.T)) < NEVER_FLAT and _thickness(trimmed_covariance(some)) < MAY_BE_FLAT
 
 
 def _thickness(covariance: Floats) -> float:
@@ -324,11 +343,20 @@ def _thickness(covariance: Floats) -> float:
 def _repetition(records: Records) -> tuple[Floats, Floats]:
     """Factors by which repeated readings, and these with few ones, widen covariances, as `flinders.fitting.claim`."""
     rows = records["rows"].astype(float)
-    share = rows / np.maximum(rows - records["repeats"], 1)
+    share = rows / np.maximum(records["distinct"], 1)
     known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
     repetition = np.maximum(1.0, share / known)
     few = [widening_by_few(freedom) for freedom in (rows / repetition - 9.0).tolist()]
     return repetition, repetition * few
+
+
+def _claimed(records: Records, factor: Floats, structure_deg: Floats) -> Floats:
+    """(U, 9, 9) covariances, a factor wider, with what belongs to the direction, as `Fit.claimed_covariance`."""
+    claimed = (records["covariance"] * factor[:, np.newaxis]).reshape(-1, 9, 9)
+    sigma = np.deg2rad(structure_deg) * np.cos(np.deg2rad(records["dip_deg"]))
+    shapes = _shapes(records)
+    claimed[:, :3, :3] += (sigma**2)[:, np.newaxis, np.newaxis] * (shapes @ shapes)
+    return claimed
 
 
 def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
@@ -372,6 +400,8 @@ def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
         "nonlinear_deg": _named_fault(records, "nonlinear", "lag"),
         "lag_deg": _named_fault(records, "lag", "nonlinear"),
         "next_correlation": lag_one,
+        "noise_lasts": np.nan_to_num(records["noise_lasts"]),
+        "unsteady_deg": np.rad2deg(records["noise"] * np.sqrt(np.maximum(lag_one, 0.0)) / level),
         "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
         "alternating_deg": np.degrees(np.arctan2(off, level)),
     }
@@ -392,14 +422,15 @@ def _named_fault(records: Records, fault: str, other: str) -> Floats:
 def _of_evidence(records: Records, repetition: Floats) -> dict[str, Floats]:
     """How much there was to go by."""
     per_reading = 1.0 / (records["correlation_time"] * records["excess_variance"])
-    effective = np.nan_to_num(records["rows"] / repetition * per_reading, nan=np.inf)
-    independent = np.minimum(effective, records["used"])
+    effective = np.minimum(records["rows"] / repetition * per_reading, records["distinct"])
+    independent = np.minimum(np.nan_to_num(effective, nan=np.inf), records["used"])
     return {
         "hole_deg": records["hole_deg"],
         "covered": records["coverage"],
         "unobserved": records["unobserved"],
         "prior_share": records["prior_influence"],
         "independent": independent,
+        "independent_needed": np.where(independent == records["used"], ENOUGH, ENOUGH_CORRELATED),
         "independent_share": independent / records["used"],
     }
 
@@ -409,7 +440,10 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
     seconds = np.nan_to_num(records["end"] - records["start"])
     return {
         "outlier_share": records["rejected"] / records["rows"],
-        "repeated_share": records["repeats"] / records["rows"],
+        "repeated_share": 1.0 - records["distinct"] / records["rows"],
+        "distinct": records["distinct"],
+        "step": records["step"],
+        "path_correlation": np.where(np.isnan(records["start"]), records["path_correlation"], np.nan),
         "backward_steps": records["backward_steps"],
         "longest_step_s": np.nan_to_num(records["longest_step"]),
         "usual_step_s": seconds / np.maximum(records["rows"] - 1, 1),
@@ -418,12 +452,11 @@ def _of_the_recording(records: Records) -> dict[str, Floats]:
 
 def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict[str, Floats]:
     """Whether something changed within a recording, or follows what was recorded beside it."""
-    unmodelled_deg, shapes = np.full(len(records), np.nan), _shapes(records)
+    unmodelled_deg = np.full(len(records), np.nan)
     for place, one in disturbed:
         record = records[place]
         time = float(np.nan_to_num(record["correlation_time"], nan=1.0))
-        surface, inliers = Ellipsoid(record["centre"], shapes[place]), _inliers(record, one)
-        unmodelled = unmodelled_of(inliers, surface, dip_deg=float(record["dip_deg"]), time=time)
+        unmodelled = unmodelled_of(one, _surface(record), dip_deg=record["dip_deg"], time=time, limit=_limit(record))
         unmodelled_deg[place] = np.nan if unmodelled is None else unmodelled.heading_deg
     return {
         "drift_deg": records["drift_deg"],
@@ -461,7 +494,10 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
     strength, matrix = _corrections(records)
     columns.readings[places], columns.used[places] = records["rows"], records["used"]
     columns.offset[places], columns.matrix[places] = records["centre"], matrix.reshape(-1, 9)
-    columns.covariance[places] = table.covariance[kept][:, UPPER]
+    covariance = table.covariance[kept]
+    columns.covariance[places] = covariance.reshape(-1, 81)[:, UPPER]
+    deviations = deviation_covariances(_shapes(records), covariance, records["dip_deg"])
+    columns.bound_deg[places] = bounds_deg(deviations)
     columns.noise[places], columns.radius[places] = records["noise"], strength
     columns.worst_deg[places], columns.rms_deg[places] = (table.quantities[n][kept] for n in ("worst_deg", "rms_deg"))
     columns.dip_deg[places], columns.coverage[places] = records["dip_deg"], records["coverage"]
@@ -474,10 +510,11 @@ def _fill(columns: BatchColumns, places: NDArray[np.intp], table: _Table) -> Non
 def _named(findings: Mapping[tuple[str, Severity], Any]) -> tuple[NDArray[np.object_], NDArray[np.object_]]:
     """(K,) tuples of codes, the most severe first, and (K,) verdicts; units alike share theirs."""
     there = np.stack(list(findings.values()), axis=1)
+    bits = np.packbits(there, axis=1)
+    _, first, kind = np.unique(bits.view(f"V{bits.shape[1]}").ravel(), return_index=True, return_inverse=True)
     limits = np.array([severity == "limits" for _, severity in findings])
-    kinds, kind = np.unique(there, axis=0, return_inverse=True)
-    named, verdicts = np.empty(len(kinds), dtype=object), np.empty(len(kinds), dtype=object)
-    for place, row in enumerate(kinds):
+    named, verdicts = np.empty(len(first), dtype=object), np.empty(len(first), dtype=object)
+    for place, row in enumerate(there[first]):
         named[place] = tuple(code for (code, _), is_there in zip(findings, row, strict=True) if is_there)
         verdicts[place] = "limited" if (row & limits).any() else "good"
     return named[kind], verdicts[kind]
@@ -518,4 +555,5 @@ def fill_row(columns: FitColumns, place: int, result: Fit | Exception) -> None:
         return
     columns.offset[place], columns.radius[place] = result.calibration.offset, result.calibration.field_strength
     columns.matrix[place] = result.calibration.matrix.ravel()
-    columns.covariance[place] = result.covariance.ravel()[UPPER]
+    columns.covariance[place] = result.claimed_covariance.ravel()[UPPER]
+    columns.bound_deg[place] = result.heading_bound_deg

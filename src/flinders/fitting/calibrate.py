@@ -17,7 +17,6 @@ import numpy as np
 
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.deprecation import renamed_keywords
 from flinders.diagnostics.instruments import UPRIGHT
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
@@ -28,9 +27,10 @@ from flinders.estimators.data import concatenated
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
-from flinders.fitting.claim import claimed, repeated
-from flinders.fitting.result import Fit, Refused, structure_error_deg
-from flinders.fitting.verdict import conditions, judge
+from flinders.fitting.claim import claimed, halves_apart, repeated
+from flinders.fitting.result import Fit, Refused
+from flinders.fitting.shrinkage import shrunk
+from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.attitude import tilt_error_deg
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
@@ -198,7 +198,6 @@ class _Evidence(NamedTuple):
         return max(errors, key=lambda error: error.worst)
 
 
-@renamed_keywords(drivers="disturbances", aids="aiding")
 def fit(
     source: Recording | Summary | ArrayLike,
     *,
@@ -313,9 +312,15 @@ def fit(
     if driving is not None:
         covariance = driving.widened(claim.estimate.covariance)
         claim = claim._replace(estimate=replace(claim.estimate, covariance=covariance))
-    calibration = _turned(_calibration(evidence.estimate, request, frame, sensor), aiding_result)
-    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result)
+    nearer = shrunk(claim.estimate) if _may_be_shrunk(claim.estimate, estimator, request, joint or driving) else None
+    calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), aiding_result)
+    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result, nearer=nearer)
     return _accepted(_mounted(result, alignment_sigma_deg))
+
+
+def _may_be_shrunk(estimate: Estimate, estimator: Estimator, request: Request, other: object) -> bool:
+    """Whether it is an ellipsoid of `auto` by the magnitude alone, with a prior."""
+    return isinstance(estimator, Auto) and request.prior is not None and not estimate.plane and other is None
 
 
 def judged_as(
@@ -361,7 +366,7 @@ def _accepted(result: Fit) -> Fit:
     Refused
         With the fit.
     """
-    if result.verdict == "refused":
+    if any(finding.severity == "refuses" for finding in result.findings):
         raise Refused(result)
     return result
 
@@ -511,6 +516,16 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
+def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, request: Request) -> Drift | None:
+    """Compare the halves of a recording where a change is proven that does not limit by its size."""
+    samples = readings.recording
+    if drift is None or not isinstance(samples, Samples):
+        return drift
+    if not halves_matter(drift.heading_deg, drift.p_value, request.target_deg):
+        return drift
+    return replace(drift, halves_apart=halves_apart(samples, Auto(request.prior, dip_deg=request.dip_deg), estimate))
+
+
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to the readings as recorded."""
     if evidence.record is None or estimate.plane or estimate.unobserved or estimate.bias.any():
@@ -539,9 +554,10 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
-    near = readings.near(estimate.ellipsoid, estimate.rejected_beyond).recording
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
-    return unmodelled_of(near, estimate.ellipsoid, dip_deg=dip_deg, time=time) if isinstance(near, Samples) else None
+    return unmodelled_of(
+        readings.recording, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond
+    )
 
 
 def _tilt_error_deg(calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
@@ -560,9 +576,11 @@ def _tilt_error_deg(calibration: Calibration, readings: Readings, aiding: Aiding
     return added if scatter_at_rest(felt) < STILL else math.nan
 
 
-def _independent(estimate: Estimate, count: float) -> float:
-    """How many independent readings say as much."""
-    return np.inf if estimate.correlation is None else estimate.correlation.effective(count)
+def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
+    """How many independent readings say as much: no more than there are different ones."""
+    if estimate.correlation is None:
+        return np.inf
+    return min(estimate.correlation.effective(statistics.rows / repetition), statistics.distinct)
 
 
 def _distortion(estimate: Estimate) -> float:
@@ -588,43 +606,47 @@ def _judged(
     *,
     driving: Driving | None = None,
     aiding: Aiding | None = None,
+    nearer: Estimate | None = None,
 ) -> Fit:
-    """Put together what is known and judge it."""
+    """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
     estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
-    error = evidence.heading_error(estimate, request.dip_deg, is_scaled=driving is None)
-    dip, distortion = error.dip_deg, _distortion(estimate)
+    final = nearer or estimate
+    error = evidence.heading_error(final, request.dip_deg, is_scaled=driving is None and nearer is None)
+    dip = error.dip_deg
     nonlinearity, axis_lag = (None, None) if driving else _faults_of_axes(estimate, evidence)
-    structure_deg = structure_error_deg(distortion, (nonlinearity, axis_lag), estimate.ellipsoid.radius, dip)
     result = Fit(
         calibration=calibration,
         method=estimate.method,
-        covariance=estimate.covariance,
+        covariance=final.covariance,
         noise=estimate.noise,
         samples=estimate.used or statistics.rows,
         coverage=evidence.coverage,
-        heading_error_deg=error.combined(structure_deg),
-        distortion=distortion,
+        heading_error_deg=error,
+        distortion=_distortion(estimate),
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
-        textbook_covariance=estimate.textbook,
-        independent_samples=_independent(estimate, statistics.rows / claim.repetition),
+        textbook_covariance=final.textbook,
+        independent_samples=_independent(estimate, statistics, claim.repetition),
         autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
+        noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
-        drift=_drift(estimate, evidence, dip),
+        drift=_with_halves(_drift(estimate, evidence, dip), estimate, readings, request),
         nonlinearity=nonlinearity,
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
         tilt_error_deg=_tilt_error_deg(calibration, readings, aiding),
+        is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,
         z_down=estimate.z_down,
         aiding=aiding,
         alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip),
     )
+    result = replace(result, heading_error_deg=error.combined(result.structure_deg))
     if driving is not None:
         result = _with_disturbances(result, driving)
     findings = judge(result, statistics)

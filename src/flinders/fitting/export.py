@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from flinders.errors import NotExportable, UsageError, figures
+from flinders.errors import NotExportable, UsageError
 from flinders.targets import ExportOptions
 
 if TYPE_CHECKING:
@@ -119,8 +119,8 @@ def origin_lines(fit: Fit) -> list[str]:
     sensor = f", sensor {fit.calibration.sensor}" if fit.calibration.sensor else ""
     lines = [f"from {fit.name}{sensor}"]
     if fit.is_described:
-        worst_deg = fit.heading_error_deg.worst
-        worst = "" if math.isnan(worst_deg) else f": worst heading good to {figures(worst_deg)}° (1 σ)"
+        is_stated = not math.isnan(fit.heading_error_deg.worst)
+        worst = f": worst heading good to {fit.heading_words}" if is_stated else ""
         lines.append(f"the calibration is {fit.verdict}{worst}")
     return [*lines, *limit_lines(fit)]
 

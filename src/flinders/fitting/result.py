@@ -23,6 +23,7 @@ import os
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
+import msgspec
 import numpy as np
 from msgspec import UNSET
 
@@ -32,10 +33,12 @@ from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import VERDICTS, Finding, Verdict, current
+from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
+from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.aiding import Aiding
 from flinders.geometry.plane import PLANES, down_of
+from flinders.heading.confidence import level_bound_deg
 from flinders.heading.error_propagation import (
     STEEPEST_DIP_DEG,
     DirectionError,
@@ -117,26 +120,6 @@ class Outcome:
         write(self.to_document(provenance), path, force=force)
 
 
-def structure_error_deg(
-    distortion: float, faults: Iterable[Nonlinearity | AxisLag | None], radius: float, dip_deg: float
-) -> float:
-    """Heading error from what belongs to the direction, at a dip of the field.
-
-    It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not to
-    be linear or to be late (at the worst heading), whichever is larger.
-    """
-    across = float(np.rad2deg(distortion / (radius * np.cos(np.deg2rad(dip_deg)))))
-    return max(across, *(fault.heading_deg for fault in faults if fault is not None and fault.is_proven), 0.0)
-
-
-def error_record(error: HeadingError, target_deg: float) -> HeadingErrorRecord | None:
-    """A heading error as it stands in a file; None where none is stated."""
-    if math.isnan(error.worst):
-        return None
-    dip_deg = _stated(error.dip_deg)
-    return HeadingErrorRecord(rms=error.rms, worst=error.worst, dip_deg=dip_deg, target_deg=target_deg)
-
-
 def _stated(number: float) -> float | None:
     """A number as it stands in a file, where there is no NaN."""
     return None if math.isnan(number) else number
@@ -176,6 +159,8 @@ class Fit(Outcome):
         Independent readings that say as much as those used, whose residuals are correlated.
     autocorrelation : float, optional
         Correlation of a residual with the next; None where the residuals were not looked at.
+    noise_lasts : float
+        Probability that slow noise lasts longer than a third of the recording.
     outliers : tuple of Outlier
         Runs of readings that were rejected.
     unobserved : int
@@ -206,6 +191,9 @@ class Fit(Outcome):
         else not a number.
     repeats : Repeats, optional
         Several recordings, compared with each other; their scatter is in the covariance.
+    is_shrunk : bool
+        Whether the readings were corrected before, and the fit is shrunk towards leaving them as they are:
+        `flinders.fitting.shrinkage`.
     plane : str, optional
         ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on: headings are then those of
         a turn about the third axis.
@@ -246,6 +234,7 @@ class Fit(Outcome):
     textbook_covariance: Floats | None = None
     independent_samples: float = np.inf
     autocorrelation: float | None = None
+    noise_lasts: float = 0.0
     outliers: tuple[Outlier, ...] = ()
     distortion: float = 0.0
     drift: Drift | None = None
@@ -256,6 +245,7 @@ class Fit(Outcome):
     unmodelled: Unmodelled | None = None
     tilt_error_deg: float = math.nan
     repeats: Repeats | None = None
+    is_shrunk: bool = False
     plane: Plane | None = None
     disturbances: tuple[DisturbanceEstimate, ...] = ()
     disturbances_covariance: Floats | None = None
@@ -372,7 +362,7 @@ class Fit(Outcome):
     @property
     def direction_error_deg(self) -> DirectionError:
         """What to expect of the direction of the corrected field over the whole sphere, 1 σ."""
-        return direction_error_deg(self.ellipsoid, self.covariance)
+        return direction_error_deg(self.ellipsoid, self.claimed_covariance)
 
     @property
     def textbook_heading_error_deg(self) -> HeadingError | None:
@@ -382,11 +372,45 @@ class Fit(Outcome):
         down = down_of(self.plane)
         return level_error(self.ellipsoid, self.textbook_covariance, dip_deg=self.known_dip_deg, down=down)
 
+    @property
+    def claimed_covariance(self) -> Floats:
+        """(9, 9) covariance of which every stated error of heading and direction follows, at any dip and attitude.
+
+        That of offset and shape, with what belongs to the direction as an uncertain offset P = σ² S Sᵀ: it moves the
+        corrected field by σ in every direction, and a level heading by σ / cos I = `structure_deg` at every heading.
+        """
+        sigma = math.radians(self.structure_deg) * math.cos(math.radians(self.known_dip_deg))
+        claimed: Floats = self.covariance.copy()
+        claimed[:3, :3] += sigma**2 * self.ellipsoid.shape @ self.ellipsoid.shape
+        return claimed
+
+    def level_error(self, dip_deg: float | None = None) -> HeadingError:
+        """What to expect of the heading of a level vehicle, 1 σ; by default at the dip that the fit was judged at."""
+        dip = self.known_dip_deg if dip_deg is None else dip_deg
+        return level_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down_of(self.plane))
+
+    @property
+    def heading_bound_deg(self) -> float:
+        """What a level heading errs by at most, at all headings, with a probability of 95 %; NaN if not stated.
+
+        `flinders.heading.confidence` of `claimed_covariance`.
+        """
+        if not self.states_uncertainty:
+            return math.nan
+        dip, down = self.known_dip_deg, down_of(self.plane)
+        return level_bound_deg(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
+
+    @property
+    def heading_words(self) -> str:
+        """The worst heading error, 1 σ, and its bound, as ``0.32° (95 % within 0.71°)``."""
+        bound_deg = self.heading_bound_deg
+        beside = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
+        return f"{figures(self.heading_error_deg.worst)}° ({beside})"
+
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip, down = self.known_dip_deg, down_of(self.plane)
-        error = tilted_error(self.ellipsoid, self.covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
-        return error.combined(self.structure_deg)
+        return tilted_error(self.ellipsoid, self.claimed_covariance, dip_deg=dip, tilt_deg=tilt_deg, down=down)
 
     @property
     def faults_of_axes(self) -> tuple[Nonlinearity | AxisLag, ...]:
@@ -402,20 +426,28 @@ class Fit(Outcome):
 
     @property
     def structure_deg(self) -> float:
-        """Heading error from what belongs to the direction: `structure_error_deg`."""
-        return structure_error_deg(
-            self.distortion, (self.nonlinearity, self.axis_lag), self.ellipsoid.radius, self.known_dip_deg
-        )
+        """Heading error from what belongs to the direction, degrees.
+
+        It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not
+        to be linear or to be late (at the worst heading), whichever is larger.
+        """
+        across = self.distortion / (self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg)))
+        faults = (fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven)
+        return max(math.degrees(across), *(fault.heading_deg for fault in faults), 0.0)
+
+    @property
+    def unsteady_deg(self) -> float:
+        """Heading error of a single moment, 1 σ, because of what lasts from one reading to the next."""
+        lasting = self.noise * math.sqrt(max(self.autocorrelation or 0.0, 0.0))
+        level = self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg))
+        return math.degrees(lasting / level)
 
     @property
     def attitude_limit_deg(self) -> float:
         """Tilt up to which the worst heading error is within the target: 0 where even level it is not, 180 for all."""
-        left = self.target_deg**2 - self.structure_deg**2
-        if left <= 0.0:
-            return 0.0
         dip, down = self.known_dip_deg, down_of(self.plane)
-        limit = float(np.sqrt(left))
-        return attitude_limit_deg(self.ellipsoid, self.covariance, dip_deg=dip, limit_deg=limit, down=down)
+        claimed, limit = self.claimed_covariance, self.target_deg
+        return attitude_limit_deg(self.ellipsoid, claimed, dip_deg=dip, limit_deg=limit, down=down)
 
     @property
     def per_degree_of_tilt(self) -> float:
@@ -442,18 +474,12 @@ class Fit(Outcome):
         What a refusal makes untrustworthy is None, so that nobody copies it: the calibration and what follows from
         it, and of flat readings all that rests on a surface. The evidence stays, and so do the attributes.
         """
+        error = self._heading_record
         fields = {
             "verdict": self.verdict,
             "method": self.method,
             "calibration": self.calibration.as_dict(),
-            "heading_error_deg": None
-            if math.isnan(self.heading_error_deg.worst)
-            else {
-                "rms": self.heading_error_deg.rms,
-                "worst": self.heading_error_deg.worst,
-                "dip_deg": _stated(self.heading_error_deg.dip_deg),
-                "target_deg": self.target_deg,
-            },
+            "heading_error_deg": None if error is None else msgspec.structs.asdict(error),
             "uncorrected_heading_error_deg": _rms_and_worst(self.uncorrected_heading_error_deg),
             "textbook_heading_error_deg": _rms_and_worst(self.textbook_heading_error_deg),
             "alignment_error_deg": self.alignment_error_deg,
@@ -519,11 +545,22 @@ class Fit(Outcome):
             covariance_of=self._parameters if covariance else PARAMETERS,
             covariance=covariance,
             verdict=self.verdict,
-            heading_error_deg=error_record(self.heading_error_deg, self.target_deg),
+            heading_error_deg=self._heading_record,
             coverage=self.coverage.as_dict(),
             findings=self.finding_records,
             conditions=self.conditions or UNSET,
             beside=UNSET if self.aiding is None else self.aiding.to_record(),
+        )
+
+    @property
+    def _heading_record(self) -> HeadingErrorRecord | None:
+        """The heading error as it stands in a file; None where none is stated."""
+        error = self.heading_error_deg
+        if math.isnan(error.worst):
+            return None
+        bound, dip_deg = _stated(self.heading_bound_deg), _stated(error.dip_deg)
+        return HeadingErrorRecord(
+            rms=error.rms, worst=error.worst, bound_95=bound, dip_deg=dip_deg, target_deg=self.target_deg
         )
 
     def __repr__(self) -> str:
@@ -540,13 +577,13 @@ class Fit(Outcome):
         """What a notebook shows; of a refused fit no number of the calibration."""
         title = f"{SIGNS[self.verdict]} {self.verdict}: "
         title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
-        told = [finding for finding in self.findings if finding.severity != "note"]
+        told = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
         words = [f"{SIGNS[finding.severity]} {finding.advice}" for finding in told]
         if self.verdict == "refused":
             return refusal(title, words)
-        error, calibration = self.heading_error_deg, self.calibration
-        good = f"worst heading good to {figures(error.worst)}° (1 σ; the target is {self.target_deg:g}°), held level"
-        good = "no heading error stated" if math.isnan(error.worst) else good
+        calibration = self.calibration
+        good = f"worst heading good to {self.heading_words}, held level; the target is {self.target_deg:g}°"
+        good = "no heading error stated" if math.isnan(self.heading_error_deg.worst) else good
         return correction(
             calibration.matrix.tolist(),
             calibration.offset.tolist(),
@@ -694,6 +731,7 @@ class Refused(FitError):
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
         reasons = [finding for finding in fit.findings if finding.severity == "refuses"]
+        causes = [finding for finding in first_causes(fit.findings) if finding.severity == "refuses"]
         super().__init__(
-            "; ".join(finding.advice for finding in reasons), **{finding.code: finding.number for finding in reasons}
+            "; ".join(finding.advice for finding in causes), **{finding.code: finding.number for finding in reasons}
         )

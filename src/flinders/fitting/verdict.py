@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from flinders.findings import CatalogueRow, Condition
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
-    from flinders.summary.quality import DataQuality, Rail
+    from flinders.summary.quality import Rail
     from flinders.summary.summary import Statistics
 
 OF_CALIBRATION: Final = (
@@ -48,7 +48,7 @@ OF_CALIBRATION: Final = (
     "rotation-unknown",
 )
 """Findings of a calibration, whatever it was made from."""
-OF_RECORDING: Final = ("stale-repeats", "time-back", "time-gap", "skipped-rows")
+OF_RECORDING: Final = ("quantised", "stale-repeats", "unordered", "time-back", "time-gap", "skipped-rows")
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
@@ -57,6 +57,11 @@ PLACED, SKEWED = 0.5, 0.15
 """Of the field: an offset across a level turn is known, a shape across it is not."""
 BEYOND_CLAIM: Final = 3.0
 CHANGED_SHARE: Final = 0.25
+ENOUGH, ENOUGH_CORRELATED = 15.0, 20.0
+"""Independent readings: claims of 15 at rest are as wrong as true ones (``python -m benchmarks.claims --tables few``);
+how many independent ones correlated readings are worth is itself known roughly."""
+NOT_BY_CHANCE: Final = 2.0
+"""Claims by which readings that were corrected before have to err for another calibration to be worth having."""
 ALTERNATING: Final = -0.25
 """Correlation of a residual with the next that neither noise has nor what changes slowly."""
 SAME_STRENGTH: Final = 0.03
@@ -154,12 +159,18 @@ class _FitRecord(Record):
         return WORDS[name](self._fit)
 
 
-def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float]:
+def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float | str]:
     """Whether the readings lie in one plane: then any number of ellipsoids goes through their ring."""
-    thickness, _, width = np.sqrt(statistics.principal_variances).tolist()
+    thickness, middle, width = np.sqrt(statistics.principal_variances).tolist()
+    limit = flat_below(width, fit.noise)
     return {
         "flatness": math.nan if fit.plane or not width else thickness / width,
-        "flatness_limit": flat_below(width, fit.noise) / width if width else math.nan,
+        "flatness_limit": limit / width if width else math.nan,
+        "where_flat": (
+            "in one plane, as in a level turn, and tell nothing of the direction across it"
+            if middle > limit
+            else "on one line, as of two attitudes, and tell nothing of the directions across it"
+        ),
     }
 
 
@@ -171,6 +182,7 @@ def _accuracy(fit: Fit) -> dict[str, float]:
         "worst_deg": math.inf if math.isnan(worst) else worst,
         "alignment_deg": alignment if is_estimated and alignment is not None else math.nan,
         "bias_deg": fit.bias_deg,
+        "uncorrected_deg": fit.uncorrected_heading_error_deg.worst if fit.is_shrunk else math.nan,
         "is_planar": float(bool(fit.plane)),
         "attitude_limit_deg": fit.attitude_limit_deg if fit.plane else math.nan,
         "per_degree_of_tilt": fit.per_degree_of_tilt if fit.plane else math.nan,
@@ -186,6 +198,7 @@ def _evidence(fit: Fit) -> dict[str, float]:
         "unobserved": 0.0 if fit.plane else fit.unobserved,
         "prior_share": math.nan if fit.plane or fit.unobserved else fit.prior_influence,
         "independent": independent,
+        "independent_needed": ENOUGH if independent == fit.samples else ENOUGH_CORRELATED,
         "independent_share": independent / max(fit.samples, 1),
     }
 
@@ -193,7 +206,7 @@ def _evidence(fit: Fit) -> dict[str, float]:
 def _independent_readings(fit: Fit) -> str:
     """How many readings there are to go by."""
     independent = min(fit.independent_samples, float(fit.samples))
-    alike = "" if independent == fit.samples else f" (of {fit.samples:,} whose residuals are correlated)"
+    alike = "" if independent == fit.samples else f" (of {fit.samples:,}: the others repeat them, or err alike)"
     return f"{counted(independent, 'independent reading')}{alike}"
 
 
@@ -255,13 +268,28 @@ def _changes(fit: Fit) -> dict[str, float]:
     return {
         **_apart(fit.repeats, fit.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
+        "drift_allowed_deg": fit.target_deg if ((fit.drift and fit.drift.halves_apart) or 0.0) < BEYOND_CLAIM else 0.0,
         "drift_by_chance": math.nan if drift is None else drift.p_value,
-        "drift": math.nan if drift is None else float(np.linalg.norm(drift.offset)),
+        "drift": math.nan if drift is None else math.hypot(*drift.offset),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
         "tilt_error_deg": fit.tilt_error_deg,
+        "noise_lasts": fit.noise_lasts,
+        "unsteady_deg": fit.unsteady_deg,
         **_alternation(fit),
     }
+
+
+def halves_matter(drift_deg: Any, by_chance: Any, target_deg: float) -> Any:  # noqa: ANN401 - numbers, or columns of them
+    """Whether a change is proven, and one that does not limit by its size."""
+    is_proven = by_chance < limit_of("field-changed", "drift_by_chance")
+    return is_proven & (CHANGED_SHARE * target_deg < drift_deg) & (drift_deg <= target_deg)
+
+
+def _halves(fit: Fit) -> str:
+    """How far the halves of a recording are apart, where that limits the fit."""
+    apart = fit.drift and fit.drift.halves_apart
+    return f" (its halves differ by {apart:.1f} times what they claim)" if apart and apart >= BEYOND_CLAIM else ""
 
 
 def _structure(fit: Fit) -> dict[str, float]:
@@ -301,6 +329,12 @@ def _alternation(fit: Fit) -> dict[str, float]:
         "alternating_limit": min(ALTERNATING, -4.0 / math.sqrt(max(fit.samples, 1))),
         "alternating_deg": math.degrees(math.atan2(off, level)),
     }
+
+
+def _leave(fit: Fit) -> str:
+    """Whether the readings of a sensor that was corrected before are as good without the calibration."""
+    is_needed = fit.uncorrected_heading_error_deg.worst > NOT_BY_CHANCE * fit.heading_error_deg.worst
+    return "the calibration is worth having" if is_needed else "leave them as they are, or turn the sensor further"
 
 
 def _swap(fit: Fit) -> str:
@@ -380,6 +414,8 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "axis_lag": lambda fit: str(fit.axis_lag or ""),
     "contradiction": lambda fit: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
     "swap": _swap,
+    "halves": _halves,
+    "leave": _leave,
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
     "outliers": lambda fit: counted(sum(run.rows for run in fit.outliers), "reading"),
     "runs": _runs,
@@ -387,30 +423,32 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
 """Words of the sentences about a fit."""
 
 
-def of_recording(health: DataQuality | Statistics) -> Iterator[Finding]:
+def of_recording(health: Statistics) -> Iterator[Finding]:
     """What a recording says about itself."""
-    for rail in health.rails:
-        yield from _applied((CATALOGUE["saturated"],), _rail_record(rail))
-    yield from _applied((CATALOGUE[code] for code in OF_RECORDING), _recording_record(health))
+    yield from _applied((CATALOGUE[code] for code in ("saturated", *OF_RECORDING)), _recording_record(health))
 
 
-def _rail_record(rail: Rail) -> Record:
-    numbers = {"rail_share": rail.share, "rail_value": rail.value}
-    return Record(numbers, rail_end=lambda: rail.end, rail_axis=lambda: "xyz"[rail.axis])
+def _at_rail(rail: Rail) -> str:
+    return f"{rail.share:.1%} sit at the {rail.end} value of {'xyz'[rail.axis]} ({rail.value:g})"
 
 
-def _recording_record(health: DataQuality | Statistics) -> Record:
+def _recording_record(health: Statistics) -> Record:
     clock, skipped = health.clock, sum(part.rows for part in health.skipped)
     few = skipped <= 0.1 * health.rows
     return Record(
         {
             "rows": health.rows,
-            "repeated_share": health.repeats / max(health.rows, 1),
+            "distinct": health.distinct,
+            "rail_share": max((rail.share for rail in health.rails), default=0.0),
+            "repeated_share": 1.0 - health.distinct / max(health.rows, 1),
+            "step": health.step,
+            "path_correlation": math.nan if clock.steps else health.path_correlation,
             "backward_steps": clock.backward_steps,
             "longest_step_s": clock.longest_step,
             "usual_step_s": clock.usual_step,
             "skipped": skipped,
         },
+        rails=lambda: ", ".join(map(_at_rail, health.rails)),
         often=lambda: "once" if clock.backward_steps == 1 else f"{clock.backward_steps:,} times",
         skipped_rows=lambda: "; ".join(map(str, health.skipped)),
         check=lambda: "" if few else ". Check the sensor, its cable, and what was saved",

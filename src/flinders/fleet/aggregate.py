@@ -147,7 +147,7 @@ class _Tally:
 def _unit(table: Any, place: int, shares: dict[str, Floats]) -> FleetUnit:  # noqa: ANN401
     """A row of the list of worst units."""
     row = table.slice(place, 1).to_pylist()[0]
-    texts = {name: row[name] or "" for name in ("unit", "recording", "verdict", "code", "message", "unit_of_field")}
+    texts = {name: row[name] or "" for name in ("unit", "recording", "verdict", "unit_of_field")}
     return FleetUnit(
         **texts,
         worst_deg=float(shares["heading error"][place]),

@@ -27,12 +27,11 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import FlindersError, UnreadableInput, UsageError
+from flinders.errors import FlindersError, UnreadableInput, UsageError, reading
 from flinders.fleet import storage
 from flinders.fleet.results import needs_arrow
 from flinders.readers import Choice
 from flinders.readers._columns import asked_columns
-from flinders.readers._extras import reading
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table

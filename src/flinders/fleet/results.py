@@ -23,13 +23,14 @@ import math
 import re
 from collections import Counter
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO, cast
 
 import numpy as np
 
 from flinders.core.files import replacing
-from flinders.errors import DocumentError, MissingExtra
+from flinders.errors import DocumentError, needs
 from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ VERSION: Final = "2"
 """Version of the columns, in the metadata of a file; the first had no `batch`."""
 SIGN: Final = b"flinders.fleet"
 """Key of that metadata, by which a table of a fleet is recognised."""
-LATER: Final = {"batch": ""}
+LATER: Final = {"batch": "", "bound_deg": math.nan}
 """Columns that tables of earlier releases lack, and their values."""
 GROUP: Final = 65_536
 """Rows in a row group of the table."""
@@ -88,12 +89,14 @@ class UnitResult:
         Method of the final fit.
     worst_deg, rms_deg : float
         Heading error of a level vehicle, 1 σ, at a dip of `dip_deg`.
+    bound_deg : float
+        Heading error that it stays within at all headings with a probability of 95 %.
     dip_deg : float
     offset : 3 float, in `unit_of_field`
     matrix : 9 float
         Row by row.
     covariance : 45 float
-        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.covariance`: its upper triangle, row by row.
+        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row.
     noise, radius : float, in `unit_of_field`
         Noise of the readings about the ellipsoid; strength of the corrected field.
     coverage : float
@@ -118,6 +121,7 @@ class UnitResult:
     method: str = ""
     worst_deg: float = math.nan
     rms_deg: float = math.nan
+    bound_deg: float = math.nan
     dip_deg: float = math.nan
     offset: tuple[float, ...] = _missing(3)
     matrix: tuple[float, ...] = _missing(9)
@@ -232,7 +236,7 @@ class UnitResults(FitColumns):
             If columns are missing.
         """
         refuse_other_table(table.column_names, NAMES)
-        columns: dict[str, Any] = {name: objects([value] * len(table)) for name, value in LATER.items()}
+        columns: dict[str, Any] = {name: _column(name, [value] * len(table)) for name, value in LATER.items()}
         names = [name for name in NAMES if name in table.column_names]
         return cls(**columns | {name: _from_arrow(name, table.column(name)) for name in names})
 
@@ -276,12 +280,8 @@ VERDICTS: Final = ("good", "limited", "refused", "failed")
 
 def needs_arrow() -> Any:  # noqa: ANN401
     """Import pyarrow, which writes the table of a fleet; raises MissingExtra."""
-    try:
-        import pyarrow
-        import pyarrow.ipc
-    except ImportError:
-        raise MissingExtra("pyarrow", "fleet", "the table of a fleet") from None
-    return pyarrow
+    needs("pyarrow.ipc", "fleet", "the table of a fleet")
+    return needs("pyarrow", "fleet", "the table of a fleet")
 
 
 def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | os.PathLike[str] = "") -> None:
@@ -294,6 +294,7 @@ def refuse_other_table(names: Sequence[str], needed: Sequence[str], path: str | 
         )
 
 
+@cache
 def schema() -> Any:  # noqa: ANN401
     """Columns and types of the table in Arrow and Parquet."""
     arrow = needs_arrow()

@@ -37,7 +37,6 @@ FACTORS: Final = np.geomspace(1.0, 100.0, 25)
 WALKS: Final = 24
 """Sizes of a random walk that are tried, besides none."""
 YEAR: Final = 365.25 * 86400.0
-DAY: Final = 86400.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,21 +42,6 @@ def mean_deg(angles_deg: ArrayLike) -> float:
     return float(wrapped(np.rad2deg(np.angle(total)))) if abs(total) > 1e-9 else float("nan")
 
 
-def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
-    """(N,) errors of what (3, N) readings of a level vehicle show at (N,) headings, the mean taken off; and that mean.
-
-    All in rad. An offset of a tenth of the level field is off by its share where the field lies across it:
-
-    >>> turn = np.radians(np.arange(0.0, 360.0, 90.0))
-    >>> readings = np.stack([np.cos(turn) + 0.1, -np.sin(turn), 0.0 * turn])
-    >>> [np.rad2deg(each).round(1).tolist() for each in heading_errors(readings, turn)]
-    [[0.0, -5.7, 0.0, 5.7], 0.0]
-    """
-    off = np.exp(1j * (np.arctan2(-readings[1], readings[0]) - heading))
-    mean = float(np.angle(off.mean()))
-    return np.angle(off * np.exp(-1j * mean)), mean
-
-
 def deflection_deg(share: float) -> float:
     """How far a vector turns at most where this share of its length is added: 180 where it may point anywhere.
 

@@ -89,6 +89,21 @@ def down_of(plane: Plane | None) -> Floats | None:
     return None if plane in (None, "xy") else np.eye(3)[order_of(plane)[2]]
 
 
+def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
+    """(N,) errors of what (3, N) readings of a level vehicle show at (N,) headings, the mean taken off; and that mean.
+
+    All in rad. An offset of a tenth of the level field is off by its share where the field lies across it:
+
+    >>> turn = np.radians(np.arange(0.0, 360.0, 90.0))
+    >>> readings = np.stack([np.cos(turn) + 0.1, -np.sin(turn), 0.0 * turn])
+    >>> [np.rad2deg(each).round(1).tolist() for each in heading_errors(readings, turn)]
+    [[0.0, -5.7, 0.0, 5.7], 0.0]
+    """
+    off = np.exp(1j * (np.arctan2(-readings[1], readings[0]) - heading))
+    mean = float(np.angle(off.mean()))
+    return np.angle(off * np.exp(-1j * mean)), mean
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneEllipse:
     """The points centre + shape · u for all unit vectors u of a plane.

@@ -44,6 +44,8 @@ HALF_DEG: Final = 180.0
 """A wider gap leaves less than half a circle: five coefficients of it are no more than a guess."""
 APART_DEG: Final = 1.0
 """Headings closer than this are one."""
+UNLIKE_DEG: Final = 30.0
+"""Scatter about the curve that is none of a compass: unrelated headings scatter by 60° and more."""
 PLACED_DEG: Final = 1.0
 """How near to the cardinal and intercardinal points headings must be for the eight-point formulas."""
 CARD_STEP_DEG: Final = 15.0
@@ -257,7 +259,7 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
     Raises
     ------
     FitError
-        For fewer than five different headings, or headings within less than half a circle.
+        For fewer than five different headings, headings within less than half a circle, or such as lie on no curve.
     ArrayError
         For arrays of the wrong shape, with gaps, or a σ that is not positive.
 
@@ -282,6 +284,7 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
         return Deviation(coefficients, None, None, headings, deviations, residual)
     root = right.T / values
     one = float((np.mean(sigma**2) * scale) ** 0.5)
+    _refuse_unlike(one)
     return Deviation(
         coefficients,
         scale * (root @ root.T),
@@ -364,6 +367,17 @@ def _refuse_an_arc(headings: Floats) -> None:
             f"steady the vehicle on {ADVISED} headings, each 45° from the last",
             found=360.0 - gap,
             needed=HALF_DEG,
+        )
+
+
+def _refuse_unlike(scatter_deg: float) -> None:
+    """Refuse headings by compass that do not go with the magnetic ones."""
+    if scatter_deg > UNLIKE_DEG:
+        raise FitError(
+            f"headings scatter by {scatter_deg:.0f}° (1 σ) about any curve of five coefficients: those by compass do "
+            "not go with the others; check the columns, the order of the lines, and that both count clockwise",
+            found=scatter_deg,
+            needed=UNLIKE_DEG,
         )
 
 

@@ -25,8 +25,8 @@ import numpy as np
 
 from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
-from flinders.geometry.angles import heading_errors
 from flinders.geometry.ellipsoid import Ellipsoid, gathered
+from flinders.geometry.plane import heading_errors
 from flinders.geometry.sphere import fibonacci
 
 if TYPE_CHECKING:

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
-from flinders.errors import UsageError
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.likelihood.equations import NormalEquations
 
@@ -41,18 +40,6 @@ SENSE: Final = 10.0
 DEVIATOR: Final = np.zeros((6, 6))
 DEVIATOR[:3, :3] = np.eye(3) - 1.0 / 3.0
 DEVIATOR[3:, 3:] = np.sqrt(2.0) * np.eye(3)
-
-
-def check(spread: object) -> None:
-    """Let a spread through that means something, or None for no prior.
-
-    Raises
-    ------
-    UsageError
-        For anything but a positive number.
-    """
-    if spread is not None and not (isinstance(spread, int | float) and 0.0 < spread < np.inf):
-        raise UsageError(f"prior is {spread!r}: need a positive number such as {SPREAD:g}, or None")
 
 
 def equations(ellipsoid: Ellipsoid, *, spread: float = SPREAD) -> NormalEquations:

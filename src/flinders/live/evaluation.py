@@ -343,10 +343,9 @@ class Finished:
     @property
     def about(self) -> list[str]:
         """Where the numbers come from and what is claimed of them, for the head of an export."""
-        worst = f"worst heading good to {figures(self.fit.heading_error_deg.worst)}° (1 σ)"
         return [
             f"from {self.name}",
-            f"the calibration is {self.fit.verdict}: {worst}",
+            f"the calibration is {self.fit.verdict}: worst heading good to {self.fit.heading_words}",
             *(f"limited: {limit}" for limit in self.limits),
         ]
 

@@ -25,9 +25,8 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import numpy as np
 
 from flinders.core.samples import Samples
-from flinders.errors import ArrayError, LinkError, NotSent, UsageError
+from flinders.errors import ArrayError, LinkError, NotSent, UsageError, needs
 from flinders.live.feeds import FeedEvent
-from flinders.readers._extras import needs
 from flinders.readers.tlog import COMPASS_MESSAGES, HIGHRES_IMU, IN_SI, MAG_UPDATED, RAW_IMU, WHOLE
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters, names
 

@@ -95,7 +95,7 @@ def _of_view(session: Session) -> tuple[Phase, str]:
         error = f"{figures(worst)}° (1 σ)" if worst < 90.0 else "any angle"
         return "collecting", f"Keep turning: the worst error to expect is {error}, {target}."
     what = "heading error" if session.goal == "heading" else "error at any attitude"
-    done = f"the worst {what} to expect is {figures(worst)}° (1 σ), {target}"
+    done = f"the worst {what} to expect is {figures(worst)}° ({_bound(session, view)}), {target}"
     if view.verdict != "refused" and not _is_sure(session):
         return "collecting", f"Almost: {done}; hold on a little."
     by_verdict: dict[str, tuple[Phase, str]] = {
@@ -104,6 +104,14 @@ def _of_view(session: Session) -> tuple[Phase, str]:
         "refused": ("wrong", view.sentence),
     }
     return by_verdict[view.verdict]
+
+
+def _bound(session: Session, view: View) -> str:
+    """What all headings are within, where that is the goal; else what the error is."""
+    error = view.heading_error_deg
+    if session.goal != "heading" or error is None:
+        return "1 σ"
+    return f"95 % within {figures(error.bound_95)}°"
 
 
 def _resting_on(view: View) -> str:

@@ -37,10 +37,9 @@ from flinders.core.units import label
 from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
-from flinders.readers._layout import COMMENTS, SPOKEN, Cells, Dialect, TextLayout, sniff
+from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
 from flinders.readers._names import is_unit
-from flinders.readers._tokenizer import number, quoted, rows_of, shown, split
-from flinders.readers.dialects import recognise_layout
+from flinders.readers._tokenizer import COMMENTS, number, quoted, rows_of, shown, split
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,6 +48,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
     from flinders.live.feeds import Kind
+    from flinders.readers.dialects import Dialect
 
 SETTLE_S: Final = 0.9
 """Seconds that the first lines wait until it is recognised how they are written; less than a second, which a crash may

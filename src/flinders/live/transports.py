@@ -27,8 +27,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from flinders.core.files import reason
-from flinders.errors import LinkError, MissingExtra, UsageError
-from flinders.readers._extras import needs
+from flinders.errors import LinkError, MissingExtra, UsageError, needs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -46,7 +45,6 @@ AT_ONCE: Final = getattr(socket, "MSG_DONTWAIT", 0)
 """Where there is one, a datagram is taken without asking first whether there is one."""
 COUNT: Final = struct.Struct("=I")
 MOST_PEERS: Final = 16  # Senders that are answered over UDP; further ones are heard and not answered
-SLOWEST_BAUD, FASTEST_BAUD = 50, 20_000_000
 
 
 class ByteSource(Protocol):

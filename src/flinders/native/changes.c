@@ -112,15 +112,19 @@ static void confirm_swaps(const fl_kernels *kernels, const fl_view *view, const 
     for (int i = 0; i < 6; i++) record->first_swap[i] = -1;
 }
 
-/* Largest step from one reading to the next, over the median step that is one. */
+/* Steps from one reading to the next: the largest over the median that is one, and how alike neighbours are. */
 static void jump(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, flinders_record *record)
 {
     const size_t stride = (rows + FL_ENOUGH - 1) / FL_ENOUGH;
-    size_t n = 0;
+    size_t n = 0, looked = 0;
+    real sum = 0;
     const real largest = kernels->steps(field, rows - 1, room->distances + 1);
-    for (size_t i = stride; i < rows; i += stride)
+    for (size_t i = stride; i < rows; i += stride, looked++) {
         if (room->distances[i] > 0) room->scratch[n++] = room->distances[i];
+        sum += room->distances[i];
+    }
     if (n == 0) return;
+    record->path_correlation = 1 - sum / ((real)looked * 2 * record->spread * record->spread);
     const real median = fl_median(room->scratch, n);
     record->largest_jump = fl_sqrt(largest) / fl_sqrt(median);
 }

@@ -20,7 +20,7 @@ static void gather_all(const fl_kernels *kernels, const fl_view *view, const fl_
         const fl_view some = {view->field + 3 * begin, left < length ? left : length, NULL, 1};
         memset(room->passed + begin, 0, some.rows);
         out->begins[out->stretches++] = out->n;
-        out->n += kernels->rows(&some, surface, 9, out->rows + 10 * out->n, out->directions + out->n);
+        out->n += kernels->rows(&some, surface, 10, out->rows + 10 * out->n, out->directions + out->n);
     }
 }
 
@@ -44,7 +44,7 @@ static void gather_used(const fl_kernels *kernels, const fl_view *view, const fl
         out->n++;
     }
     const fl_view some = {view->field, view->rows, room->passed, 1};
-    kernels->rows(&some, surface, 9, out->rows, out->directions);
+    kernels->rows(&some, surface, 10, out->rows, out->directions);
 }
 
 /* The readings that are looked at, with their rows; all of them where they are not too many. */
@@ -54,7 +54,7 @@ static void gather_stretches(const fl_kernels *kernels, const fl_view *view, con
     const size_t used = fit->used, all = FL_LOOKED;
     const size_t every = used <= all ? used : (used + FL_STRETCHES - 1) / FL_STRETCHES;
     const size_t length = used <= all ? used : FL_STRETCH;
-    out->n = 0, out->stretches = 0, out->width = 9;
+    out->n = 0, out->stretches = 0, out->width = 9, out->stride = 10;
     out->rows = room->rows, out->distances = room->distances, out->cells = room->order, out->begins = room->begins;
     out->directions = room->directions;
     if (!view->rejected && !room->parts) gather_all(kernels, view, &fit->surface, every, length, room, out);
@@ -101,7 +101,7 @@ static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const
         white[i] = 0;
         for (int block = 0; block < FL_BLOCKS; block++) white[i] += blocks.squares[block][i] * autocovariance[0];
     }
-    fl_scatter_in_time(residuals, white, autocovariance, lags, in_time);
+    fl_scatter_in_time(kernels, residuals, white, autocovariance, lags, in_time);
     for (int i = 0; i < 81; i++) in_time[i] *= freedom;
     record->excess_variance = 1 + share * (fl_creep(&blocks, in_time) - 1);
     for (int i = 0; i < 81; i++) scatter[i] += share * record->excess_variance * in_time[i];
@@ -158,6 +158,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     real scatter[81], step[9], weighed[81], explained[81];
     memcpy(record->covariance, fit->covariance, sizeof record->covariance);
     memset(&fit->slow, 0, sizeof fit->slow);
+    record->noise_lasts = FL_NOT_A_NUMBER;
     if (fit->used < FEW) return;
     gather_stretches(kernels, view, fit, room, &residuals);
     scatter_of(kernels, &residuals, fit, room, scatter, record);
@@ -165,6 +166,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     scattered(fit, scatter, record->covariance);
     if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, &fit->slow, step, weighed, explained))
         return;
+    record->noise_lasts = fit->slow.lasts;
     fl_raise(record->covariance, explained, 9, 0);
     for (int i = 0; i < 81; i++) record->covariance[i] += weighed[i] - explained[i];
     move(fit, step);

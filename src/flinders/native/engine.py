@@ -50,6 +50,9 @@ SUMS: Final = layout("flinders_sums", np.float64)
 
 OPTIONS: Final = layout("flinders_options", np.float64)
 
+DISTURBANCE: Final = layout("flinders_disturbance", np.float64)
+"""Layout of what a disturbance explains."""
+
 
 class _Array:
     """Parameter that takes an array, which has to be contiguous, or None for null."""
@@ -73,6 +76,7 @@ _ARGUMENTS: Final[dict[str, tuple[type, ...]]] = {
     "fit_many": (_A, _A, _A, _N, _A, _A, _N, _A),
     "polish": (_A, _N, _A, _N, _A, _A, _A, _A, _N, _A),
     "drift": (_A, _N, _A, _A, _D, _A, _N, _A),
+    "regress": (_A, _A, _N, _A, _A, _D, _A, _N, _A),
     "sums_begin": (_A, _A, _D),
     "sums_add": (_A, _A, _N),
     "sums_merge": (_A, _A),
@@ -243,6 +247,35 @@ class Engine:
             record,
         )
         return record
+
+    def regress(
+        self, field: ArrayLike, values: ArrayLike, centre: ArrayLike, shape: ArrayLike, *, limit: float = math.inf
+    ) -> Records:
+        """Regress the distances from a known ellipsoid on a disturbance: a row of `DISTURBANCE`.
+
+        Parameters
+        ----------
+        field : (N, 3) array-like
+        values : (N,) array-like
+            Of the disturbance, NaN where it is not known.
+        centre, shape : (3,), (3, 3) array-like
+        limit : float
+            Distance beyond which readings are left out.
+        """
+        readings = np.ascontiguousarray(field, dtype=np.float64).reshape(-1, 3)
+        found, (workspace, size) = _blank(DISTURBANCE), self._workspace(len(readings))
+        self._library.flinders_regress(
+            readings,
+            np.ascontiguousarray(values, dtype=np.float64),
+            len(readings),
+            np.ascontiguousarray(centre, dtype=np.float64),
+            _entries(shape),
+            limit,
+            workspace,
+            size,
+            found,
+        )
+        return found
 
     def _workspace(self, rows: int) -> tuple[NDArray[np.uint8], int]:
         """Memory that a recording of so many readings needs, and its size."""

@@ -50,7 +50,7 @@ typedef double flinders_real;
 /* What a function returns. */
 enum {
     FLINDERS_OK = 0,
-    FLINDERS_TOO_FEW = 1,         /* fewer readings than the ten unknowns */
+    FLINDERS_TOO_FEW = 1,         /* fewer different readings than the ten unknowns */
     FLINDERS_NOT_FINITE = 2,      /* a reading is NaN or infinite */
     FLINDERS_OUT_OF_SCALE = 3,    /* the largest reading is no number that a magnetometer reads (1e-12 to 1e15) */
     FLINDERS_STUCK_AXIS = 4,      /* an axis never changes */
@@ -94,8 +94,9 @@ typedef struct flinders_record {
     int64_t rejected;   /* readings left out as outliers */
     int64_t repeats;    /* readings equal to the one before */
     int64_t longest_repeat; /* most equal readings in a row */
-    int64_t distinct;   /* different readings; beyond 4096 of them an estimate, to 2 % */
+    int64_t distinct;   /* different readings; beyond 4096 of them from a sample of those */
     int64_t end_counts[6]; /* readings at the lowest x, y, z and at the highest x, y, z */
+    int64_t rails;      /* ends at which the sensor was at its limit: bit i for end i of `end_counts` */
     int64_t swaps[6];   /* moments at which x, y or z changed sign, or x and y, y and z, z and x were exchanged */
     int64_t first_swap[6]; /* the first row behind the first of each; -1: none */
     flinders_real centre[3];      /* offset b, unit */
@@ -118,7 +119,7 @@ typedef struct flinders_record {
     flinders_real principal_variances[3]; /* along the principal axes, ascending, unit² */
     flinders_real lowest[3];      /* smallest reading of each axis, unit */
     flinders_real highest[3];     /* largest reading of each axis, unit */
-    flinders_real end_extent[18]; /* row i: range of x, y, z among the readings at end i of `end_counts`, unit */
+    flinders_real step;           /* between the last two values of an axis that is read in coarse steps, unit; 0: none is */
     flinders_real coverage;       /* share of a hundred equal cells of the sphere that hold a reading */
     flinders_real upright;        /* mean height of the directions, -1 to 1 */
     flinders_real hole_deg;       /* angle from the middle of the largest gap to the nearest direction */
@@ -130,6 +131,7 @@ typedef struct flinders_record {
     flinders_real correlation_time; /* readings that say as much as one independent one */
     flinders_real distortion;     /* standard deviation of what belongs to the direction, not to the moment, unit */
     flinders_real excess_variance; /* factor by which blocks scatter more than that allows, in variance */
+    flinders_real noise_lasts;    /* probability that slow noise lasts longer than a third of the recording; NaN: none */
     flinders_real drift_offset[3]; /* change of the offset from the first reading to the last, unit; NaN: nothing is known */
     flinders_real drift_strength; /* change of the field, a fraction of it */
     flinders_real drift_deg;      /* what that change of the offset does to a level heading, at the worst one */
@@ -143,6 +145,7 @@ typedef struct flinders_record {
     flinders_real lag_deg;        /* what they do to a level heading of a vehicle at rest, at the worst one */
     flinders_real lag_by_chance;  /* how often chance alone makes as much */
     flinders_real largest_jump;   /* largest step from one reading to the next, over the median of 20,000 that are one */
+    flinders_real path_correlation; /* of one reading with the next, of 20,000: 1 of a slow turn, 0 without any order */
     flinders_real sums[35];       /* sums of powers about `sums_origin`, see flinders_sums */
     flinders_real sums_origin[3]; /* unit */
     flinders_real sums_scale;     /* unit */
@@ -151,6 +154,17 @@ typedef struct flinders_record {
     flinders_real longest_step;   /* between two times, s */
     int64_t backward_steps;       /* steps of the clock that go back */
 } flinders_record;
+
+/* What a disturbance that was recorded beside the readings explains of their distances from a surface. */
+typedef struct flinders_disturbance {
+    int64_t used;               /* readings that were looked at; 0 where they are too few */
+    int64_t stride;             /* every how many-th of the inliers these are */
+    flinders_real range;        /* of the disturbance, in its unit */
+    flinders_real farthest;     /* of its values from their mean, in its unit */
+    flinders_real explained;    /* sum of squares that it explains beside the nine parameters, unit² */
+    flinders_real left;         /* sum of squares that nothing explains, unit² */
+    flinders_real per_unit[3];  /* by how much it moves the offset for each unit of it */
+} flinders_disturbance;
 
 #ifdef __cplusplus
 extern "C" {
@@ -187,6 +201,12 @@ FLINDERS_API int flinders_fit_parts(const flinders_real *field, const flinders_r
 FLINDERS_API int flinders_drift(const flinders_real *field, size_t rows, const flinders_real centre[3],
                                 const flinders_real shape[6], flinders_real dip_deg, void *workspace, size_t size,
                                 flinders_record *record);
+
+/* Regress the distances of readings from a known ellipsoid on a disturbance: values (rows,), NaN where it is not known.
+ * Readings farther off than `limit` are left out, and of more than 5,000 every second, third ... is looked at. */
+FLINDERS_API int flinders_regress(const flinders_real *field, const flinders_real *values, size_t rows,
+                                  const flinders_real centre[3], const flinders_real shape[6], flinders_real limit,
+                                  void *workspace, size_t size, flinders_disturbance *found);
 
 /* Fit many: readings of recording i are rows offsets[i] to offsets[i + 1]; the worst status is returned. */
 FLINDERS_API int flinders_fit_many(const flinders_real *field, const flinders_real *time, const int64_t *offsets,

@@ -1,7 +1,9 @@
 /* What a recording says of itself before any fit: repeats, ends of the axes, time stamps, distinct readings. */
 #include "record.h"
 
-enum { PARTS = 16 };
+enum { PARTS = 15, RAIL_COUNT = 8, RAIL_CONTRAST = 3 }; /* as in summary/quality.py */
+#define RAIL_SHARE ((real)0.01)
+#define RAIL_WIDTH ((real)0.25)
 
 /* The part of the workspace behind what was taken, rounded up to 64 bytes. */
 static size_t taken(size_t used, size_t bytes) { return used + (bytes + 63) / 64 * 64; }
@@ -12,12 +14,12 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     const size_t looked = rows < FL_LOOKED ? rows : FL_LOOKED;
     const size_t some = rows < FL_ENOUGH ? rows : FL_ENOUGH;
     sizes[0] = rows * sizeof(real), sizes[1] = rows * sizeof(real);
-    sizes[2] = (FL_WIDEST + 1) * looked * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
+    sizes[2] = FL_COLUMNS * looked * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
     sizes[4] = sizes[5] = sizes[6] = rows;
-    sizes[7] = FL_SLOTS * sizeof(uint64_t), sizes[8] = 4 * FL_SLOTS * sizeof(real), sizes[9] = FL_REGISTERS;
-    sizes[10] = (looked + 2) * sizeof(size_t), sizes[11] = FL_TABLE;
-    sizes[12] = 3 * FL_LOOKED * sizeof(real), sizes[13] = 2 * 100 * 100 * sizeof(real);
-    sizes[14] = 3 * some * sizeof(real), sizes[15] = 12 * looked * sizeof(real);
+    sizes[7] = FL_SLOTS * sizeof(uint64_t), sizes[8] = 4 * FL_SLOTS * sizeof(real);
+    sizes[9] = (looked + 2) * sizeof(size_t), sizes[10] = FL_TABLE;
+    sizes[11] = 3 * FL_LOOKED * sizeof(real), sizes[12] = 2 * 100 * 100 * sizeof(real);
+    sizes[13] = 3 * some * sizeof(real), sizes[14] = 12 * looked * sizeof(real);
 }
 
 /* Bytes of workspace that a recording needs. */
@@ -43,10 +45,10 @@ int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room)
     room->distances = (real *)(void *)parts[0], room->scratch = (real *)(void *)parts[1];
     room->rows = (real *)(void *)parts[2], room->order = (uint32_t *)(void *)parts[3];
     room->rejected = parts[4], room->far = parts[5], room->passed = parts[6];
-    room->keys = (uint64_t *)(void *)parts[7], room->cells = (real *)(void *)parts[8], room->registers = parts[9];
-    room->begins = (size_t *)(void *)parts[10], room->counters = parts[11];
-    room->directions = (real *)(void *)parts[12], room->matrices = (real *)(void *)parts[13];
-    room->some = (real *)(void *)parts[14], room->series = (real *)(void *)parts[15];
+    room->keys = (uint64_t *)(void *)parts[7], room->cells = (real *)(void *)parts[8];
+    room->begins = (size_t *)(void *)parts[9], room->counters = parts[10];
+    room->directions = (real *)(void *)parts[11], room->matrices = (real *)(void *)parts[12];
+    room->some = (real *)(void *)parts[13], room->series = (real *)(void *)parts[14];
     room->time = NULL, room->ends = NULL, room->parts = 0, room->slots = 0, room->side = 0;
     return 0;
 }
@@ -66,34 +68,44 @@ static uint64_t hash_of(const real reading[3])
     return hash ^ hash >> 32;
 }
 
-/* Different readings: counted up to 4096, estimated beyond (Flajolet and others, HyperLogLog, 2007). */
+/* Keep of a table of hashes those up to a bound; their number. */
+static size_t thin(const fl_room *room, size_t slots, uint64_t bound)
+{
+    uint64_t *const spare = room->keys + FL_TABLE;
+    real *const counts = room->cells, *const spare_counts = room->cells + FL_TABLE;
+    size_t left = 0;
+    memset(spare, 0xFF, slots * sizeof *spare);
+    for (size_t slot = 0; slot < slots; slot++) {
+        if (room->keys[slot] > bound) continue;
+        const size_t to = fl_slot(spare, slots, room->keys[slot]);
+        spare[to] = room->keys[slot], spare_counts[to] = counts[slot];
+        left++;
+    }
+    memcpy(room->keys, spare, slots * sizeof *spare);
+    memcpy(counts, spare_counts, slots * sizeof *counts);
+    return left;
+}
+
+/* Different readings. Beyond 4096 of them by how often each of a sample occurs: those whose hashes are small. */
 static int64_t distinct(const real *field, size_t rows, const fl_room *room)
 {
     const size_t slots = fl_slots_for(rows);
+    uint64_t bound = UINT64_MAX >> 1;
     size_t count = 0;
-    memset(room->registers, 0, FL_REGISTERS);
+    real sampled = 0;
     memset(room->keys, 0xFF, slots * sizeof *room->keys);
     for (size_t row = 0; row < rows; row++) {
-        const uint64_t hash = hash_of(field + 3 * row);
-        if (count <= FL_CELLS) {
-            const size_t slot = fl_slot(room->keys, slots, hash >> 1);
-            count += room->keys[slot] != hash >> 1;
-            room->keys[slot] = hash >> 1;
-        }
-        const unsigned char zeros = (unsigned char)(1 + __builtin_ctzll(hash >> 12 | UINT64_C(1) << 51));
-        unsigned char *at = room->registers + (hash & (FL_REGISTERS - 1));
-        *at = zeros > *at ? zeros : *at;
+        const uint64_t hash = hash_of(field + 3 * row) >> 1;
+        if (hash > bound) continue;
+        const size_t slot = fl_slot(room->keys, slots, hash);
+        const int is_new = room->keys[slot] != hash;
+        room->keys[slot] = hash;
+        room->cells[slot] = is_new ? 1 : room->cells[slot] + 1;
+        for (count += (size_t)is_new; count > FL_CELLS; count = thin(room, slots, bound)) bound /= 2;
     }
-    if (count <= FL_CELLS) return (int64_t)count;
-    real sum = 0, m = FL_REGISTERS;
-    int empty = 0;
-    for (int i = 0; i < FL_REGISTERS; i++) {
-        sum += fl_ldexp(1, -(int)room->registers[i]);
-        empty += room->registers[i] == 0;
-    }
-    const real estimate = (real)0.7213 / (1 + (real)1.079 / m) * m * m / sum;
-    if (estimate <= (real)2.5 * m && empty) return (int64_t)(m * fl_log2(m / (real)empty) * (real)0.6931471805599453);
-    return (int64_t)estimate;
+    for (size_t slot = 0; slot < slots; slot++)
+        if (room->keys[slot] <= bound) sampled += room->cells[slot];
+    return (int64_t)((real)rows * (real)count / sampled + (real)0.5);
 }
 
 /* What time stamps say; those that are NaN are passed over. */
@@ -133,6 +145,37 @@ static void count_ends(const real reading[3], flinders_record *record, at_ends *
     }
 }
 
+/* Whether so many readings share the end of an axis, far apart along the others, that it is a rail or a coarse step. */
+static int is_shared(int end, const at_ends *there, const flinders_record *record)
+{
+    const int64_t count = record->end_counts[end];
+    if (count < RAIL_COUNT || !((real)count > RAIL_SHARE * (real)record->rows)) return 0;
+    for (int axis = 0; axis < 3; axis++) {
+        const real extent = record->highest[axis] - record->lowest[axis];
+        const real needed = axis == end % 3 ? 0 : RAIL_WIDTH * extent;
+        const real width = axis == end % 3 ? extent : there->high[end][axis] - there->low[end][axis];
+        if (!(width > needed)) return 0;
+    }
+    return 1;
+}
+
+/* Hold the readings at the end of an axis against those at its next value: a rail has far more, a coarse step as many. */
+static void compare_with_next(const real *field, size_t rows, int end, flinders_record *record)
+{
+    const int axis = end % 3;
+    const real sign = end < 3 ? 1 : -1, value = end < 3 ? record->lowest[axis] : -record->highest[axis];
+    real step = FL_HUGE;
+    int64_t count = 0;
+    for (size_t row = 0; row < rows; row++) {
+        const real apart = sign * field[3 * row + axis] - value;
+        if (!(apart > 0) || apart > step) continue;
+        count = apart < step ? 1 : count + 1;
+        step = apart;
+    }
+    if (record->end_counts[end] > RAIL_CONTRAST * count) record->rails |= 1 << end;
+    else record->step = step > record->step ? step : record->step;
+}
+
 /* Look at all readings; nonzero if one is not finite. */
 int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, int all, const fl_room *room,
                flinders_record *record)
@@ -156,9 +199,9 @@ int fl_quality(const fl_kernels *kernels, const real *field, const real *time, s
         record->repeats += run > 0;
         record->longest_repeat = run + 1 > record->longest_repeat ? run + 1 : record->longest_repeat;
     }
+    record->step = 0;
     for (int end = 0; end < 6; end++)
-        for (int axis = 0; axis < 3; axis++)
-            record->end_extent[3 * end + axis] = there.high[end][axis] - there.low[end][axis];
+        if (is_shared(end, &there, record)) compare_with_next(field, rows, end, record);
     if (time) clock_of(time, rows, record);
     if (all) record->distinct = distinct(field, rows, room);
     return 0;

@@ -4,7 +4,7 @@
 
 #include "internal.h"
 
-enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096, FL_REGISTERS = 4096,
+enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
        FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
 
 #ifdef FLINDERS_FLOAT
@@ -19,7 +19,7 @@ enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096, FL_RE
 typedef struct {
     real *distances;         /* (rows,) */
     real *scratch;           /* (rows,) */
-    real *rows;              /* (16 * min(rows, FL_LOOKED),) Jacobian and distance of each */
+    real *rows;              /* (FL_COLUMNS * min(rows, FL_LOOKED),) Jacobian and distance of each */
     uint32_t *order;         /* (2 * min(rows, 20000),) places in random order, and rows of a sample; cells of the sphere */
     size_t *begins;          /* (min(rows, 12 * 1024) + 2,) */
     unsigned char *rejected; /* (rows,) */
@@ -31,7 +31,6 @@ typedef struct {
     real *directions;        /* (3, FL_LOOKED) of the readings whose rows there are */
     real *some;              /* (3 * min(rows, 20000),) readings that a fit is iterated on */
     real *matrices;          /* (2 * 100 * 100,) covariance of a distortion, cell by cell */
-    unsigned char *registers; /* (FL_REGISTERS,) */
     real *series;            /* (12 * min(rows, FL_LOOKED),) averages of successive residuals */
     const real *time;        /* (rows,) or NULL; not of the workspace */
     const int64_t *ends;     /* (parts,) of the recordings that the readings are; not of the workspace */
@@ -47,15 +46,15 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
                    flinders_record *record);
 void fl_residual_statistics(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
                             flinders_record *record);
+enum { FL_SUSPECTS = 2 };
+
 int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room);
 int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
               const fl_room *room, fl_fit *fit, flinders_record *record);
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,
               const fl_room *room, flinders_record *record);
-void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg,
-                     const fl_room *room, flinders_record *record);
-void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
-            flinders_record *record);
+void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
+             flinders_record *record);
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);

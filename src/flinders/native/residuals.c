@@ -90,21 +90,15 @@ static int quadrature(const real *autocovariance, int count, int lags[TAKEN], re
     return n;
 }
 
-/* Add Σ w(lag) · (Σ J(i) J(i + lag)ᵀ + its transpose): each row is multiplied with the weighted sum of those ahead. */
-static void add_lagged(const fl_residuals *residuals, const int *lags, const real *weights, int count, real *total)
+/* Add Σ w(lag) · (Σ J(i) J(i + lag)ᵀ + its transpose). */
+static void add_lagged(const fl_kernels *kernels, const fl_residuals *residuals, const int *lags, const real *weights,
+                       int count, real *total)
 {
-    const int n = residuals->width, stride = n + 1;
+    const int n = residuals->width;
     real product[FL_WIDEST * FL_WIDEST] = {0};
     for (int stretch = 0; stretch < residuals->stretches; stretch++) {
-        const size_t end = residuals->begins[stretch + 1];
-        for (size_t i = residuals->begins[stretch]; i < end; i++) {
-            const real *row = residuals->rows + (size_t)stride * i;
-            real ahead[FL_WIDEST] = {0};
-            for (int k = 0; k < count && i + (size_t)lags[k] < end; k++)
-                for (int column = 0; column < n; column++) ahead[column] += weights[k] * row[stride * lags[k] + column];
-            for (int a = 0; a < n; a++)
-                for (int b = 0; b < n; b++) product[n * a + b] += row[a] * ahead[b];
-        }
+        const size_t begin = residuals->begins[stretch], rows = residuals->begins[stretch + 1] - begin;
+        kernels->lagged(residuals->rows + residuals->stride * begin, residuals->stride, rows, n, lags, weights, count, product);
     }
     for (int a = 0; a < n; a++)
         for (int b = 0; b < n; b++) total[n * a + b] += product[n * a + b] + product[n * b + a];
@@ -184,14 +178,14 @@ void fl_raise(real *scatter, const real *white, int n, real share)
 }
 
 /* Σᵢⱼ JᵢJⱼᵀ C(i − j), the products of Jacobians interpolated between a few lags; `white` is that of C(0) alone. */
-void fl_scatter_in_time(const fl_residuals *residuals, const real *white, const real *autocovariance, int lags,
+void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white, const real *autocovariance, int lags,
                         real *scatter)
 {
     real weights[TAKEN];
     int taken[TAKEN];
     memcpy(scatter, white, (size_t)(residuals->width * residuals->width) * sizeof(real));
     if (lags < 2) return;
-    add_lagged(residuals, taken, weights, quadrature(autocovariance, lags, taken, weights), scatter);
+    add_lagged(kernels, residuals, taken, weights, quadrature(autocovariance, lags, taken, weights), scatter);
     fl_raise(scatter, white, residuals->width, EVENNESS);
 }
 

@@ -30,13 +30,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Recording, Samples, frame_of
+from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
-from flinders.readers._reader import Reader, foreign_kind
-from flinders.readers._selection import FIRST, Choice, TimeSpan, added
-from flinders.readers._source import File, Progress, Source, find, on_disk
+from flinders.readers._names import FIRST, Choice
+from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
 from flinders.readers._table import TableRecording
 from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text
@@ -209,7 +208,7 @@ def open_log(
         progress=progress,
     )
     file = _found(path)
-    reader = _reader_of(file)
+    reader = _reader_of(file.name, file.head())
     if reader.log is not None:
         return _log_of(file, reader, asked)
     table = _table_of(file, reader, asked)
@@ -243,7 +242,7 @@ def holds_log(
     if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
         return False  # what cannot be looked at twice is left alone
     file = _found(path)
-    reader = _reader_of(file)
+    reader = _reader_of(file.name, file.head())
     if reader.log is not None:
         return True
     asked = _Asked(columns=columns, pattern=pattern, topic=topic)
@@ -317,7 +316,7 @@ class _Asked:
 
 def _open(file: Source, asked: _Asked) -> FileRecording:
     """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
-    reader = _reader_of(file)
+    reader = _reader_of(file.name, file.head())
     if reader.log is not None:
         return _chosen(_log_of(file, reader, asked), asked)
     return _table_of(file, reader, asked)
@@ -333,17 +332,17 @@ def _found(path: AnyPath, *, once: bool = False) -> Source:
         folder = Path(path)
         size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
         return File(folder.name, folder / METADATA, size)
-    return find(path, once=once)
+    return find(path, once=once, check=_reader_of)
 
 
-def _reader_of(file: Source) -> Reader:
-    head = file.head()
+def _reader_of(name: str, head: bytes) -> Reader:
+    """Find the reader of what starts with these bytes."""
     for reader in READERS:
         if reader.accepts(head):
             return reader
     kind = foreign_kind(head)
     what = f"{kind.name}: {kind.advice}" if kind else "of no known kind: give a text recording"
-    raise UnreadableInput(f"{file.name} is {what}")
+    raise UnreadableInput(f"{name} is {what}")
 
 
 def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | TableRecording:

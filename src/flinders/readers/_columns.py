@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from flinders.core.samples import Samples
+from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NoMagnetometer, UnitError, UsageError
 from flinders.geometry import quaternions
@@ -27,12 +27,14 @@ from flinders.readers._names import (
     FACTORS,
     FACTORS_OF_MOTORS,
     FIELD,
+    FIRST,
     RATE,
     STRENGTH,
     TEMPERATURE,
     THROTTLE,
     THROTTLES,
     TIME,
+    Choice,
     Meaning,
     Vector,
     companion,
@@ -40,25 +42,23 @@ from flinders.readers._names import (
     kind_of_chip,
     label,
     meaning,
+    numbered,
     passed_over,
     tells_nothing,
     vectors,
 )
 from flinders.readers._resample import shares
-from flinders.readers._selection import FIRST, Choice, numbered
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
-    from flinders.readers._selection import TimeSpan
+    from flinders.core.samples import TimeSpan
     from flinders.readers._source import Source
 
 OF_MOTORS: Final = (CURRENTS, THROTTLES)  # kinds of which each motor may have a column
-IN_SAMPLES: Final = (  # kinds that stand beside the field, as `Samples` calls them
-    TIME, ACCELERATION, RATE, TEMPERATURE, CURRENT, STRENGTH, THROTTLE, ATTITUDE, CURRENTS, THROTTLES,
-)  # fmt: skip
+IN_SAMPLES: Final = COLUMNS[1:]  # kinds that stand beside the field
 VALID: Final = {THROTTLE: shares, THROTTLES: shares, ATTITUDE: quaternions.known}  # values out of range become NaN
 SHARES: Final = ("share", "percent", "pct", "%")  # units of a throttle that count from 0; pulses count from `REST_US`
 REST_US: Final = 1000.0  # pulse that asks a motor for nothing; a thousand more asks for all
@@ -162,8 +162,7 @@ class Columns:
             level[:, self.field.axes] = field
             field = level
         others = {kind: self._values_of(values, kind) for kind in IN_SAMPLES}
-        samples = Samples.of(field, unit=unit, scale=None, axes=axes, source=source, **others)
-        return samples if frame == samples.frame else replace(samples, frame=frame)
+        return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, **others)
 
     def _values_of(self, values: Floats, kind: str) -> Floats | None:
         """Take the column of a kind in the unit of `Samples`, if it is there; NaN where a value is not valid."""
@@ -258,7 +257,7 @@ class _Header:
         first = column.cells[0]
         unit = self.meanings[first].unit
         if column.kind == TIME:
-            return _time(column, unit, self.values[:, first])
+            return _timed(column, unit, self.values[:, first])
         factor = {**FACTORS, **FACTORS_OF_MOTORS}.get(column.kind, {}).get(unit, 1.0)
         start = REST_US if column.kind == THROTTLES and unit not in SHARES else 0.0
         return replace(column, factor=factor, start=start, unit=unit if column.kind == STRENGTH else "")
@@ -327,7 +326,7 @@ def by_place(values: Floats, wanted: Sequence[int] = ()) -> Columns | None:
     field = tuple(wanted) or ((0, 1, 2) if width == 3 else (1, 2, 3) if timed else ())
     if not field:
         return None
-    time = (_time(_column(TIME, [0], ()), "", values[:, 0]),) if timed else ()
+    time = (_timed(_column(TIME, [0], ()), "", values[:, 0]),) if timed else ()
     return Columns(_column(FIELD, field, ()), auxiliary=time)
 
 
@@ -476,25 +475,12 @@ def _numeric(values: Floats) -> bool:
     return len(values) == 0 or bool(np.isfinite(values).mean() >= 0.5)
 
 
-def _time(column: Column, unit: str, values: Floats) -> Column:
+def _timed(column: Column, unit: str, values: Floats) -> Column:
     """Find the factor to seconds, and where a clock that counts from 1970 starts."""
     values = values[np.isfinite(values)]
     first = float(values[0]) if len(values) else 0.0
     factor = _factor_to_seconds(values, unit)
     return replace(column, factor=factor, start=first if abs(first) * factor > LONG else 0.0)
-
-
-def _factor_to_seconds(values: Floats, unit: str) -> float:
-    """Factor of a time's stated unit, else a guess from its size, then from its steps of 10 µs to 10 s."""
-    if unit:
-        return FACTORS[TIME][unit]
-    first = float(values[0]) if len(values) else 0.0
-    with np.errstate(over="ignore"):  # of numbers that are no times
-        step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
-    for least, factor in EPOCHS:
-        if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
-            return factor
-    return 1.0 if step < 2 else 1e-3 if step < 1e3 else 1e-6 if step < 5e5 else 1e-9
 
 
 @np.errstate(over="ignore")
@@ -516,6 +502,19 @@ def _cut_digits(values: Floats, unit: str) -> str:
     many = f"{np.median(inside):.0f}" if len(runs) > 2 else f"{np.max(runs)} or more"
     reason = "its digits were cut to steps of {:.3g} s, {} readings to each: write more of them, as float64"
     return reason.format(max(steps) * factor, many) if steps else ""
+
+
+def _factor_to_seconds(values: Floats, unit: str) -> float:
+    """Factor of a time's stated unit, else a guess from its size, then from its steps of 10 µs to 10 s."""
+    if unit:
+        return FACTORS[TIME][unit]
+    first = float(values[0]) if len(values) else 0.0
+    with np.errstate(over="ignore"):  # of numbers that are no times
+        step = float(np.median(np.abs(np.diff(values)))) if len(values) > 1 else 0.0
+    for least, factor in EPOCHS:
+        if least <= first < 4 * least and (step == 0 or 1e-5 <= step * factor <= 10):
+            return factor
+    return 1.0 if step < 2 else 1e-3 if step < 1e3 else 1e-6 if step < 5e5 else 1e-9
 
 
 def _resolutions(values: Floats) -> list[float]:

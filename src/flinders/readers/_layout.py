@@ -1,26 +1,45 @@
-"""How a table of text is laid out: delimiter, decimal sign, header, first reading; and dialects, which become one.
+"""How text is written: as a table, with its delimiter, decimal sign and header, or in a dialect, which becomes one.
 
 Every way of cutting lines is tried on the first few hundred; the one that yields the most lines of numbers is taken.
 What stands above the first such line is preamble, and a header if it has as many cells as the readings and its names,
 as `_names` reads them, hold a magnetometer.
+
+>>> dialect = recognise(["starting up", "X: -20.8 Y: -20.2 Z: 26.1 uT", "X: -20.7 Y: -20.1 Z: 26.2 uT"])
+>>> dialect.words, dialect.names
+('labelled lines', ('X (uT)', 'Y (uT)', 'Z (uT)'))
+>>> dialect.row("X: -20.6 Y: -20.0 Z: 26.3 uT"), dialect.row("low battery") is None
+(['-20.6', '-20.0', '26.3'], True)
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import KW_ONLY, dataclass
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.errors import NoMagnetometer, UnreadableInput, figures
+from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, figures
 from flinders.readers._columns import Columns, choose
-from flinders.readers._names import ACCELERATION, FIELD, RATE, Meaning, is_unit, meaning, names_magnetometer, vectors
-from flinders.readers._selection import FIRST, Choice
+from flinders.readers._names import (
+    ACCELERATION,
+    FIELD,
+    FIRST,
+    RATE,
+    Choice,
+    Meaning,
+    is_unit,
+    meaning,
+    names_magnetometer,
+    vectors,
+)
+from flinders.readers._source import derived
 from flinders.readers._tokenizer import (
+    COMMENTS,
     CUT_OFF,
     ENDS_EARLY,
     QUANTITY,
@@ -36,12 +55,15 @@ from flinders.readers._tokenizer import (
     shown,
     split,
 )
+from flinders.readers.dialects import Dialect, json_records, labelled, marked, wrapped
+from flinders.readers.dialects.pattern import Pattern
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from flinders.arrays import Floats
     from flinders.errors import InputError
+    from flinders.readers._source import Source
 
 ON_BOARD: Final = "magADC is after the board's own mag_zero and alignment, on INAV after its gain too"
 """What a blackbox logs; `compassUpdate` in `sensors/compass.c` of Betaflight and INAV."""
@@ -50,7 +72,6 @@ SIGNS: Final = (
 )  # fmt: skip
 """Delimiters and decimal signs; of equally good ones the first is taken."""
 SPOKEN: Final = {",": "comma", ";": "semicolon", "\t": "tab", SPACES: "space"}
-COMMENTS: Final = ("#", "%", "//")
 TRIED: Final = 400  # Lines that are tried first
 SAMPLED: Final = 200  # Rows looked at to tell numbers from text, and ascending times
 SAME_WIDTH: Final = 0.6
@@ -99,20 +120,6 @@ class TextLayout:
 
 
 @dataclass(slots=True)
-class Dialect:
-    """How lines become rows of a table that is separated by commas."""
-
-    words: str  # what the lines are, for people
-    names: tuple[str, ...]  # of the columns; empty where the lines do not state them
-    _: KW_ONLY
-    frame: str = "sensor"  # what the axes are, as `Samples` calls it
-
-    def row(self, line: str) -> Sequence[str] | None:
-        """Take one line, in order: the cells of a reading, nothing for a part of one, None where it is another line."""
-        raise NotImplementedError
-
-
-@dataclass(slots=True)
 class Cells(Dialect):
     """Rows of a table."""
 
@@ -131,6 +138,102 @@ class Cells(Dialect):
             return None
         cells = split(line, self.grid.delimiter)[: self.grid.width or None]
         return [quoted(cell.strip().replace(self.grid.decimal, ".")) for cell in cells]
+
+
+def recognise_layout(
+    name: str, lines: list[str], lay_out: Callable[..., TextLayout], pattern: str | None = None
+) -> tuple[Dialect | None, TextLayout]:
+    """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
+
+    Raises
+    ------
+    InputError
+        What `lay_out` raises, where they are neither.
+    """
+    dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
+    try:
+        return dialect, _laid_out(name, lines, lay_out, dialect)
+    except (NoMagnetometer, UnreadableInput):
+        dialect = None if dialect else guess(lines)
+        if dialect is None:
+            raise
+    return dialect, _laid_out(name, lines, lay_out, dialect)
+
+
+def _laid_out(name: str, lines: list[str], lay_out: Callable[..., TextLayout], dialect: Dialect | None) -> TextLayout:
+    """Lay out a table, or the one that a dialect makes of these lines."""
+    if dialect is None:
+        return lay_out(lines)
+    trial = deepcopy(dialect)  # it remembers parts of a reading
+    rows, filled = list[str](), 0
+    for line in lines:
+        rows.append(",".join(trial.row(line) or ()))
+        filled += bool(rows[-1])
+        if filled == TRIED:
+            break
+    if not filled:
+        raise NoMagnetometer(f"{name} is a {dialect.words} without a line of a magnetometer")
+    return replace(lay_out(rows, header=dialect.names), words=dialect.words)
+
+
+def split_records(source: Source, encoding: str, beginning: str) -> Source | None:
+    """Put records of a JSON document, or datagrams without line ends, in lines of their own; None for other lines."""
+    if json_records.is_document(beginning):
+        return derived(source, json_records.records_as_lines(source, encoding))
+    return derived(source, marked.datagrams_as_lines(source)) if marked.are_glued(beginning) else None
+
+
+def recognise(lines: list[str]) -> Dialect | None:
+    """Find the dialect whose signs the lines bear; None for a table."""
+    if is_plain(lines):
+        return None
+    for sign, recogniser, most in DIALECTS:
+        some = lines[:most]
+        if any(map(sign.search, some)) and (dialect := recogniser(some)):
+            return dialect
+    return None
+
+
+def guess(lines: list[str]) -> Dialect | None:
+    """Find a dialect for lines that are no table either: tuples, words before numbers, time stamps before a table."""
+    return (
+        wrapped.stamped(lines, recognise, rows_of_table, marked=False)
+        or wrapped.stamped(lines, _labelled, rows_of_table, marked=False)
+        or labelled.recognise(lines, marked=False)
+    )
+
+
+def _labelled(lines: list[str]) -> Dialect | None:
+    """Find labels that name a magnetometer, else three numbers between any words."""
+    return labelled.recognise(lines) or labelled.recognise(lines, marked=False)
+
+
+def rows_of_table(lines: list[str]) -> Cells | None:
+    """Find the rows of a table, as behind time stamps; three columns without names are x, y, z."""
+    try:
+        layout = sniff("", lines)
+    except FlindersError:
+        return None
+    width = layout.grid.width
+    nameless = "xyz" if width == len("xyz") else [str(place + 1) for place in range(width)]
+    return Cells.of(layout, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", nameless)
+
+
+class _Row(NamedTuple):
+    """A dialect, which is looked for where a line bears its sign."""
+
+    sign: re.Pattern[str]
+    recognise: Callable[[list[str]], Dialect | None]
+    most: int | None = TRIED  # lines that are looked at
+
+
+DIALECTS: Final = (
+    _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
+    _Row(re.compile(r"^\s*[\[{]"), json_records.recognise),
+    _Row(re.compile(r"\d:\d\d:\d\d"), lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
+    _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled)),
+    _Row(re.compile(r"[^\W\d_]"), labelled.recognise),
+)
 
 
 def is_plain(lines: list[str]) -> bool:

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.samples import TimeSpan
 from flinders.errors import UnreadableInput
-from flinders.readers._selection import Choice, TimeSpan, numbered
+from flinders.readers._names import Choice, numbered
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -31,9 +31,11 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter, defaultdict
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.units import SPELLINGS
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -556,3 +558,68 @@ def _quality(vector: Vector) -> tuple[int, bool, int, int, int]:
     foreign = sum(not (_is_number(word) or tells_apart(word)) for word in vector.label)
     is_symbol = vector.name.casefold() in ("b", "h")
     return vector.rank, is_symbol, foreign, len(vector.label), min(vector.cells)
+
+
+# Which of several magnetometers is meant ------------------------------------------------------------------------------
+
+MOST_NAMED: Final = 8  # magnetometers that a line names; an array may have dozens
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Which of several magnetometers is meant: the one that was asked for, else the one a calibration was made from.
+
+    >>> Choice("2").among(["mag_left", "mag_right"], "two.csv"), Choice(preferred="mag_right").among(["mag"], "one.csv")
+    (1, 0)
+    >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
+    Traceback (most recent call last):
+    flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
+        (mag_left), 2 (mag_right); say with --sensor which one it is for
+    """
+
+    sensor: str | None = None  # asked for, by its number from 1 or its name
+    preferred: str | None = None  # the name of the one that a calibration was made from
+    is_name: bool = False  # `sensor` may be given to the only magnetometer of a table, which does not know its name
+
+    @property
+    def is_open(self) -> bool:
+        """Nobody says which: the first is taken, and the others are named."""
+        return self.sensor is None and self.preferred is None
+
+    def among(self, names: Sequence[str], source: str) -> int:
+        """Look up its place among these names, from 0; UsageError for one that there is not, with those there are."""
+        wanted = self.preferred if self.sensor is None else self.sensor
+        if wanted is None or (self.sensor is None and len(names) == 1):
+            return 0
+        for place, name in enumerate(names):
+            numbers = () if self.sensor is None else (str(place + 1),)
+            if wanted.strip().casefold() in (*numbers, name.casefold(), name.casefold().removeprefix("/")):
+                return place
+        verb = "are" if len(names) > 1 else "is"
+        there = numbered([f"{number} ({name})" for number, name in enumerate(names, 1)])
+        what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
+        if self.sensor is None:
+            raise UsageError(
+                f"{what}, which the calibration is for: there {verb} {there}; say with --sensor which one it is for"
+            )
+        raise UsageError(f"{what}: there {verb} {there or 'none'}")
+
+    def refuse_alone(self, source: str) -> None:
+        """Refuse to choose from a table of one magnetometer."""
+        if self.sensor is not None and not self.is_name:
+            raise UsageError(
+                f"{source} has one magnetometer: leave --sensor out; its columns are chosen with --columns"
+            )
+
+
+FIRST: Final = Choice()  # Nobody says which
+
+
+def numbered(words: Sequence[str]) -> str:
+    """Put numbers and names of magnetometers into a sentence, as many as fit.
+
+    >>> numbered(["2 MAG2", "3 MAG3"])
+    '2 MAG2, 3 MAG3'
+    """
+    more = f" and {len(words) - MOST_NAMED} more" if len(words) > MOST_NAMED else ""
+    return ", ".join(words[:MOST_NAMED]) + more

@@ -23,8 +23,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeAlias
 
-from flinders.errors import FlindersError, counted
-from flinders.readers._extras import needs, reading
+from flinders.errors import FlindersError, counted, needs, reading
 from flinders.readers._source import MOST_PIECE, unpacked_piece
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Bytes of a recording, from a file or a pipe: as often as asked, or as they arrive.
+r"""Bytes of a file or a pipe, as often as asked or as they arrive, and what they are by the first of them.
 
 What cannot be read twice (standard input, a named pipe, a serial port) is either copied to a temporary
 file, which goes when its `File` does, or, where one pass is enough, read as a `ByteStream` that keeps
@@ -14,6 +14,16 @@ b'whole'
 Traceback (most recent call last):
 flinders.errors.UnreadableInput: zeros.csv.gz unpacks to more than 24 MB from 20,000 bytes, as no recording does: unpack
 it yourself if you trust it
+
+The first bytes of a file, unpacked, tell what it is, whatever it is called.
+
+>>> row = Reader("ulog", "PX4 ULog", (".ulg",), "each compass", starts=(b"ULog\x01\x12\x35",))
+>>> row.accepts(b"ULog\x01\x12\x35\x01"), row.accepts(b"x,y,z\n")
+(True, False)
+>>> foreign_kind(b"\x89PNG\r\n\x1a\n....")
+FileKind(name='a PNG image', advice='give the recording itself')
+>>> foreign_kind(b"mx,my,mz\n1,2,3\n") is None
+True
 """
 
 from __future__ import annotations
@@ -21,27 +31,29 @@ from __future__ import annotations
 import contextlib
 import gzip
 import io
+import itertools
 import os
 import stat
 import sys
-import tempfile
 import weakref
 import zlib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE, BOM_UTF32_BE, BOM_UTF32_LE
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast
 
 from flinders.core.files import REASONS, reason
 from flinders.errors import UnreadableInput, UsageError
-from flinders.readers._reader import GZIP, foreign_kind, may_be_log
 from flinders.readers._tokenizer import EndsEarly, Lines, cut, encoding_of, lines_of, shown
 
 if TYPE_CHECKING:
+    import re
     from collections.abc import Callable, Generator, Iterable, Iterator
 
 Progress: TypeAlias = "Callable[[int, int | None], None]"
 """Called once a block with the bytes read so far and, where it is known, those there are."""
+GZIP: Final = b"\x1f\x8b"
 HEAD: Final = 1 << 16
 """Bytes looked at to tell what a file is, and how its text is encoded."""
 CHUNK: Final = 1 << 18
@@ -90,9 +102,9 @@ class File:
 
     def opening(self, encoding: str) -> tuple[list[str], bool]:
         """Return the first lines, a block of them, and whether they are all."""
-        with contextlib.closing(self.lines(encoding)) as stretches:
-            first = next(stretches, Lines(1, "", 0, 0))
-            return first.texts, next(stretches, None) is None
+        with contextlib.closing(self.lines(encoding)) as blocks:
+            first = next(blocks, Lines(1, "", 0, 0))
+            return first.texts, next(blocks, None) is None
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
@@ -188,21 +200,32 @@ class ByteStream:
 Source: TypeAlias = File | ByteStream
 
 
-def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
+Check: TypeAlias = "Callable[[str, bytes], object]"
+"""Raises `UnreadableInput` where a source of this name cannot be read that starts with these bytes."""
+
+
+def refuse_foreign(name: str, head: bytes) -> None:
+    """Refuse what is no text."""
+    if kind := foreign_kind(head):
+        raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
+
+
+def find(path: str | os.PathLike[str], *, once: bool = False, check: Check = refuse_foreign) -> Source:
     """Find what a path names, a file, a pipe or a device; ``"-"`` is standard input.
 
-    Where one pass is enough (`once`), what can be read only once is not kept, and comes as it arrives. A path where
-    there is nothing, nothing readable, a folder or an empty file raises `UnreadableInput`.
+    Where one pass is enough (`once`), what can be read only once is not kept, and comes as it arrives; else it is
+    copied, if its first bytes pass the `check`. A path where there is nothing, nothing readable, a folder or an empty
+    file raises `UnreadableInput`.
     """
     text = os.fspath(path)
     if text == "-":
-        return _piped("standard input", _standard_input(), once=once)
+        return _piped("standard input", _standard_input(), once, check)
     file, name = Path(text), shown(text)
     try:
         status = file.stat()
         if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):
             with contextlib.ExitStack() as stack:
-                source = _piped(file.name, stack.enter_context(file.open("rb")), once=once)
+                source = _piped(file.name, stack.enter_context(file.open("rb")), once, check)
                 weakref.finalize(source, stack.pop_all().close)
                 return source
     except (OSError, ValueError) as error:
@@ -217,8 +240,10 @@ def find(path: str | os.PathLike[str], *, once: bool = False) -> Source:
 def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
     """Copy what can be read only once to a temporary file, which is deleted with the source or at exit.
 
-    Nothing, what is no text, and what cannot be written raise `UnreadableInput`; `empty` says what to do about nothing.
+    Nothing, and what cannot be written, raise `UnreadableInput`; `empty` says what to do about nothing.
     """
+    import tempfile
+
     path: Path | None = None
     source: File | None = None
     try:
@@ -278,10 +303,18 @@ def _standard_input() -> io.BufferedIOBase:
     return cast("io.BufferedIOBase", buffer) if buffer else io.BytesIO(sys.stdin.read().encode())
 
 
-def _piped(name: str, stream: io.BufferedIOBase, *, once: bool) -> Source:
+def _piped(name: str, stream: io.BufferedIOBase, once: bool, check: Check) -> Source:
     if once:
         return ByteStream(name, _as_it_arrives(name, stream))
-    return spooled(name, _chunks(name, stream.read), empty=NOTHING_PIPED)
+    return spooled(name, _checked(name, _chunks(name, stream.read), check), empty=NOTHING_PIPED)
+
+
+def _checked(name: str, chunks: Iterator[bytes], check: Check) -> Iterator[bytes]:
+    """Yield chunks if the first passes the check, or is packed."""
+    first = next(chunks, b"")
+    if first and not first.startswith(GZIP):
+        check(name, first[:HEAD])
+    return itertools.chain([first], chunks)
 
 
 def _as_it_arrives(name: str, stream: io.BufferedIOBase) -> Iterator[bytes]:
@@ -326,11 +359,9 @@ def _row_width(line: str) -> int:
 
 
 def _copy(name: str, chunks: Iterable[bytes], file: IO[bytes], empty: str) -> int:
-    """Write chunks to a file and count bytes; a stream that is not a recording is refused at its first chunk."""
+    """Write chunks to a file and count bytes."""
     size = 0
     for chunk in chunks:
-        if size == 0 and not chunk.startswith(GZIP) and not may_be_log(chunk) and (kind := foreign_kind(chunk)):
-            raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
         size += file.write(chunk)
         if size > MOST_SPOOLED:
             raise UnreadableInput(f"{name} is longer than {MOST_SPOOLED >> 30} GB: save it as a file, or cut it")
@@ -409,3 +440,104 @@ def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> by
     if is_whole:
         raise ValueError("a packed piece is not whole")
     return content
+
+
+# What a file is by its first bytes ------------------------------------------------------------------------------------
+
+WIDE_BOMS: Final = (BOM_UTF32_LE, BOM_UTF32_BE, BOM_UTF16_LE, BOM_UTF16_BE)
+CONTROLS: Final = bytes(set(range(32)) - {9, 10, 12, 13, 27}) + b"\x7f"
+"""Bytes that text does not hold: all but tab, line ends, form feed and escape."""
+MOST_CONTROLS: Final = 0.02
+"""Share of control bytes up to which a file still counts as text; random bytes have 0.11."""
+
+
+class FileKind(NamedTuple):
+    """A kind of file, and what to do with one."""
+
+    name: str
+    advice: str
+
+
+_ITSELF = "give the recording itself"
+_EXPORT = "export it as CSV"
+_UNPACK = "unpack it and give the recording inside"
+
+MAGIC: Final[dict[bytes, FileKind]] = {
+    b"\x89PNG\r\n\x1a\n": FileKind("a PNG image", _ITSELF),
+    b"\xff\xd8\xff": FileKind("a JPEG image", _ITSELF),
+    b"GIF8": FileKind("a GIF image", _ITSELF),
+    b"BM": FileKind("a BMP image", _ITSELF),
+    b"II*\x00": FileKind("a TIFF image", _ITSELF),
+    b"MM\x00*": FileKind("a TIFF image", _ITSELF),
+    b"RIFF": FileKind("a sound, film or image file", _ITSELF),
+    b"%PDF": FileKind("a PDF document", _ITSELF),
+    b"{\\rtf": FileKind("an RTF document", "save it as plain text"),
+    b"\xd0\xcf\x11\xe0": FileKind("an old Office document", _EXPORT),
+    b"PK\x05\x06": FileKind("an empty ZIP archive", _ITSELF),
+    b"Rar!": FileKind("a RAR archive", _UNPACK),
+    b"7z\xbc\xaf\x27\x1c": FileKind("a 7z archive", _UNPACK),
+    b"BZh": FileKind("bzip2-compressed", "unpack it with bunzip2"),
+    b"\xfd7zXZ\x00": FileKind("xz-compressed", "unpack it with unxz"),
+    b"\x28\xb5\x2f\xfd": FileKind("zstd-compressed", "unpack it with unzstd"),
+    b"\x1f\x8b": FileKind("gzip-compressed twice", "unpack it with gunzip"),
+    b"\x7fELF": FileKind("a program", _ITSELF),
+    b"MZ": FileKind("a program", _ITSELF),
+    b"FEA1": FileKind("a Feather file of version 1", "save it again with a pandas or pyarrow of this decade"),
+    b"SQLite format 3": FileKind("an SQLite database", _EXPORT),
+}
+"""First bytes, and what they are the first bytes of. The order does not matter: none starts another."""
+
+
+PAGES: Final = {b"<!doctype html": "an HTML page", b"<html": "an HTML page", b"<?xml": "an XML document"}
+_WORDS: Final = frozenset(start for start in MAGIC if start.isalpha())
+"""Starts that plain text may have too (``BM``, ``MZ``): they count only in a file that is binary."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """One row of the table of formats; of `starts`, `pattern` and `sniff`, all that are given have to hold."""
+
+    name: str  #: in one word
+    title: str  #: for people; a section of docs/formats.md may have it as its heading
+    suffixes: tuple[str, ...]  #: endings that such files usually have; the content decides
+    docs: str  #: what is read of such a file, for the table in docs/formats.md
+    starts: tuple[bytes, ...] = ()  #: first bytes of such files, unpacked
+    pattern: re.Pattern[bytes] | None = None  #: what stands in the first bytes
+    sniff: Callable[[bytes], bool] | None = None  #: tells from the first bytes what no pattern can
+    #: opens a table, a magnetometer in columns or one of several, with the options of `open_text`
+    open: Callable[..., Any] | None = None
+    log: Callable[..., Any] | None = None  #: or opens a `Log`: several instruments, which know their units
+    extra: str = ""  #: the optional dependency it needs, or nothing
+    takes_topic: bool = False  #: of a table: it has several, and takes the name of one
+    takes_unit: bool = False  #: of a log: it may hold readings whose unit it does not know, and takes one
+
+    def accepts(self, head: bytes) -> bool:
+        """Tell whether this reader should try a file with these first bytes."""
+        if self.starts and not head.startswith(self.starts):
+            return False
+        if self.pattern is not None and self.pattern.search(head) is None:
+            return False
+        return self.sniff is None or self.sniff(head)
+
+
+def foreign_kind(head: bytes) -> FileKind | None:
+    """Name what starts with these bytes, or None where they may be text."""
+    binary = is_binary(head)
+    for start, kind in MAGIC.items():
+        if head.startswith(start) and (binary or start not in _WORDS):
+            return kind
+    opening = head.removeprefix(b"\xef\xbb\xbf").lstrip()[:20].lower()
+    for start, name in PAGES.items():
+        if opening.startswith(start):
+            return FileKind(name, "download the raw file it shows")
+    return FileKind("a binary file", "give a text recording with three columns of numbers") if binary else None
+
+
+def is_binary(head: bytes) -> bool:
+    """Tell whether these bytes hold what text does not; zeros that fill up the end are let pass."""
+    if head.startswith(WIDE_BOMS):
+        return False
+    filled = head.rstrip(b"\x00")
+    if not filled:
+        return bool(head)
+    return len(filled) - len(filled.translate(None, CONTROLS)) > MOST_CONTROLS * len(filled)

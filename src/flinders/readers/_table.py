@@ -25,12 +25,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK, Skipped
+from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.errors import NoMagnetometer, UnreadableInput
 from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
 from flinders.readers._layout import ranges
+from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
-from flinders.readers._selection import FIRST, Choice, TimeSpan, added
 from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:

@@ -57,6 +57,7 @@ MARKS: Final = {  # byte order marks
     codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16",
 }  # fmt: skip
 
+COMMENTS: Final = ("#", "%", "//")  # What a line that is none of a recording begins with
 SPACES: Final = " "  # The delimiter that stands for any run of spaces and tabs
 MISSING: Final = frozenset({"", "nan", "-nan", "na", "n/a", "null", "none"})  # What loggers write for no value
 MINUS: Final = "\N{MINUS SIGN}"  # What text processors make of a hyphen before a number
@@ -134,7 +135,7 @@ class EndsEarly(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """A stretch of lines."""
+    """Consecutive lines of a text."""
 
     first: int  # the number of the first
     text: str  # all of them, with LF between them
@@ -147,7 +148,7 @@ class Lines:
         return range(self.first, self.first + self.count)
 
     def blocks(self) -> Iterator[Lines]:
-        """Cut them into stretches of `BLOCK`."""
+        """Cut them into blocks of `BLOCK`."""
         if self.count <= BLOCK:
             yield self
             return

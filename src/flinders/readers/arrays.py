@@ -25,10 +25,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final, Literal
 
 import numpy as np
 
-from flinders.errors import UnreadableInput
-from flinders.readers._extras import needs, reading
-from flinders.readers._reader import Reader
-from flinders.readers._source import spooled
+from flinders.errors import UnreadableInput, needs, reading
+from flinders.readers._source import Reader, spooled
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.zipped import ZIP, member_chunks, members
 

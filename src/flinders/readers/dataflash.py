@@ -56,9 +56,8 @@ from flinders.readers._parameters import (
     unapplied,
     unused,
 )
-from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled
-from flinders.readers._source import refusal
+from flinders.readers._source import Reader, refusal
 from flinders.readers._tokenizer import encoding_of
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters
 

@@ -35,11 +35,9 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from flinders.core.samples import BLOCK
-from flinders.errors import NoMagnetometer, UnreadableInput
-from flinders.readers._extras import needs, reading
+from flinders.errors import NoMagnetometer, UnreadableInput, needs, reading
 from flinders.readers._names import names_magnetometer
-from flinders.readers._reader import MATLAB_7_3, Reader, is_hdf5
-from flinders.readers._source import is_bomb, too_much
+from flinders.readers._source import Reader, is_bomb, too_much
 from flinders.readers._table import MOST_NAMED, WIDEST, Table, TableRecording, named_part, open_table
 from flinders.readers._tokenizer import shown
 
@@ -51,6 +49,11 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.readers._columns import Columns
     from flinders.readers._source import File
+
+HDF5: Final = b"\x89HDF\r\n\x1a\n"
+MATLAB_7_3: Final = b"MATLAB 7.3 MAT-file"
+"""HDF5 behind 512 bytes of its own; others may have put a block of 512, 1024, ... bytes there too."""
+USER_BLOCKS: Final = (0, *(512 << power for power in range(7)))
 
 MOST_OBJECTS: Final = 10_000
 """Links in a file; one with more is refused."""
@@ -78,6 +81,11 @@ MOST_TEXT: Final = 1 << 20
 """Bytes of a text of any length in an attribute that is read."""
 HEAP: Final = b"GCOL\x01"
 """First bytes of a global heap, which holds texts of any length."""
+
+
+def is_hdf5(head: bytes) -> bool:
+    """Tell whether these are the first bytes of an HDF5 file, behind a user block or without one."""
+    return head.startswith(MATLAB_7_3) or any(head.startswith(HDF5, place) for place in USER_BLOCKS)
 
 
 def open_hdf5(file: File, **options: Any) -> TableRecording:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.samples import BLOCK
-from flinders.readers._extras import needs, reading
+from flinders.errors import needs, reading
 from flinders.readers._names import TIME, meaning
-from flinders.readers._reader import Reader
+from flinders.readers._source import Reader
 from flinders.readers._table import WIDEST, Table, TableRecording, open_table
 
 if TYPE_CHECKING:

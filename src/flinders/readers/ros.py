@@ -31,20 +31,17 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import UnreadableInput, counted
+from flinders.errors import UnreadableInput, counted, needs, reading
 from flinders.readers._columns import LONG
-from flinders.readers._extras import needs, reading
 from flinders.readers._log import Instrument, Log, Position, first_position
-from flinders.readers._reader import Reader
 from flinders.readers._resample import TimeSeries, blocks, resampled
 from flinders.readers._scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan
-from flinders.readers._source import MOST_MEMBER, MOST_PIECE, metered, unpacked_piece
+from flinders.readers._source import MOST_MEMBER, MOST_PIECE, Reader, metered, unpacked_piece
 from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
@@ -215,6 +212,8 @@ def _named(path: Path, suffix: str) -> Iterator[Path]:
     if not suffix or (path.suffix == suffix and not set("?#%") & set(str(path))):
         yield path
         return
+    from tempfile import TemporaryDirectory
+
     with TemporaryDirectory(prefix="flinders-") as folder:
         link = Path(folder) / f"recording{suffix}"
         link.symlink_to(path.absolute())

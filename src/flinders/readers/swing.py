@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import UnreadableInput
-from flinders.readers._reader import foreign_kind
-from flinders.readers._source import HEAD, find
+from flinders.readers._source import HEAD, find, foreign_kind
 from flinders.readers._tokenizer import encoding_of, number, shown
 
 if TYPE_CHECKING:

@@ -22,26 +22,26 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import BLOCK
+from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
 from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration
-from flinders.readers._layout import COMMENTS, TextLayout, sniff
-from flinders.readers._names import CURRENT, CURRENTS, TEMPERATURE, THROTTLE, THROTTLES, TIME
-from flinders.readers._reader import Reader, foreign_kind
+from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
+from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
 from flinders.readers._rewrite import Rewriter
-from flinders.readers._selection import FIRST, Choice, Tally, TimeSpan, added, left_out_of
-from flinders.readers._source import File, Progress
+from flinders.readers._source import File, Progress, Reader, derived, foreign_kind, refuse_foreign
 from flinders.readers._tokenizer import (
     BLOCKS_AT_ONCE,
+    COMMENTS,
+    ENDS_EARLY,
     LEAST_FOR_ARROW,
     Lines,
     NumberRows,
     encoding_of,
     parser_of,
     rows_of,
+    shown,
 )
-from flinders.readers.dialects import Transcription, recognise_layout, split_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -49,10 +49,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Samples, Skipped
+    from flinders.core.samples import Samples
     from flinders.readers._columns import Columns
     from flinders.readers._source import Source
     from flinders.readers._tokenizer import Grid, Parse
+    from flinders.readers.dialects import Dialect
 
 _CALIBRATION: Final = re.compile(
     r'^\W*(mag_?(?:calibration|zero|gain)(?:_[xyz]|\[[012]\])?)"?\s*[,;:=\t]\s*"?'
@@ -60,6 +61,10 @@ _CALIBRATION: Final = re.compile(
     re.IGNORECASE,
 )
 """A header of Betaflight or INAV with a calibration (`compassUpdate` in `sensors/compass.c`), as tools may write it."""
+UNREADABLE: Final = "unreadable"
+NOT_FINITE: Final = "not finite"
+OTHER: Final = "other"  # Why lines are left out that are none of the dialect
+SHOWN_LINES: Final = 10  # Numbers of lines that are noted, of each reason
 _NO_GAIN: Final = 1024  # INAV's ``maggain`` that changes nothing
 
 
@@ -107,9 +112,9 @@ class TextRecording(ColumnsRecording):
         """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in."""
         pending: tuple[Skipped, ...] = ()
         clock = self.span.clock(self.source)
-        for stretch in self._pass(self.layout.columns):
-            pending = added(pending, stretch.left_out)
-            for lines, samples in self._samples(stretch):
+        for block in self._pass(self.layout.columns):
+            pending = added(pending, block.left_out)
+            for lines, samples in self._samples(block):
                 within = clock.within(samples)
                 if within.any():
                     yield lines[within], replace(clock.selected(samples, within), skipped=pending)
@@ -169,7 +174,7 @@ class TextRecording(ColumnsRecording):
         """How it is written."""
         return str(self.layout)
 
-    def _pass(self, columns: Columns) -> Iterator[_Stretch]:
+    def _pass(self, columns: Columns) -> Iterator[_Block]:
         """Go over these columns of the file once, noting what is left out, and judge it at the end."""
         tally, others = Tally(), 0
         self.skipped = ()
@@ -183,30 +188,30 @@ class TextRecording(ColumnsRecording):
             self.skipped = added(self.skipped, left_out)
             if self.progress:
                 self.progress(lines.done, self.file.size)
-            yield _Stretch(lines, rows, usable, left_out)
+            yield _Block(lines, rows, usable, left_out)
         tally.judge(self.source, self.skipped)
 
     def _read(self, grid: Grid, columns: Columns) -> Iterator[tuple[Lines, NumberRows, NDArray[np.bool_]]]:
         """Read blocks of lines, and several at once where pyarrow reads all of their lines and all can be used."""
         file, encoding = self.file, self.layout.encoding
-        parse, stretches = None, file.lines(encoding)
+        parse, segments = None, file.lines(encoding)
         if isinstance(file, File) and file.size >= LEAST_FOR_ARROW and (parse := parser_of(grid)):
-            stretches = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
-        for stretch in stretches:
-            if (whole := self._parsed(stretch, parse)) and (usable := self._usable(whole, columns)).all():
-                yield stretch, whole, usable
+            segments = file.lines(encoding, blocks=BLOCKS_AT_ONCE)
+        for segment in segments:
+            if (whole := self._parsed(segment, parse)) and (usable := self._usable(whole, columns)).all():
+                yield segment, whole, usable
                 continue
-            for lines in stretch.blocks():
+            for lines in segment.blocks():
                 rows = self._parsed(lines, parse) or self._rows(lines, grid)
                 yield lines, rows, self._usable(rows, columns)
 
     def _parsed(self, lines: Lines, parse: Parse | None) -> NumberRows | None:
-        """Read a stretch by pyarrow, where it is used and there is nothing but readings."""
+        """Read a block by pyarrow, where it is used and there is nothing but readings."""
         values = parse(lines) if parse and self._is_all_readings(lines) else None
         return None if values is None else NumberRows(values, lines.numbers, [])
 
     def _rows(self, lines: Lines, grid: Grid) -> NumberRows:
-        """Read the lines of a stretch that should be readings."""
+        """Read the lines of a block that should be readings."""
         texts, first = lines.texts, lines.first
         if self._is_all_readings(lines) and all(map(str.strip, texts)):
             return rows_of(texts, lines.numbers, grid)
@@ -215,7 +220,7 @@ class TextRecording(ColumnsRecording):
         return rows_of([texts[place] for place in places], [first + place for place in places], grid)
 
     def _is_all_readings(self, lines: Lines) -> bool:
-        """Tell whether a stretch is below the header and holds neither that nor a comment; blank lines it may hold."""
+        """Tell whether a block is below the header and holds neither that nor a comment; blank lines it may hold."""
         layout, text = self.layout, lines.text
         others = (*COMMENTS, layout.header_text) if layout.header_text else COMMENTS
         # one character is found in a tenth of the time that two take
@@ -228,10 +233,10 @@ class TextRecording(ColumnsRecording):
             usable = np.isfinite(columns.taken(rows.values, columns.field) * self.unit.scale)
         return np.asarray(usable.all(axis=1), dtype=np.bool_)
 
-    def _samples(self, stretch: _Stretch) -> Iterator[tuple[Floats, Samples]]:
+    def _samples(self, block: _Block) -> Iterator[tuple[Floats, Samples]]:
         """Make samples of the rows that can be used, with the numbers of their lines, `BLOCK` at a time."""
-        values = stretch.rows.values if stretch.usable.all() else stretch.rows.values[stretch.usable]
-        lines = stretch.rows.numbers[stretch.usable]
+        values = block.rows.values if block.usable.all() else block.rows.values[block.usable]
+        lines = block.rows.numbers[block.usable]
         for start in range(0, len(lines), BLOCK):
             rows = slice(start, start + BLOCK)
             yield lines[rows], self._samples_of(self.layout.columns, values[rows])
@@ -240,7 +245,90 @@ class TextRecording(ColumnsRecording):
         return columns.samples(values, unit=self.unit, axes=self.axes, source=self.source, frame=self.frame)
 
 
-class _Stretch(NamedTuple):
+class Transcription:
+    """A recording in a dialect as a `table` without a header, each row in the place of its line, and what is no row."""
+
+    def __init__(self, source: Source, dialect: Dialect, encoding: str) -> None:
+        self._dialect, self._encoding, self.frame = dialect, encoding, dialect.frame
+        self._others, self._numbers, self._example = 0, list[int](), ""
+        self.table = derived(source, self._rows(source))
+
+    def others(self, before: int = 0) -> tuple[Skipped, ...]:
+        """Account for the lines that are none of the dialect, less so many that are accounted for already."""
+        if self._others <= before:
+            return ()
+        numbers = () if before else tuple(self._numbers)
+        return (Skipped(OTHER, self._others - before, numbers, "" if before else self._example),)
+
+    def _rows(self, source: Source) -> Iterator[bytes]:
+        """Yield the rows of each block of lines."""
+        row = self._dialect.row
+        for lines in source.lines(self._encoding):
+            rows = [
+                self._other(lines, place, text) if (cells := row(text)) is None else ",".join(cells)
+                for place, text in enumerate(lines.texts)
+            ]
+            yield "\n".join([*rows, ""]).encode()
+
+    def _other(self, lines: Lines, place: int, text: str) -> str:
+        """Count a line that is no reading; a blank row takes its place, and rows keep the numbers of their lines."""
+        if text == ENDS_EARLY:
+            return text
+        if text.strip():
+            self._others += 1
+            self._example = self._example or shown(text)
+            if len(self._numbers) < SHOWN_LINES:
+                self._numbers.append(lines.first + place)
+        return ""
+
+
+class Tally:
+    """Counts what is read and what is not, so that a file of which little can be read is refused."""
+
+    def __init__(self) -> None:
+        self.rows = self.usable = 0
+        self.unreadable = 0
+        self.first = self.last = (0, "")
+
+    def add(self, rows: NumberRows, usable: NDArray[np.bool_]) -> None:
+        """Count one block."""
+        self.rows += len(usable)
+        self.usable += int(usable.sum())
+        if rows.unreadable:
+            self.first = self.first if self.unreadable else rows.unreadable[0]
+            self.last = rows.unreadable[-1]
+            self.unreadable += len(rows.unreadable)
+
+    def judge(self, name: str, skipped: tuple[Skipped, ...]) -> None:
+        """Refuse a file more than half of which is unreadable, or in which nothing can be used."""
+        if self.unreadable > self.rows:
+            raise UnreadableInput(
+                f"{self.unreadable:,} of {self.unreadable + self.rows:,} lines of {name} are not readings: "
+                f"the first is line {self.first[0]} ({shown(self.first[1])!r}), the last line {self.last[0]} "
+                f"({shown(self.last[1])!r}); check what was recorded, or name the columns with --columns"
+            )
+        if not self.usable:
+            raise UnreadableInput(
+                f"no usable reading in {name}: {'; '.join(map(str, skipped))}; need finite x, y and z: "
+                "check the sensor and its wiring"
+            )
+
+
+def left_out_of(lines: Lines, rows: NumberRows, usable: NDArray[np.bool_]) -> tuple[Skipped, ...]:
+    """Account for the rows of a block that cannot be used, and the lines that are none."""
+    accounts = []
+    if not usable.all():
+        gaps = [rows.lines[int(place)] for place in np.flatnonzero(~usable)]
+        accounts.append((NOT_FINITE, gaps, lines.texts[gaps[0] - lines.first]))
+    if rows.unreadable:
+        accounts.append((UNREADABLE, [line for line, _ in rows.unreadable], rows.unreadable[0][1]))
+    return tuple(
+        Skipped(reason, len(numbers), tuple(numbers[:SHOWN_LINES]), shown(example))
+        for reason, numbers, example in accounts
+    )
+
+
+class _Block(NamedTuple):
     """Some lines, what was read from them, which of the rows can be used, and what is left out."""
 
     lines: Lines
@@ -264,8 +352,7 @@ def open_text(
     """Recognise a text recording from its first lines; parameters and errors as `flinders.open_recording`."""
     axes = axes if isinstance(axes, Axes) else Axes.of(axes)
     head = file.head()
-    if kind := foreign_kind(head):
-        raise UnreadableInput(f"{file.name} is {kind.name}: {kind.advice}")
+    refuse_foreign(file.name, head)
     laid_out = _laid_out(file, head, partial(sniff, file.name, columns=columns, flat=flat, choice=choice), pattern)
     table, layout, transcription = laid_out.table, laid_out.layout, laid_out.transcription
     frame = transcription.frame if transcription else "sensor"

@@ -35,9 +35,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from flinders.core.units import Unit
-from flinders.errors import NoMagnetometer, UnreadableInput, counted
+from flinders.errors import NoMagnetometer, UnreadableInput, counted, needs
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._extras import needs
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import CURRENT, THROTTLE
 from flinders.readers._parameters import (
@@ -50,9 +49,8 @@ from flinders.readers._parameters import (
     unapplied,
     unused,
 )
-from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
-from flinders.readers._source import refusal
+from flinders.readers._source import Reader, refusal
 from flinders.targets.ardupilot import BY_CURRENT, BY_THROTTLE, OFF, ArduPilotParameters, compasses
 
 if TYPE_CHECKING:

@@ -36,13 +36,12 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, UnreadableInput, counted, figures
-from flinders.readers._extras import needs, reading
+from flinders.errors import ArrayError, UnreadableInput, counted, figures, needs, reading
 from flinders.readers._log import Instrument, Log, Position, Stored, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
 from flinders.readers._parameters import stage_of, stages, unapplied
-from flinders.readers._reader import Reader
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
+from flinders.readers._source import Reader
 from flinders.targets import px4
 
 if TYPE_CHECKING:

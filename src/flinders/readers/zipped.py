@@ -22,10 +22,8 @@ from functools import partial
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
-from flinders.errors import NoMagnetometer, UnreadableInput, UsageError
-from flinders.readers._extras import reading
-from flinders.readers._reader import Reader
-from flinders.readers._source import MOST_MEMBER, metered, spooled
+from flinders.errors import NoMagnetometer, UnreadableInput, UsageError, reading
+from flinders.readers._source import MOST_MEMBER, Reader, metered, spooled
 from flinders.readers._tokenizer import shown
 from flinders.readers.text import open_text
 

@@ -19,8 +19,6 @@ from typing import Final, Literal
 
 Theme = Literal["light", "dark"]
 
-THEMES: Final[tuple[Theme, ...]] = ("light", "dark")
-
 ENDS: Final = (0.5, 12.0)
 """Error ÷ target at the ends of the scale."""
 

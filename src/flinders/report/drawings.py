@@ -221,12 +221,11 @@ def _words_before(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
 
 
 def _words_after(loaded: PlaneEllipse, fit: Fit, unit: str) -> tuple[str, str]:
-    worst = degrees(fit.heading_error_deg.worst)
     if fit.verdict == "refused":
-        return f"heading off by up to {worst} (1 σ, worst)", "not to be used"
+        return f"heading off by up to {fit.heading_words}", "not to be used"
     return (
         f"circle of {figures(loaded.radius, 4)} {unit}, points {figures(fit.noise)} {unit} off (1 σ)",
-        f"heading good to {worst} (1 σ, worst)",
+        f"heading good to {fit.heading_words}",
     )
 
 

@@ -33,8 +33,6 @@ from flinders.core.units import label
 from flinders.diagnostics.random_walk import FEWEST, random_walk_of
 from flinders.estimators.data import concatenated
 from flinders.findings import Finding, by_severity
-from flinders.geometry.plane import down_of
-from flinders.heading.error_propagation import level_error
 from flinders.report.view import lengths_off, view
 from flinders.summary.cloud import Cloud
 from flinders.summary.coverage import Coverage
@@ -202,23 +200,21 @@ def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None,
     """
     field = whole(recording).field
     dip = fit.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.known_dip_deg)
-    expected = level_error(fit.ellipsoid, fit.covariance, dip_deg=dip, down=down_of(fit.plane))
     unstated = () if fit.states_uncertainty else (NO_UNCERTAINTY,)
     strength = Strength.under(fit.calibration.at(), field)
     noise = fit.calibration.field_strength * math.hypot(strength.mean - 1.0, strength.spread)
-    together = replace(
+    return replace(
         fit,
         noise=noise if math.isnan(fit.noise) else fit.noise,
         samples=fit.samples if fit.is_described else len(field),
         coverage=_coverage(field, fit.ellipsoid),
-        heading_error_deg=expected,
+        heading_error_deg=fit.level_error(dip),
         target_deg=target_deg or fit.target_deg,
         dip_deg=abs(dip) if dip_deg is None else dip_deg,
         disturbances_covariance=None,
         aiding=None,
         findings=by_severity([*fit.findings, *unstated]),
     )
-    return replace(together, heading_error_deg=expected.combined(together.structure_deg))
 
 
 def doubts(calibration: Calibration, recording: Recording) -> list[str]:

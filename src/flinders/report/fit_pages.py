@@ -23,11 +23,13 @@ from rich.text import Text
 from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
-from flinders.fitting.advice import condition, movement
+from flinders.findings import first_causes, limit_of
+from flinders.fitting.advice import movement
 from flinders.fitting.result import Fit, fit_of
 from flinders.geometry.plane import across
 from flinders.report.formatting import (
     aligned,
+    condition,
     degrees,
     matrix_entries,
     mounting,
@@ -54,7 +56,6 @@ if TYPE_CHECKING:
     from flinders.findings import Finding, Verdict
     from flinders.fitting.axis_extremes import Extremes
     from flinders.geometry.plane import PlaneEllipse, Turn
-    from flinders.heading.error_propagation import HeadingError
 
 NEGLIGIBLE: Final = 0.1
 """Of the target: what costs less is not worth a word."""
@@ -152,9 +153,9 @@ def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
     return notes(said)
 
 
-def good_to(error: HeadingError, target_deg: float) -> str:
+def good_to(fit: Fit) -> str:
     """Say to how much the worst heading is good, and to how much it should be."""
-    return f"worst heading good to {degrees(error.worst)} (1 σ; the target is {target_deg:g}°)"
+    return f"headings good to {fit.heading_words.removesuffix(')')}; target {fit.target_deg:g}°)"
 
 
 def _graded(quality: Verdict, words: str, *more: str) -> Table:
@@ -178,13 +179,14 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
     """The verdict of a calibration, for whom its number holds, and what it rests on."""
     if fit.verdict == "refused":
         return _graded(fit.verdict, f"not fit for use, {refused}", basis)
-    within = good_to(fit.heading_error_deg, fit.target_deg)
-    words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with these limits:"
+    within = good_to(fit)
+    words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
     return _graded(fit.verdict, words, f"{basis}; held level, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    seen = "" if fit.is_flat or fit.plane else f", {fit.coverage.fraction:.0%} of the sphere seen"
+    is_surface = not (fit.is_flat or fit.plane or fit.noise > limit_of("noise", "refuses") * fit.ellipsoid.radius)
+    seen = f", {fit.coverage.fraction:.0%} of the sphere seen" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
@@ -269,7 +271,8 @@ def _why_refused(outcome: Fit | FitError) -> str:
     fit = fit_of(outcome)
     if fit is None:
         return str(outcome)
-    return "; ".join(finding.advice.partition(":")[0] for finding in fit.findings if finding.severity == "refuses")
+    reasons = (finding for finding in first_causes(fit.findings) if finding.severity == "refuses")
+    return "; ".join(finding.advice.partition(":")[0] for finding in reasons)
 
 
 def _error(outcome: Fit | FlindersError) -> str:
@@ -366,9 +369,9 @@ def evenness(turn: Turn, target_deg: float, *, is_mean: bool) -> str:
 def _composed(composed: Fit, after: str | None) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
-    words = good_to(error, composed.target_deg) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
+    words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
     basis = f"{in_words(turns_of(composed.method))}; held level, dip {error.dip_deg:g}°"
-    said = _graded(composed.verdict, f"{words}, with these limits:", basis)
+    said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
     return Group(page(result, said), findings(composed.findings))

@@ -125,8 +125,6 @@ class FleetUnit:
     unit: str
     recording: str
     verdict: str
-    code: str
-    message: str
     worst_deg: float
     offset: float  # length, as a share of the field
     noise: float  # as a share of the field

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import figures
+from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.verdict import OF_THE_RECORDING
@@ -27,13 +28,24 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
-    from flinders.findings import Finding
+    from flinders.findings import Condition, Finding
     from flinders.fitting.result import Fit
 
 FINEST: Final = 2e-4
 """Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 """What each aiding sensor is called."""
+CONDITIONS: Final[dict[Condition, str]] = {
+    "uniform-field": "no iron is near",
+    "constant-iron": "currents are constant",
+}
+"""What a good verdict rests on, in words."""
+
+CERTAINTY: Final[dict[Condition, str]] = {
+    "uniform-field": "record elsewhere too",
+    "constant-iron": "record the currents",
+}
+"""What would show it."""
 DECIMALS: Final = 6
 """Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
@@ -180,10 +192,11 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 
 
 def shown_findings(fit: Fit) -> list[Finding]:
-    """Findings that a page shows: of a refused fit those that limit it or refuse it, and notes on the recording."""
+    """Findings that a page shows, first causes; of a refused fit no notes but those on the recording."""
+    causes = first_causes(fit.findings)
     if fit.verdict != "refused":
-        return list(fit.findings)
-    return [finding for finding in fit.findings if finding.severity != "note" or finding.code in OF_THE_RECORDING]
+        return list(causes)
+    return [finding for finding in causes if finding.severity != "note" or finding.code in OF_THE_RECORDING]
 
 
 def mounting(fit: Fit) -> str:
@@ -222,3 +235,17 @@ def with_unit(disturbance: Disturbance) -> str:
     ('current, A', 'throttle')
     """
     return f"{disturbance.name},{disturbance.kind.unit}" if disturbance.kind.unit else disturbance.name
+
+
+def condition(fit: Fit) -> str:
+    """What a good verdict rests on, with what would show it; nothing where other evidence shows it.
+
+    >>> from flinders import simulate
+    >>> from flinders.fitting.calibrate import fit
+    >>> condition(fit(simulate.tumble(seed=1).samples))
+    'holds if no iron is near and currents are constant: record elsewhere too'
+    """
+    if not fit.conditions:
+        return ""
+    words = " and ".join(CONDITIONS[code] for code in fit.conditions)
+    return f"holds if {words}: {CERTAINTY[fit.conditions[0]]}"

@@ -71,7 +71,8 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
     level, tilted = claims["level"], claims["tilted"]
     if level is None:
         return "the calibration states no uncertainty"
-    words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (1 σ), held level"
+    bound = degrees(claims["bound"])
+    words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), held level"
     if tilted is not None:
         words += f"; {degrees(tilted.worst)} at {tilted.tilt_deg:.0f}° of tilt"
     if claims["tilt_error_deg"] is not None:

@@ -34,7 +34,7 @@ from flinders.core.calibration_file import Provenance
 from flinders.core.disturbance import motor
 from flinders.core.units import label
 from flinders.errors import FlindersError, counted, figures
-from flinders.fitting.advice import UPSIDE_DOWN, condition
+from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.export import export_fit, origin_lines
 from flinders.fitting.result import Fit, fit_of
 from flinders.report import figures as drawing
@@ -43,6 +43,7 @@ from flinders.report.figure_data import FigureData
 from flinders.report.formatting import (
     SOURCES,
     as_sentence,
+    condition,
     date_of,
     degrees,
     length,

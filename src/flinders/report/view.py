@@ -12,7 +12,7 @@ readings are drawn, so that the picture gets better while the sensor is being tu
 >>> seen.verdict, seen.unit, seen.heading_error_deg.worst == fit.heading_error_deg.worst
 ('good', 'µT', True)
 >>> seen.sentence
-'Headings are good to 0.066° (1 σ, worst heading), at any attitude. The target is 1°.'
+'Headings are good to 0.066° (95 % within 0.16°), at any attitude. The target is 1°.'
 >>> sum(seen.tiles_seen) == len(samples), len(seen.tiles_deg)
 (True, 642)
 """
@@ -27,14 +27,14 @@ from msgspec import Struct
 
 from flinders.arrays import runs
 from flinders.core.units import label
-from flinders.errors import figures
+from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG
-from flinders.fitting.advice import WORTH_IT, condition, movement
+from flinders.fitting.advice import WORTH_IT, movement
 from flinders.geometry.plane import down_of
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
 from flinders.heading.guidance import guide
-from flinders.report.formatting import reach
+from flinders.report.formatting import condition, reach
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ class HeadingErrorView(Struct, frozen=True):
 
     rms: float
     worst: float
+    bound_95: float  # that all headings stay within with a probability of 95 %
     dip_deg: float
     target_deg: float
 
@@ -122,7 +123,7 @@ class View(Struct, frozen=True, kw_only=True):
 
     verdict: Literal["good", "limited", "refused"]
     sentence: str  # the verdict in plain words
-    condition: str = ""  # what a good verdict rests on and nothing shows
+    condition: str = ""  # what a good verdict rests on and nothing shows, in a few words
     method: str
     unit: str  # "µT" or "counts", of all that is a field
     field_strength: float | None = None
@@ -189,13 +190,13 @@ def view(
         unit=label(fit.calibration.unit),
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.samples,
-        findings=tuple(FindingView(**finding.as_dict()) for finding in fit.findings),
+        findings=tuple(FindingView(**finding.as_dict()) for finding in first_causes(fit.findings)),
         tiles_deg=tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors.tolist()),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
         sentence=sentence(fit, claims.get("attitude_limit_deg")),
-        condition=condition(fit),
+        condition=condition(fit).partition(":")[0],
         **({} if fit.is_flat else _drawn(fit, corrected)),
         **claims,
     )
@@ -228,7 +229,9 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
     """What rests on a covariance as well."""
     error = fit.heading_error_deg
     return {
-        "heading_error_deg": HeadingErrorView(error.rms, error.worst, error.dip_deg, fit.target_deg),
+        "heading_error_deg": HeadingErrorView(
+            error.rms, error.worst, fit.heading_bound_deg, error.dip_deg, fit.target_deg
+        ),
         "attitude_limit_deg": fit.attitude_limit_deg,
         "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
         "turn": turn(fit),
@@ -275,10 +278,10 @@ def tile_errors_deg(fit: Fit) -> Floats:
     as to all headings; no mean is taken off, since no mounting would explain one.
     """
     gradients = direction_gradients(fit.ellipsoid, tiles().centres @ rotation_of(fit))
-    covariance = gradients @ fit.covariance @ np.swapaxes(gradients, 1, 2)  # (642, 3, 3), of rank 2
+    covariance = gradients @ fit.claimed_covariance @ np.swapaxes(gradients, 1, 2)  # (642, 3, 3), of rank 2
     largest = np.linalg.eigvalsh(covariance)[:, -1].clip(min=0.0)
     level = math.cos(math.radians(fit.heading_error_deg.dip_deg))
-    errors: Floats = np.hypot(np.rad2deg(np.sqrt(largest)) / level, fit.structure_deg)
+    errors: Floats = np.rad2deg(np.sqrt(largest)) / level
     return errors
 
 
@@ -288,7 +291,7 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
     >>> from flinders import simulate
     >>> from flinders.fitting import calibrate
     >>> sentence(calibrate.fit(simulate.tumble(seed=1, motion="tilted").samples))
-    'Headings are good to 0.27° (1 σ, worst heading), up to 30° of tilt. The target is 1°.'
+    'Headings are good to 0.27° (95 % within 0.64°), up to 30° of tilt. The target is 1°.'
     """
     if fit.is_flat:
         return "All readings lie in one plane, so nothing is known about other attitudes."
@@ -297,13 +300,13 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
     worst, target = fit.heading_error_deg.worst, f"The target is {fit.target_deg:g}°."
     if fit.verdict == "refused":
         if worst > fit.target_deg:
-            much = f"up to {figures(worst)}°" if worst < ANY_ANGLE_DEG else "any angle"
-            return f"Headings may be off by {much} (1 σ, worst heading). {target}"
-        return "Not fit for use: " + next(finding.advice for finding in fit.findings if finding.severity == "refuses")
+            much = fit.heading_words if worst < ANY_ANGLE_DEG else "any angle"
+            return f"Headings may be off by {much}. {target}"
+        return f"Not fit for use: {first_causes(fit.findings)[0].advice}"
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
     attitudes = "held level" if limit < 1.0 else reach(limit)
     good = "are good to" if worst <= fit.target_deg else "may be off by"
-    return f"Headings {good} {figures(worst)}° (1 σ, worst heading), {attitudes}. {target}"
+    return f"Headings {good} {fit.heading_words}, {attitudes}. {target}"
 
 
 def matrix_sigma(fit: Fit) -> Floats:
@@ -335,9 +338,8 @@ def turn(fit: Fit) -> LevelTurn:
     mean = turned.mean()
     before = np.angle(turned / (mean / abs(mean) if abs(mean) > 0.0 else 1.0))
     gradients = level_gradients(fit.ellipsoid, dip_deg=dip, down=down)
-    variance = np.sum(gradients @ fit.covariance * gradients, axis=1).clip(min=0.0)
-    sigma = np.hypot(np.rad2deg(np.sqrt(variance)), fit.structure_deg)
-    return LevelTurn(*(tuple(column.round(4).tolist()) for column in (np.rad2deg(heading), np.rad2deg(before), sigma)))
+    sigma = np.sqrt(np.sum(gradients @ fit.claimed_covariance * gradients, axis=1).clip(min=0.0))
+    return LevelTurn(*(tuple(np.rad2deg(column).round(4).tolist()) for column in (heading, before, sigma)))
 
 
 def residuals(fit: Fit, corrected: Floats) -> ResidualHistogram:
@@ -378,7 +380,8 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
         words = movement(fit)
     elif guided.after_deg <= (1.0 - WORTH_IT) * guided.worst_deg:
         direction, words = _triple(rotation_of(fit) @ guided.direction), guided.words(frame)
-    return GuidanceView(direction, words, guided.worst_deg, guided.after_deg, goal)
+    worst, after = (math.hypot(error, fit.structure_deg) for error in (guided.worst_deg, guided.after_deg))
+    return GuidanceView(direction, words, worst, after, goal)
 
 
 def _triple(vector: Floats) -> Triple:

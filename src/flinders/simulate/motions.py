@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -426,8 +427,8 @@ def integrated(start: Floats, steps: Floats) -> Floats:
     """(N, 3, 3) attitudes from the first one on, each turned by its step (N, 3, 3) in body axes."""
     attitudes = np.empty_like(steps)
     attitudes[0] = start
-    for index in range(1, len(steps)):
-        attitudes[index] = attitudes[index - 1] @ steps[index - 1]
+    for index, step in enumerate(steps[:-1], 1):
+        np.matmul(attitudes[index - 1], step, out=attitudes[index])
         if index % 100 == 0:  # rounding adds up: back to the nearest rotation
             left, _, right = np.linalg.svd(attitudes[index])
             attitudes[index] = left @ right
@@ -467,12 +468,11 @@ def _between(first: Floats, last: Floats, n: int) -> Floats:
 
 def _wandering(rng: Generator, n: int, memory: float) -> Floats:
     """(n, 3) white noise through two low-pass filters that keep `memory` of their state each step."""
-    white = rng.standard_normal((n + SETTLING, 3))
-    first, second = np.zeros(3), np.zeros(3)
-    wandering = np.empty((n + SETTLING, 3))
-    drive = math.sqrt(1 - memory * memory)
-    for step, push in enumerate(white):
-        first = memory * first + drive * push
-        second = memory * second + (1 - memory) * first
-        wandering[step] = second
-    return wandering[SETTLING:]
+    white = math.sqrt(1 - memory * memory) * rng.standard_normal((n + SETTLING, 3))
+    smooth = [_low_pass((1 - memory) * _low_pass(axis, memory), memory) for axis in white.T]
+    return np.stack(smooth, axis=1)[SETTLING:]
+
+
+def _low_pass(values: Floats, memory: float) -> Floats:
+    """Add `memory` of the sum before to each of (N,) values: in floats of Python, which beat arrays of one number."""
+    return np.array(list(accumulate(values.tolist(), lambda state, value: memory * state + value)))

@@ -24,7 +24,7 @@ from flinders.arrays import Floats, floats
 from flinders.arrays import matrix as square
 from flinders.core.samples import Samples
 from flinders.errors import ArrayError, UsageError
-from flinders.geometry.angles import heading_errors
+from flinders.geometry.plane import heading_errors
 from flinders.simulate._checks import count, not_negative, positive
 from flinders.simulate.motions import north_and_down, posed, seen_from
 from flinders.simulate.recording import Simulated

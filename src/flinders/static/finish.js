@@ -179,6 +179,7 @@ export class Finish {
         const rows = view
             ? [
                   ["heading error, worst (1\u00a0σ)", degrees(error?.worst)],
+                  ["all headings within (95\u00a0%)", degrees(error?.bound_95)],
                   ["heading error, rms (1\u00a0σ)", degrees(error?.rms)],
                   ["without calibration, worst", degrees(raw?.worst)],
                   ["tilt within the target", tilt(view.attitude_limit_deg)],
@@ -307,7 +308,7 @@ function noted(name, words) {
  * @param {State | null} state
  * @returns {{kind: string, title: string, words: string}}
  */
-export function judged(view, state) {
+function judged(view, state) {
     const wrong = state?.phase === "wrong" ? state.reasons.filter(({ severity }) => severity === "warning") : [];
     const why = wrong.map(({ advice }) => sentence(advice));
     const isWrong = wrong.some(({ code }) => !NOT_OF_READINGS.includes(code));
@@ -318,7 +319,8 @@ export function judged(view, state) {
     }
     const { worst } = errors(view, state?.goal ?? "heading");
     const anyhow = state?.goal === "attitude" && worst !== null ? [`Whichever way it is held: ${degrees(worst)} (1 σ).`] : [];
-    const words = [...why, view.sentence, ...anyhow].join(" ");
+    const rests = view.condition ? [sentence(view.condition)] : [];
+    const words = [...why, view.sentence, ...rests, ...anyhow].join(" ");
     if (isWrong) return { kind: "refused", title: PHASES.wrong, words };
     const target = state?.target_deg ?? view.heading_error_deg?.target_deg ?? Infinity;
     const misses = view.verdict !== "refused" && worst !== null && worst > target;

@@ -78,7 +78,7 @@ import { strength } from "./views/strength.js";
  * All of them, in the order of the page.
  * @type {readonly Widget[]}
  */
-export const WIDGETS = [heading, deviation, residuals, strength, projections];
+const WIDGETS = [heading, deviation, residuals, strength, projections];
 
 /**
  * Put all widgets onto the page.

@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from flinders.arrays import Floats, column, table
 from flinders.core.samples import BLOCK
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
 EXPONENTS: Final = np.array(
     sorted((e for e in product(range(5), repeat=3) if sum(e) <= 4), key=lambda e: (sum(e), e[::-1]))
@@ -190,33 +190,6 @@ def unpacked(sums: Floats) -> Floats:
     """(10, 10) scatter matrix of (35,) moments."""
     scatter: Floats = sums[_PRODUCT] * _DOUBLED
     return scatter
-
-
-class Packing(NamedTuple):
-    """Where each sum stands, for those who add up or use the sums of many units at once.
-
-    Attributes
-    ----------
-    product : (10, 10) int
-        Which of the 35 sums is that of the product of two monomials of a quadric.
-    doubled : (10, 10) float
-        How often it counts in a scatter matrix.
-    first : (35,) int
-        Where in a flat scatter matrix each sum stands first.
-    from_block : (31,) int
-        Where sums of degree two and more stand in the flat (10, 6) products of 1, x, y, z, x², y², z², xy, xz, yz with
-        the last six of these.
-    """
-
-    product: NDArray[np.int64]
-    doubled: Floats
-    first: NDArray[np.int64]
-    from_block: NDArray[np.int64]
-
-
-def packing() -> Packing:
-    """Tell where each sum stands."""
-    return Packing(_PRODUCT, _DOUBLED, _FIRST, _FROM_BLOCK)
 
 
 def power_of_two_above(value: float) -> float:

@@ -119,10 +119,12 @@ class Summary:
         health = self.health
         return Statistics(
             rows=health.rows,
-            repeats=health.repeats,
+            distinct=health.distinct,
+            path_correlation=health.path.correlation(self.moments.spread),
             extent=float(health.extent.max()),
             principal_variances=self.moments.principal_variances,
             rails=health.rails,
+            step=health.step,
             clock=health.clock,
             skipped=self.skipped,
         )
@@ -213,14 +215,18 @@ class Statistics:
     ----------
     rows : int
         Usable readings.
-    repeats : int
-        Readings equal to the one before in all three axes.
+    distinct : int
+        Different readings.
+    path_correlation : float
+        Of one reading with the next.
     extent : float
         Range of the axis that ranges farthest.
     principal_variances : (3,) float
         Variances along the principal axes, ascending.
     rails : tuple of Rail
         Where the sensor was at its limit.
+    step : float
+        Of the coarsest axis that is read in coarse steps; 0 where none is.
     clock : TimeStamps
         What the time stamps say.
     skipped : tuple of Skipped
@@ -228,10 +234,12 @@ class Statistics:
     """
 
     rows: int
-    repeats: int
+    distinct: int
+    path_correlation: float
     extent: float
     principal_variances: Floats
     rails: tuple[Rail, ...]
+    step: float
     clock: TimeStamps
     skipped: tuple[Skipped, ...]
 
@@ -251,15 +259,17 @@ class Statistics:
         --------
         >>> from flinders.native.engine import engine
         >>> record = engine().fit(np.random.default_rng(1).normal(size=(100, 3)).repeat(2, axis=0))
-        >>> Statistics.of_record(record).repeats
+        >>> Statistics.of_record(record).distinct
         100
         """
         return cls(
             rows=int(record["rows"]),
-            repeats=int(record["repeats"]),
+            distinct=int(record["distinct"]),
+            path_correlation=float(record["path_correlation"]),
             extent=float((record["highest"] - record["lowest"]).max()),
             principal_variances=record["principal_variances"],
             rails=(),
+            step=float(record["step"]),
             clock=_clock(record, time),
             skipped=skipped,
         )

@@ -20,10 +20,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
-from flinders.readers._layout import Dialect
 from flinders.readers._names import names_magnetometer
 from flinders.readers._source import unpacked
 from flinders.readers._tokenizer import number, quoted, shown
+from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

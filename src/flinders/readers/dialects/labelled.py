@@ -21,9 +21,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 import numpy as np
 
 from flinders.core.units import COUNTS
-from flinders.readers._layout import COMMENTS, Dialect
 from flinders.readers._names import ACCELERATION, FIELD, RATE, TEMPERATURE, TIME, magnetometers, meaning, vectors
-from flinders.readers._tokenizer import QUANTITY, cut, is_labelled, like, names_of
+from flinders.readers._tokenizer import COMMENTS, QUANTITY, cut, is_labelled, like, names_of
+from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

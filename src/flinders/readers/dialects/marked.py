@@ -31,8 +31,8 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from flinders.readers._layout import Dialect
 from flinders.readers._tokenizer import ENDS_EARLY, EndsEarly, number
+from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -13,8 +13,8 @@ from itertools import pairwise
 from typing import Final, Self
 
 from flinders.errors import UsageError
-from flinders.readers._layout import Dialect
 from flinders.readers._tokenizer import ATTACHED, NUMBER, decimal
+from flinders.readers.dialects import Dialect
 
 _PLACE: Final = re.compile(r"\{\s*([^{}:]*?)\s*(?::[^{}]*)?\}")
 """A name in braces; what a format adds behind a colon says nothing of how to read it."""

@@ -4,7 +4,7 @@ What stands behind a stamp is a dialect of its own, or a table; a stamp without 
 6 or 8 hexadecimal digits are signed numbers; letters in some of the lines distinguish them from decimal ones, and a
 first word without any that ascends is the time.
 
->>> from flinders.readers.dialects import recognise
+>>> from flinders.readers._layout import recognise
 >>> dialect = recognise(["14:03:00.100 -> X: 1 Y: 2 Z: 3", "14:03:00.200 -> X: 1 Y: 2 Z: 4"])
 >>> dialect.words, dialect.names, dialect.row("14:03:00.300 -> X: 5 Y: 6 Z: 7")
 ('time stamps before labelled lines', ('time (s)', 'X', 'Y', 'Z'), ['50580.300', '5', '6', '7'])
@@ -24,8 +24,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from flinders.errors import FlindersError
-from flinders.readers._layout import SPOKEN, Cells, Dialect, sniff
+from flinders.readers.dialects import Dialect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -81,8 +80,8 @@ class Hexadecimal(Dialect):
         return self.inner.row(_marked(line, self.digits, self.count))
 
 
-def stamped(lines: list[str], behind: Recognise, *, marked: bool = True) -> Stamped | None:
-    """Find stamps before most lines; if `marked`, before a table only with a sign such as ``->`` behind them."""
+def stamped(lines: list[str], behind: Recognise, table: Recognise, *, marked: bool = True) -> Stamped | None:
+    """Find stamps before most lines; if `marked`, before a `table` only with a sign such as ``->`` behind them."""
     filled = [line for line in lines if line.strip()]
     stamps = [stamp for line in filled if (stamp := STAMP.match(line))]
     if not stamps or len(stamps) < MOST * len(filled):
@@ -91,7 +90,7 @@ def stamped(lines: list[str], behind: Recognise, *, marked: bool = True) -> Stam
     if marked and marks & {",", ";", "\t"}:
         return None
     rest = [stamp.string[stamp.end() :] for stamp in stamps]
-    inner = behind(rest) or (_table(rest) if all(marks) or not marked else None)
+    inner = behind(rest) or (table(rest) if all(marks) or not marked else None)
     return Stamped(f"time stamps before {inner.words}", ("time (s)", *inner.names), inner) if inner else None
 
 
@@ -140,14 +139,3 @@ def _marked(line: str, digits: int, count: int) -> str:
     for word in reversed(words[-count:] if len(words) >= count else []):
         line = f"{line[: word.start()]}0x{line[word.start() :]}"
     return line
-
-
-def _table(lines: list[str]) -> Cells | None:
-    """Find a table behind the stamps; three columns without names are x, y, z."""
-    try:
-        layout = sniff("", lines)
-    except FlindersError:
-        return None
-    width = layout.grid.width
-    nameless = "xyz" if width == len("xyz") else [str(place + 1) for place in range(width)]
-    return Cells.of(layout, f"{SPOKEN[layout.grid.delimiter]}-separated numbers", nameless)

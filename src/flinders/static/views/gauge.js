@@ -29,7 +29,7 @@ const [MIDDLE_X, MIDDLE_Y, RADIUS, THICK] = [160, 144, 121, 14];
  * @param {number} target
  * @returns {number}
  */
-export function gaugeAngle(deg, target) {
+function gaugeAngle(deg, target) {
     const ratio = Math.min(Math.max(deg / target, LEAST), MOST);
     return LEFT_DEG + ((RIGHT_DEG - LEFT_DEG) * Math.log(MOST / ratio)) / Math.log(MOST / LEAST);
 }

@@ -127,7 +127,7 @@ export function strokes(capacity) {
  * @param {number[][]} lines  each the coordinates of its points, 3 for each
  * @returns {Strokes}
  */
-export function strokesAlong(lines) {
+function strokesAlong(lines) {
     const made = strokes(lines.reduce((sum, line) => sum + line.length / 3 - 1, 0));
     for (const line of lines) {
         for (let k = 3; k < line.length; k += 3) {

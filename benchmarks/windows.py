@@ -1,0 +1,183 @@
+"""Parts of real recordings against the whole: what a short or lopsided recording claims, and what it is off by.
+
+    python -m benchmarks.windows
+
+Each recording that gives a calibration to 1.3° is cut into 2, 4 and 8 parts, each is fitted by itself, and its heading
+error is that against the fit of the whole: an eighth of a tumble is often a turn about nearly one axis. *Corrected
+before* are the same parts with the readings corrected by the whole first, *offset alone* with its offset taken off, as
+much firmware does: what is then applied should make no compass worse.
+
+*Ratio* is the worst level heading difference over the combined claim of part and whole: where claims are true, 1.2 in
+the median and 2.1 at 90 %. *Made worse* counts parts whose calibration is off by more than the readings themselves, by
+more than twice that claim. Recordings are looked for as `benchmarks.recordings` does; what a place does to the strength
+of the field is taken off. The first table has whole recordings of one board: the root mean square of their difference
+over the claim of it, of all nine parameters and without the strength.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import combinations, pairwise
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+import flinders
+from benchmarks.recordings import FOLDER, text_recordings
+from flinders.errors import FlindersError
+from flinders.fitting.result import Refused
+from flinders.heading.error_propagation import level_error, raw_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.fitting.result import Fit
+
+BOARD: Final = ("calTest1_198_253_-9", "calTest1_208_249_-2", "calTest1_215_253_0", "calTest1_222_240_-8",
+                "CalCareful_2282320")  # fmt: skip
+PARTS: Final = (2, 4, 8)
+WORST_DEG: Final = 1.3
+KINDS: Final = ("as recorded", "offset alone", "corrected before")
+SIZE: Final = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3.0
+
+
+class Part(NamedTuple):
+    """A part of a recording, degrees."""
+
+    verdict: str
+    off: float  # from the whole
+    combined: float  # claim of both
+    claim: float
+    raw: float  # of the readings themselves
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the calibration makes the compass worse."""
+        return self.off > self.raw + 2.0 * self.combined
+
+
+def fitted(samples: Samples) -> Fit | None:
+    """The fit, refused or not; None where there is none."""
+    try:
+        return flinders.fit(samples)
+    except Refused as refusal:
+        return refusal.fit
+    except FlindersError:
+        return None
+
+
+def off_deg(fit: Fit, whole: Fit) -> float:
+    """Worst level heading difference, the strength of the field taken off."""
+    ours, theirs = fit.ellipsoid.parameters, whole.ellipsoid.parameters
+    apart = difference(ours, theirs)
+    return level_error(whole.ellipsoid, np.outer(apart, apart), dip_deg=60.0).worst
+
+
+def difference(ours: Floats, theirs: Floats) -> Floats:
+    """(9,) difference of offset and shape, the other shape scaled to the same strength of the field."""
+    scale = np.ones(9)
+    scale[3:] = (SIZE @ ours) / (SIZE @ theirs)
+    return ours - scale * theirs
+
+
+def of_kind(samples: Samples, whole: Fit, kind: str) -> Samples:
+    """The recording as it is, or corrected by the whole."""
+    if kind == "as recorded":
+        return samples
+    if kind == "offset alone":
+        return replace(samples, field=samples.field - whole.calibration.offset)
+    return replace(samples, field=whole.calibration.apply(samples.field))
+
+
+def parts_of(samples: Samples) -> Iterator[Part]:
+    """Fit the parts of a recording."""
+    whole = fitted(samples)
+    if whole is None:
+        return
+    for count in PARTS:
+        ends = np.linspace(0, len(samples), count + 1).astype(int).tolist()
+        for begin, end in pairwise(ends):
+            fit = fitted(samples[begin:end])
+            if fit is None or fit.plane:
+                continue
+            claims = fit.heading_error_deg.worst, whole.heading_error_deg.worst
+            raw = raw_error(whole.ellipsoid, dip_deg=60.0).worst
+            yield Part(fit.verdict, off_deg(fit, whole), math.hypot(*claims), claims[0], raw)
+
+
+def recordings() -> Iterator[tuple[Samples, Fit]]:
+    """Recordings that give a calibration, with it."""
+    for path in text_recordings():
+        try:
+            samples = flinders.read(path)
+        except FlindersError:
+            continue
+        whole = fitted(samples)
+        if whole and whole.verdict != "refused" and not whole.plane and whole.heading_error_deg.worst < WORST_DEG:
+            yield samples, whole
+
+
+def windows() -> Iterator[str]:
+    """The table of parts."""
+    yield "| readings | verdict | parts | off 50 / 90 % | claim | ratio 50 / 90 % | beyond 3 | made worse |"
+    yield "|---|---|---:|---:|---:|---:|---:|---:|"
+    known = list(recordings())
+    for kind in KINDS:
+        parts = [part for samples, whole in known for part in parts_of(of_kind(samples, whole, kind))]
+        for verdict in ("good", "limited", "refused"):
+            some = [part for part in parts if part.verdict == verdict]
+            off, ratios = np.array([part.off for part in some]), np.array([part.off / part.combined for part in some])
+            yield (
+                f"| {kind} | {verdict} | {len(some)} | {np.median(off):.2f}° / {np.quantile(off, 0.9):.2f}° | "
+                f"{np.median([part.claim for part in some]):.2f}° | {np.median(ratios):.2f} / "
+                f"{np.quantile(ratios, 0.9):.2f} | {np.sum(ratios > 3.0)} | {sum(part.is_worse for part in some)} |"
+            )
+
+
+def scaled_off(fit: Fit) -> Floats:
+    """(9, 9) covariance of offset and shape, without what the strength of the field adds."""
+    parameters, jacobian = fit.ellipsoid.parameters, np.eye(9)
+    jacobian[3:] -= np.outer(parameters[3:], SIZE) / (SIZE @ parameters)
+    scaled: Floats = jacobian @ fit.covariance @ jacobian.T
+    return scaled
+
+
+def repeats() -> Iterator[str]:
+    """The table of pairs of recordings of one board."""
+    fits = {name: fitted(flinders.read(FOLDER / "pichim_betaflight" / f"{name}.csv")) for name in BOARD}
+    yield "| recordings of one board | verdicts | heading, worst | combined claim | ratio | nine | without strength |"
+    yield "|---|---|---:|---:|---:|---:|---:|"
+    for one, other in combinations(fits, 2):
+        first, second = fits[one], fits[other]
+        if first is None or second is None:
+            continue
+        off, claim = off_deg(first, second), math.hypot(first.heading_error_deg.worst, second.heading_error_deg.worst)
+        ours, theirs = first.ellipsoid.parameters, second.ellipsoid.parameters
+        nine = chi(ours - theirs, first.covariance + second.covariance, 9)
+        eight = chi(difference(ours, theirs), scaled_off(first) + scaled_off(second), 8)
+        yield (
+            f"| {one}, {other} | {first.verdict}, {second.verdict} | {off:.2f}° | {claim:.2f}° | {off / claim:.2f} | "
+            f"{nine:.2f} | {eight:.2f} |"
+        )
+
+
+def chi(apart: Floats, covariance: Floats, freedom: int) -> float:
+    """Root mean square of a difference in units of its covariance."""
+    inverse = np.linalg.pinv(covariance, rcond=1e-10, hermitian=True)
+    return math.sqrt(float(apart @ inverse @ apart) / freedom)
+
+
+def main() -> None:
+    """Print both tables."""
+    for line in repeats():
+        print(line, flush=True)
+    print()
+    for line in windows():
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""Readings that were corrected before are not made worse; others are fitted as ever."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from benchmarks import adversary
+
+import flinders
+from flinders import simulate
+from flinders.core.samples import Samples
+from flinders.fitting.batch import fit_batch
+from flinders.fitting.result import Refused
+from flinders.simulate import Sensor
+
+if TYPE_CHECKING:
+    from tests.trials import Choose
+
+    from flinders.fitting.result import Fit
+
+CORRECTED = Sensor(noise=0.3)
+UNCORRECTED = Sensor(offset=np.array([20.0, -10.0, 15.0]), noise=0.3)
+
+
+def rocked(seed: int, sensor: Sensor, tilt_deg: float = 8.0) -> Samples:
+    """A level turn that is tilted a little: one direction rests on few readings."""
+    rng = np.random.default_rng([seed, 5])
+    field = 50.0 * simulate.seen_from(simulate.tilted(rng, 600, tilt_deg=tilt_deg), simulate.north_and_down(60.0))
+    return Samples.of(sensor.read(field, rng), unit="uT")
+
+
+def judged(samples: Samples, **options: object) -> Fit:
+    try:
+        return flinders.fit(samples, **options)  # type: ignore[arg-type]
+    except Refused as refusal:
+        return refusal.fit
+
+
+def error_deg(fit: Fit, sensor: Sensor) -> float:
+    of = adversary.Sensor(sensor.matrix.T, sensor.offset)
+    level = adversary.level(0, of, adversary.Effect())
+    return float(np.abs(adversary.headings(fit.calibration.apply(level))).max())
+
+
+def test_a_compass_that_was_good_stays_good(trials: Choose) -> None:
+    """Off by no more than a true claim allows, where a fit of the same readings by themselves is off by far more."""
+    chosen = trials(60, 15)
+    fits = [judged(rocked(seed, CORRECTED)) for seed in range(chosen.count)]
+    alone = [judged(rocked(seed, CORRECTED), method="likelihood") for seed in range(chosen.count)]
+    off, off_alone = ([error_deg(fit, CORRECTED) for fit in some] for some in (fits, alone))
+    assert sum(fit.is_shrunk for fit in fits) >= 0.9 * chosen.count
+    assert np.median(off) < 0.5 * np.median(off_alone)
+    ratios = [true / fit.heading_error_deg.worst for true, fit in zip(off, fits, strict=True)]
+    assert np.median(ratios) < 1.3
+    assert max(ratios) < 3.0
+
+
+def test_an_uncorrected_sensor_is_fitted_as_ever() -> None:
+    samples = rocked(1, UNCORRECTED)
+    fit, alone = judged(samples), judged(samples, method="likelihood")
+    assert not fit.is_shrunk
+    assert np.allclose(fit.calibration.offset, alone.calibration.offset, atol=1e-9)
+
+
+def test_the_verdict_says_when_to_leave_the_readings_alone() -> None:
+    finding = next(one for one in judged(rocked(1, CORRECTED)).findings if one.code == "corrected-before")
+    assert finding.number < 2.0 * finding.limit
+    assert "leave them as they are" in finding.advice
+
+
+def test_offset_taken_off_and_iron_left_is_worth_a_calibration() -> None:
+    left = Sensor(np.diag([1.06, 1.0, 0.94]), np.array([0.1, -0.2, 0.1]), noise=0.2)
+    rng = np.random.default_rng(2)
+    fit = judged(Samples.of(left.read(50.0 * simulate.uniform(rng, 500), rng), unit="uT"))
+    finding = next(one for one in fit.findings if one.code == "corrected-before")
+    assert "worth having" in finding.advice
+    assert error_deg(fit, left) < 3.0 * fit.heading_error_deg.worst
+
+
+@pytest.mark.parametrize("sensor", [CORRECTED, UNCORRECTED])
+def test_a_batch_shrinks_the_same_units(sensor: Sensor) -> None:
+    samples = rocked(3, sensor, tilt_deg=35.0)
+    fit, found = judged(samples), fit_batch([samples])
+    assert np.allclose(found.offset[0], fit.calibration.offset, atol=1e-9)
+    assert found.by_record[0] == (not fit.is_shrunk)
