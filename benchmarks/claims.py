@@ -9,12 +9,12 @@
 ``outliers``    efficiency (bound ÷ rms angle error) with strays; centre error with clusters, over that without
 ``confidence``  motions that leave something unseen: what is called good, and headings far beyond the claim
 ``few``         readings at rest, 10 to 24 of them: how many that only ``few-samples`` limits are wrong, and should be
+``shrunk``      short turns of sensors that were never corrected: how many fits are shrunk, and how wrong these are
 ``doubt``       how far runs of rejected readings reach, in limits of rejection: noise near steel, and passing magnets
-``repeats``     four recordings of one real board: their differences over what is claimed of them
 ``halves``      real recordings cut in two: how far the halves' calibrations are apart, over what is claimed of that
 
-A fit that is refused counts with the fit that the refusal carries. The recordings of ``repeats`` and ``halves`` are
-looked for as `benchmarks.recordings` does.
+A fit that is refused counts with the fit that the refusal carries. The recordings of ``halves`` are looked for
+as `benchmarks.recordings` does; `benchmarks.windows` has those of one board, and smaller parts.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations, repeat
+from itertools import repeat
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -49,7 +49,6 @@ from flinders.errors import FlindersError
 from flinders.estimators import Readings
 from flinders.estimators.auto import Auto
 from flinders.fitting.result import Refused
-from flinders.geometry.ellipsoid import upper
 from flinders.simulate import Sensor, Simulated, angle_error_deg
 
 if TYPE_CHECKING:
@@ -71,8 +70,6 @@ DISTORTED: Final = 0.01
 
 MEDIAN_CHI_SQUARE: Final = 8.343
 """Of nine degrees of freedom."""
-
-REPEATS: Final = ("198_253_-9", "208_249_-2", "215_253_0", "222_240_-8")
 
 
 @dataclass(frozen=True, slots=True)
@@ -417,6 +414,36 @@ def _at_rest(count: int, seed: int) -> adversary.Trial | None:
     return adversary.Trial("good", (), (), fit.heading_error_deg.worst, true, adversary.probability(fit))
 
 
+def shrunk(pool: Executor, trials: int) -> Iterator[str]:
+    """Sensors with iron and offsets of up to two fields, turned for a few seconds: none of them was corrected."""
+    yield from _head("turned for", "shrunk", "their largest offset, of the field", "largest ratio")
+    for name, path in (("4 s, all axes", _tumbled), ("12 s, nearly one axis", _rolled)):
+        done = [one for one in pool.map(partial(_fit_of_path, path), range(trials), chunksize=8) if one is not None]
+        offset, ratio = np.max(done, axis=0) if done else (math.nan, math.nan)
+        yield _row(name, f"{len(done)} of {trials}", f"{offset:.1%}", f"{ratio:.1f}")
+
+
+def _tumbled(rng: Generator) -> adversary.Path:
+    return adversary.tumble(rng, seconds=4.0)
+
+
+def _rolled(rng: Generator) -> adversary.Path:
+    step_s = 1.0 / (adversary.FINE * adversary.RATE_HZ)
+    rates = 0.08 * adversary.smooth(rng, round(12.0 / step_s), step_s, 1.0)
+    rates[:, rng.integers(3)] += 2.0
+    return adversary.turned(rng, rates, step_s)
+
+
+def _fit_of_path(path: Callable[[Generator], adversary.Path], seed: int) -> tuple[float, float] | None:
+    """Offset over the field, and error over claim, of a fit that is shrunk; None for any other."""
+    effect, of = adversary.Effect(), adversary.sensor(adversary.stream(seed, "sensor"))
+    fit = adversary.fitted(adversary.recorded(seed, of, effect, path(adversary.stream(seed, "path 0"))))
+    if fit is None or not fit.is_shrunk:
+        return None
+    off = float(np.abs(adversary.headings(fit.calibration.apply(adversary.level(seed, of, effect)))).max())
+    return float(np.linalg.norm(of.offset)) / adversary.STRENGTH_UT, off / fit.heading_error_deg.worst
+
+
 def doubt(pool: Executor, trials: int) -> Iterator[str]:
     """What is beyond doubt is no noise that comes and goes, and all of a magnet that passes."""
     yield from _head("tumbles by hand", "with rejected runs", "runs", "limits 50 / 90 / 95 %", "beyond 2.5 limits")
@@ -446,46 +473,6 @@ def _reach(samples: Samples) -> list[float]:
     """How far runs of more than one rejected reading reach, in limits."""
     estimate = Auto().estimate(Readings.of(samples))
     return [run.farthest / estimate.rejected_beyond for run in estimate.outliers if run.rows > 1]
-
-
-def repeats(pool: Executor, trials: int) -> Iterator[str]:
-    """Four recordings of one board; required 0.4 to 1.5."""
-    del pool, trials
-    paths = [FOLDER / "pichim_betaflight" / f"calTest1_{name}.csv" for name in REPEATS]
-    if not all(path.exists() for path in paths):
-        yield f"(no recordings in {FOLDER}: set FLINDERS_DATA)"
-        return
-    fits = [flinders.fit(flinders.read(path), target_deg=90.0) for path in paths]
-    plain = [Auto().estimate(Readings.of(flinders.read(path))) for path in paths]
-    found = [np.concatenate([fit.calibration.offset, upper(fit.calibration.shape)]) for fit in fits]
-    pairs = list(combinations(range(len(paths)), 2))
-    yield from _head("four recordings of one board", "all nine", "offset", "shape")
-    for name, covariances in (
-        ("claimed", [fit.covariance for fit in fits]),
-        ("textbook", [one.textbook if one.textbook is not None else one.covariance for one in plain]),
-    ):
-        cells = [
-            math.sqrt(
-                float(
-                    np.mean(
-                        [
-                            _weighed((found[i] - found[j])[part], (covariances[i] + covariances[j])[part, part])
-                            for i, j in pairs
-                        ]
-                    )
-                )
-            )
-            for part in (slice(0, 9), slice(0, 3), slice(3, 9))
-        ]
-        yield _row(name, *(f"{cell:.2f}" for cell in cells))
-    yield ""
-    yield from _head("recording", "method", "noise", "heading, worst", "textbook", "independent", "of")
-    for name, fit in zip(REPEATS, fits, strict=True):
-        textbook = fit.textbook_heading_error_deg
-        yield _row(
-            name, fit.method, f"{fit.noise:.3g}", f"{fit.heading_error_deg.worst:.2f}°",
-            "–" if textbook is None else f"{textbook.worst:.2f}°", f"{fit.independent_samples:.0f}", str(fit.samples),
-        )  # fmt: skip
 
 
 def halves(pool: Executor, trials: int) -> Iterator[str]:
@@ -524,8 +511,8 @@ TABLES: Final[Mapping[str, Callable[[Executor, int], Iterator[str]]]] = {
     "outliers": outliers,
     "confidence": confidence,
     "few": few,
+    "shrunk": shrunk,
     "doubt": doubt,
-    "repeats": repeats,
     "halves": halves,
 }
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
+from benchmarks import adversary
 from benchmarks.claims import by_hand
 from tests.numpy_likelihood import NumpyLikelihood
 from tests.trials import nightly
@@ -113,6 +115,20 @@ def test_the_verdict_tells_it_by_the_heading_that_it_costs(size: float, severity
         assert finding.number == fit.drift.heading_deg == pytest.approx(2.1 * size, rel=0.3, abs=0.15)
         assert finding.severity == severity
         assert "keep currents and everything magnetic as they will be" in finding.advice
+
+
+@pytest.mark.parametrize(("path", "seed"), [("tumble", 1), ("axis by axis", 7)])
+def test_a_small_change_limits_where_halves_of_the_recording_contradict_each_other(path: str, seed: int) -> None:
+    creeping = adversary.Effect(body=partial(adversary.drift, by=0.3))
+    sensor = adversary.sensor(adversary.stream(seed, "sensor"))
+    turned = adversary.PATHS[path](adversary.stream(seed, "path 0"))
+    fit = judged(adversary.recorded(seed, sensor, creeping, turned))
+    finding = next(one for one in fit.findings if one.code == "field-changed")
+    assert fit.drift is not None
+    assert fit.drift.heading_deg < fit.target_deg
+    assert (fit.drift.halves_apart or 0.0) > 3.0
+    assert (finding.severity, fit.verdict) == ("limits", "limited")
+    assert "halves differ by" in finding.advice
 
 
 def test_what_costs_hardly_a_heading_is_no_finding() -> None:

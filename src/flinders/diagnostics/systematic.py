@@ -70,12 +70,16 @@ class Drift:
         What the change of the offset does to a level heading, at the worst heading.
     p_value : float
         How often chance alone makes as much.
+    halves_apart : float, optional
+        How far the halves of the recording are apart at the worst heading, over what both claim; looked for where the
+        change is proven and below the target.
     """
 
     offset: tuple[float, float, float]
     strength: float
     heading_deg: float
     p_value: float
+    halves_apart: float | None = None
 
 
 def drift_of(readings: Floats, ellipsoid: Ellipsoid, *, dip_deg: float = 60.0) -> Drift | None:

@@ -329,7 +329,10 @@ ROWS: Final = (
     CatalogueRow(
         code="field-changed",
         subject="fit",
-        grades="note from a quarter of the target on; limits above the target; refuses above five times",
+        grades=(
+            "note from a quarter of the target on; limits above the target, and where halves of the recording differ "
+            "by three times what they claim; refuses above five times"
+        ),
         number=(
             "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
             "told where chance makes it less often than once in ten thousand"
@@ -340,7 +343,7 @@ ROWS: Final = (
             "drift_deg",
             (
                 Grade("note", 0.25, "target_deg"),
-                Grade("limits", 1.0, "target_deg"),
+                Grade("limits", 1.0, "drift_allowed_deg"),
                 Grade("refuses", 5.0, "target_deg"),
             ),
             needs=(Needs("drift_by_chance", "<", 1e-4),),
@@ -348,8 +351,8 @@ ROWS: Final = (
         ),
         said=(
             "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of"
-            " heading: keep currents and everything magnetic as they will be, let the sensor warm up, and record "
-            "again"
+            " heading{halves}: keep currents and everything magnetic as they will be, let the sensor warm up, and "
+            "record again"
         ),
         plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
         remedy="Record again with currents and everything magnetic as they will be, and the sensor warm.",

@@ -33,7 +33,7 @@ from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
 from flinders.fitting.shrinkage import may_be_corrected
-from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING
+from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING, halves_matter
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.confidence import bounds_deg, deviation_covariances
 from flinders.native.engine import engine
@@ -210,6 +210,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     for places, whole, offsets in _groups(units):
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
+        known &= ~halves_matter(records["drift_deg"], records["drift_by_chance"], target_deg)
         known &= ~may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
             known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
@@ -268,6 +269,7 @@ class _Table:
         repetition, factor = _repetition(records)
         quantities = {
             "target_deg": np.full(len(records), target_deg),
+            "drift_allowed_deg": np.full(len(records), target_deg),
             "samples": records["used"],
             **_of_surface(records, inside),
             **_of_accuracy(records, np.sqrt(factor)),

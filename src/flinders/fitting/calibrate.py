@@ -26,10 +26,10 @@ from flinders.estimators.data import concatenated
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
-from flinders.fitting.claim import claimed, repeated
+from flinders.fitting.claim import claimed, halves_apart, repeated
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.shrinkage import shrunk
-from flinders.fitting.verdict import conditions, judge
+from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
@@ -510,6 +510,16 @@ def _drift(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Drift | N
     return drift_of(near.thinned(LOOKED_AT), estimate.ellipsoid, dip_deg=dip_deg)
 
 
+def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, request: Request) -> Drift | None:
+    """Compare the halves of a recording where a change is proven that does not limit by its size."""
+    samples = readings.recording
+    if drift is None or not isinstance(samples, Samples):
+        return drift
+    if not halves_matter(drift.heading_deg, drift.p_value, request.target_deg):
+        return drift
+    return replace(drift, halves_apart=halves_apart(samples, Auto(request.prior, dip_deg=request.dip_deg), estimate))
+
+
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to the readings as recorded."""
     if evidence.record is None or estimate.plane or estimate.unobserved or estimate.bias.any():
@@ -601,7 +611,7 @@ def _judged(
         noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
         outliers=estimate.outliers,
         bias_deg=_bias_deg(estimate, dip),
-        drift=_drift(estimate, evidence, dip),
+        drift=_with_halves(_drift(estimate, evidence, dip), estimate, readings, request),
         nonlinearity=nonlinearity,
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),

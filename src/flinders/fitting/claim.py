@@ -22,12 +22,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from flinders.core.samples import Joined
 from flinders.errors import FitError
-from flinders.estimators import ROWS
+from flinders.estimators import ROWS, Readings
 
 if TYPE_CHECKING:
+    from flinders.core.samples import Samples
     from flinders.diagnostics.repeatability import Repeats
-    from flinders.estimators import Estimate, Readings
+    from flinders.estimators import Estimate
     from flinders.estimators.auto import Auto
     from flinders.summary.summary import Statistics
 
@@ -182,6 +184,13 @@ def widening_by_few(freedom: float) -> float:
     there is no such variance, and the factor grows by four for each reading that is missing.
     """
     return freedom / (freedom - 2.0) if freedom >= 3.0 else 3.0 * 4.0 ** (3.0 - max(freedom, 0.0))
+
+
+def halves_apart(samples: Samples, likelihood: Auto, estimate: Estimate) -> float | None:
+    """How far the halves of a recording are apart at the worst heading, over what both claim of it."""
+    middle = len(samples) // 2
+    repeats = _compared(Readings.of(Joined((samples[:middle], samples[middle:]))), likelihood, estimate)
+    return None if repeats is None else float(max(part.off_deg / part.off_sigma_deg for part in repeats.parts))
 
 
 def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repeats | None:

@@ -268,6 +268,7 @@ def _changes(fit: Fit) -> dict[str, float]:
     return {
         **_apart(fit.repeats, fit.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
+        "drift_allowed_deg": fit.target_deg if ((fit.drift and fit.drift.halves_apart) or 0.0) < BEYOND_CLAIM else 0.0,
         "drift_by_chance": math.nan if drift is None else drift.p_value,
         "drift": math.nan if drift is None else math.hypot(*drift.offset),
         "swap_gain": math.nan if swap is None else swap.gain,
@@ -276,6 +277,18 @@ def _changes(fit: Fit) -> dict[str, float]:
         "unsteady_deg": fit.unsteady_deg,
         **_alternation(fit),
     }
+
+
+def halves_matter(drift_deg: Any, by_chance: Any, target_deg: float) -> Any:  # noqa: ANN401 - numbers, or columns of them
+    """Whether a change is proven, and one that does not limit by its size."""
+    is_proven = by_chance < limit_of("field-changed", "drift_by_chance")
+    return is_proven & (CHANGED_SHARE * target_deg < drift_deg) & (drift_deg <= target_deg)
+
+
+def _halves(fit: Fit) -> str:
+    """How far the halves of a recording are apart, where that limits the fit."""
+    apart = fit.drift and fit.drift.halves_apart
+    return f" (its halves differ by {apart:.1f} times what they claim)" if apart and apart >= BEYOND_CLAIM else ""
 
 
 def _structure(fit: Fit) -> dict[str, float]:
@@ -400,6 +413,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "axis_lag": lambda fit: str(fit.axis_lag or ""),
     "contradiction": lambda fit: _contradiction(fit.repeats, fit.target_deg, label(fit.calibration.unit)),
     "swap": _swap,
+    "halves": _halves,
     "leave": _leave,
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
     "outliers": lambda fit: counted(sum(run.rows for run in fit.outliers), "reading"),

@@ -145,13 +145,14 @@ static size_t directions(const fl_surface *surface, real within, const fl_room *
     fl_sym3_values(surface->shape, half);
     for (size_t slot = 0; slot < room->slots; slot++) {
         if (room->keys[slot] == EMPTY) continue;
-        const real *cell = room->cells + 4 * slot;
-        const real mean[3] = {cell[1] / cell[0], cell[2] / cell[0], cell[3] / cell[0]};
-        real local[3] = {mean[0] - surface->centre[0], mean[1] - surface->centre[1], mean[2] - surface->centre[2]}, y[3];
+        const real *cell = room->cells + 4 * slot, each = 1 / cell[0];
+        real local[3], y[3];
+        for (int axis = 0; axis < 3; axis++) local[axis] = cell[1 + axis] * each - surface->centre[axis];
         fl_sym3_apply(surface->inverse, local, y);
         const real length = fl_sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]);
         if (!(fl_abs(length - 1) * half[0] <= within)) continue;
-        for (int axis = 0; axis < 3; axis++) axes[axis * FL_TABLE + n] = length > 0 ? y[axis] / length : 0;
+        const real shorter = length > 0 ? 1 / length : 0;
+        for (int axis = 0; axis < 3; axis++) axes[axis * FL_TABLE + n] = y[axis] * shorter;
         axes[3 * FL_TABLE + n++] = cell[0];
     }
     return n;
@@ -186,9 +187,9 @@ void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real with
                  flinders_record *record)
 {
     uint32_t cells[FL_CELLS];
-    real *axes = room->cells + 4 * FL_TABLE, farthest = 2, by_cell[100] = {0}, readings = 0;
+    real *axes = room->cells + 4 * FL_TABLE, farthest, by_cell[100] = {0}, readings = 0;
     real centres[100][3], own[100]; /* largest cosine between a centre and the directions of its cell */
-    int count = 0;
+    int count = 0, emptiest = 0;
     fl_sphere_centres(centres);
     for (int cell = 0; cell < 100; cell++) own[cell] = -2;
     size_t n = within > 0 ? directions(surface, within + room->side, room, axes) : 0;
@@ -204,6 +205,8 @@ void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real with
         readings += axes[3 * FL_TABLE + i];
     }
     record->upright = 0;
+    for (int cell = 1; cell < 100; cell++) emptiest = own[cell] < own[emptiest] ? cell : emptiest;
+    farthest = nearest(centres[emptiest], axes, n, 2) + FL_ROUNDING; /* no gap that is smaller is looked at closely */
     for (int cell = 0; cell < 100; cell++) {
         const real *const centre = centres[cell];
         const real cosine = own[cell] > farthest ? own[cell] : nearest(centre, axes, n, farthest);

@@ -20,7 +20,7 @@ static void gather_all(const fl_kernels *kernels, const fl_view *view, const fl_
         const fl_view some = {view->field + 3 * begin, left < length ? left : length, NULL, 1};
         memset(room->passed + begin, 0, some.rows);
         out->begins[out->stretches++] = out->n;
-        out->n += kernels->rows(&some, surface, 9, out->rows + 10 * out->n, out->directions + out->n);
+        out->n += kernels->rows(&some, surface, 10, out->rows + 10 * out->n, out->directions + out->n);
     }
 }
 
@@ -44,7 +44,7 @@ static void gather_used(const fl_kernels *kernels, const fl_view *view, const fl
         out->n++;
     }
     const fl_view some = {view->field, view->rows, room->passed, 1};
-    kernels->rows(&some, surface, 9, out->rows, out->directions);
+    kernels->rows(&some, surface, 10, out->rows, out->directions);
 }
 
 /* The readings that are looked at, with their rows; all of them where they are not too many. */
@@ -54,7 +54,7 @@ static void gather_stretches(const fl_kernels *kernels, const fl_view *view, con
     const size_t used = fit->used, all = FL_LOOKED;
     const size_t every = used <= all ? used : (used + FL_STRETCHES - 1) / FL_STRETCHES;
     const size_t length = used <= all ? used : FL_STRETCH;
-    out->n = 0, out->stretches = 0, out->width = 9;
+    out->n = 0, out->stretches = 0, out->width = 9, out->stride = 10;
     out->rows = room->rows, out->distances = room->distances, out->cells = room->order, out->begins = room->begins;
     out->directions = room->directions;
     if (!view->rejected && !room->parts) gather_all(kernels, view, &fit->surface, every, length, room, out);

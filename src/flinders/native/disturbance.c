@@ -18,7 +18,8 @@ static fl_view inliers_of(const fl_kernels *kernels, const real *field, size_t r
     return view;
 }
 
-/* Drop the readings whose disturbance is not known, and put it less its mean behind the derivatives of the others. */
+/* Drop the readings whose disturbance is not known, and put it less its mean between derivatives and distances of the
+ * others. */
 static void join(const real *values, fl_residuals *rows, flinders_disturbance *found)
 {
     real sum = 0, lowest = FL_HUGE, highest = -FL_HUGE;
@@ -38,23 +39,20 @@ static void join(const real *values, fl_residuals *rows, flinders_disturbance *f
     for (size_t i = 0; i < kept; i++) {
         real *const row = rows->rows + ALL * i;
         for (int axis = 0; axis < AXES; axis++) row[9 + axis] = (row[WIDTH] - mean) * row[axis];
+        row[WIDTH] = rows->distances[i];
     }
     found->used = (int64_t)kept, found->range = highest - lowest;
     found->farthest = highest - mean > mean - lowest ? highest - mean : mean - lowest;
 }
 
 /* Normal equations with the square of the distances in the corner, terms scaled to length one. */
-static void equations(const fl_kernels *kernels, const fl_residuals *rows, real scale[WIDTH], real all[ALL][ALL])
+static void equations(const fl_kernels *kernels, const fl_residuals *rows, real scale[ALL], real all[ALL][ALL])
 {
-    real matrix[WIDTH * WIDTH], gradient[WIDTH], square = 0;
-    kernels->gram(rows->rows, rows->distances, rows->n, WIDTH, matrix, gradient);
-    for (size_t i = 0; i < rows->n; i++) square += rows->distances[i] * rows->distances[i];
-    for (int a = 0; a < WIDTH; a++) scale[a] = matrix[(WIDTH + 1) * a] > FL_TINY ? fl_sqrt(matrix[(WIDTH + 1) * a]) : 1;
-    for (int a = 0; a < WIDTH; a++) {
-        all[WIDTH][a] = gradient[a] / scale[a];
-        for (int b = 0; b < WIDTH; b++) all[a][b] = matrix[WIDTH * a + b] / (scale[a] * scale[b]);
-    }
-    all[WIDTH][WIDTH] = square;
+    kernels->gram(rows->rows, rows->n, ALL, all[0]);
+    scale[WIDTH] = 1;
+    for (int a = 0; a < WIDTH; a++) scale[a] = all[a][a] > FL_TINY ? fl_sqrt(all[a][a]) : 1;
+    for (int a = 0; a < ALL; a++)
+        for (int b = 0; b < ALL; b++) all[a][b] /= scale[a] * scale[b];
 }
 
 /* Cholesky factor below the diagonal, column by column, a column of zeros for a term that is not distinct; the last row
@@ -77,13 +75,13 @@ int flinders_regress(const real *field, const real *values, size_t rows, const r
     fl_room room;
     fl_surface surface;
     fl_residuals some;
-    real scale[WIDTH], all[ALL][ALL], solution[WIDTH];
+    real scale[ALL], all[ALL][ALL], solution[WIDTH];
     memset(found, 0, sizeof *found);
     if (rows == 0) return FLINDERS_TOO_FEW;
     if (fl_room_of(workspace, size, rows, &room)) return FLINDERS_NO_WORKSPACE;
     if (fl_surface_of(centre, shape, &surface)) return FLINDERS_NOT_AN_ELLIPSOID;
     const fl_view view = inliers_of(kernels, field, rows, &surface, limit, &room);
-    found->stride = (int64_t)fl_gather_evenly(kernels, &view, &surface, &room, WIDTH, &some);
+    found->stride = (int64_t)fl_gather_evenly(kernels, &view, &surface, &room, 0, WIDTH, &some);
     join(values, &some, found);
     if (found->used == 0) return FLINDERS_TOO_FEW;
     equations(kernels, &some, scale, all);

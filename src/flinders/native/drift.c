@@ -5,7 +5,7 @@
  */
 #include "residuals.h"
 
-enum { PARAMETERS = 13, STRIDE = 14, FEWEST_INDEPENDENT = 20, CHANGES = 4 };
+enum { PARAMETERS = 13, FEWEST_INDEPENDENT = 20, CHANGES = 4 };
 
 #define LEAST_SHARE ((real)0.1) /* part of a change in an unobserved direction, from which on it is not told */
 
@@ -24,6 +24,12 @@ static void with_change(const fl_surface *surface, real time, real row[PARAMETER
     row[12] = time * growth;
 }
 
+/* Time of the i-th of the readings, from -½ to ½. */
+static real time_of(const fl_residuals *residuals, size_t i)
+{
+    return residuals->n > 1 ? (real)i / (real)(residuals->n - 1) - (real)0.5 : 0;
+}
+
 /* What noise alone adds to the information, for each unit of its variance. */
 static void spurious(void *context, real *matrix)
 {
@@ -37,7 +43,7 @@ static void spurious(void *context, real *matrix)
         fl_turning(from->surface, direction, turned);
         for (int t = 0; t < 2; t++) {
             memcpy(row, turned[t], sizeof turned[t]);
-            with_change(from->surface, residuals->rows[STRIDE * i + PARAMETERS], row);
+            with_change(from->surface, time_of(residuals, i), row);
             for (int a = 0; a < PARAMETERS; a++)
                 for (int b = 0; b <= a; b++) matrix[PARAMETERS * a + b] += row[a] * row[b];
         }
@@ -110,27 +116,28 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     fl_residuals left;
     fl_support support;
     real matrix[PARAMETERS * PARAMETERS], information[PARAMETERS * PARAMETERS], inverse[PARAMETERS * PARAMETERS];
-    real covariance[PARAMETERS * PARAMETERS];
+    real covariance[PARAMETERS * PARAMETERS], products[(PARAMETERS + 1) * (PARAMETERS + 1)];
     real gradient[PARAMETERS], solution[PARAMETERS], onto[CHANGES * CHANGES], change[CHANGES], spread[CHANGES * CHANGES];
     real square = 0, rms, moved[81] = {0};
-    fl_gather_evenly(kernels, view, surface, room, PARAMETERS, &left);
+    fl_gather_evenly(kernels, view, surface, room, 0, PARAMETERS, &left);
     if (left.n == 0) return;
     for (size_t i = 0; i < left.n; i++) {
-        real *row = left.rows + STRIDE * i;
-        with_change(surface, row[PARAMETERS], row);
+        real *row = left.rows + left.stride * i;
+        with_change(surface, time_of(&left, i), row);
         square += left.distances[i] * left.distances[i];
     }
     const real least = FL_FINEST * surface->radius, mean = square / (real)left.n;
     const real variance = mean > least * least ? mean : least * least;
     scattered context = {surface, &left};
-    kernels->gram(left.rows, left.distances, left.n, PARAMETERS, matrix, gradient);
+    kernels->gram(left.rows, left.n, PARAMETERS + 1, products);
+    fl_normal_equations(products, PARAMETERS + 1, 0, PARAMETERS, matrix, gradient);
     for (int i = 0; i < PARAMETERS * PARAMETERS; i++) information[i] = matrix[i] / variance;
     fl_support_of(information, PARAMETERS, spurious, &context, &support);
     if (!observed_changes(&support, onto)) return;
     inverse_of(&support, information, inverse);
     for (int i = 0; i < PARAMETERS * PARAMETERS; i++) inverse[i] /= variance;
     fl_multiply(inverse, gradient, PARAMETERS, PARAMETERS, 1, solution);
-    fl_take_off(&left, solution);
+    kernels->take_off(left.rows, left.stride, left.n, PARAMETERS, solution, left.distances);
     const real independent = fl_covariance_of_solution(kernels, &left, matrix, inverse, covariance);
     if (!(independent >= FEWEST_INDEPENDENT)) return;
     project(onto, solution, covariance, change, spread);

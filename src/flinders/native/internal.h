@@ -55,8 +55,8 @@ typedef flinders_real real;
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
-enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_STEPS = 50,
-       FL_REACH = 1 << 20 }; /* cells on either side of zero */
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_COLUMNS = 18,
+       FL_STEPS = 50, FL_REACH = 1 << 20 }; /* cells on either side of zero */
 
 /* Readings of a recording: every `stride`-th of those that are not rejected. */
 typedef struct {
@@ -90,9 +90,12 @@ typedef struct {
     void (*distances)(const fl_view *view, const fl_surface *surface, real *out);
     int (*has_closer)(const fl_view *view, const fl_surface *surface, real limit, size_t fewest);
     real (*cost)(const fl_view *view, const fl_surface *surface);
-    size_t (*rows)(const fl_view *view, const fl_surface *surface, size_t width, real *out, real *directions);
-    void (*gram)(const real *rows, const real *distances, size_t n, int width, real *matrix, real *gradient);
-    void (*lagged)(const real *rows, size_t n, int width, const int *lags, const real *weights, int count, real *product);
+    size_t (*rows)(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions);
+    void (*nonlinear)(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows);
+    void (*take_off)(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances);
+    void (*gram)(const real *rows, size_t n, int columns, real *matrix);
+    void (*lagged)(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights, int count,
+                   real *product);
     void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
     void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,

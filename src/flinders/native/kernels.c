@@ -273,9 +273,9 @@ static real cost(const fl_view *view, const fl_surface *surface)
     return total(lanes);
 }
 
-/* (N, width + 1) rows that begin with the Jacobian at the direction of each reading and its distance; and these (3,
+/* (N, stride) rows that begin with the Jacobian at the direction of each reading and its distance; and these (3,
  * FL_LOOKED) directions. Returns the readings. */
-static size_t information(const fl_view *view, const fl_surface *surface, size_t width, real *out, real *directions)
+static size_t information(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions)
 {
     const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
     const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
@@ -302,7 +302,7 @@ static size_t information(const fl_view *view, const fl_surface *surface, size_t
             rows[6][i] = nx * uy + ny * ux, rows[7][i] = nx * uz + nz * ux, rows[8][i] = ny * uz + nz * uy;
             rows[9][i] = (length - 1) * per_steepness;
         }
-        for (size_t i = 0; i < m; i++, out += width + 1)
+        for (size_t i = 0; i < m; i++, out += stride)
             for (int row = 0; row < 10; row++) out[row] = rows[row][i];
         for (int axis = 0; axis < 3; axis++)
             memcpy(directions + axis * FL_LOOKED + count, rows[10 + axis], m * sizeof(real));
@@ -311,47 +311,85 @@ static size_t information(const fl_view *view, const fl_surface *surface, size_t
     return count;
 }
 
-/* Σ JJᵀ and Σ J s of rows (n, width + 1): four rows and four columns at a time, the distance behind the Jacobian. */
-static void gram(const real *rows, const real *distances, size_t n, int width, real *matrix, real *gradient)
+/* Six terms behind the Jacobian of rows (n, stride): what the square and the cube of each axis' distance from the centre
+ * over the radius, t, make of the distance from the surface; of the (3, FL_LOOKED) directions of the readings. */
+static void nonlinear(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows)
 {
-    enum { COLUMNS = (FL_WIDEST + 4) / 4 * 4 };
-    real sums[COLUMNS][COLUMNS] = {{0}}, four[4][COLUMNS] = {{0}};
-    for (size_t i = 0; i < n; i += 4) {
-        for (size_t k = 0; k < 4; k++) {
-            if (i + k < n) {
-                memcpy(four[k], rows + (size_t)(width + 1) * (i + k), (size_t)width * sizeof(real));
-                four[k][width] = distances[i + k];
-            } else memset(four[k], 0, sizeof four[k]);
+    static const unsigned char ENTRY[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
+    const real *const x = directions, *const y = directions + FL_LOOKED, *const z = directions + 2 * FL_LOOKED;
+    const real per_radius = 1 / surface->radius;
+    real squares_of[FL_BLOCK], cubes_of[FL_BLOCK];
+    for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
+        const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
+        for (int axis = 0; axis < 3; axis++) {
+            const unsigned char *entry = ENTRY[axis];
+            const real sx = surface->shape[entry[0]], sy = surface->shape[entry[1]], sz = surface->shape[entry[2]];
+            for (size_t i = 0; i < m; i++) {
+                const real local = sx * x[begin + i] + sy * y[begin + i] + sz * z[begin + i], t = local * per_radius;
+                squares_of[i] = local * t, cubes_of[i] = squares_of[i] * t;
+            }
+            for (size_t i = 0; i < m; i++) {
+                real *const row = rows + stride * (begin + i), normal = row[axis];
+                row[9 + axis] = normal * squares_of[i], row[12 + axis] = normal * cubes_of[i];
+            }
         }
-        for (int a = 0; a < width; a++)
-            for (int begin = a / 4 * 4; begin <= width; begin += 4)
-                for (int b = begin; b < begin + 4; b++)
-                    sums[a][b] += four[0][a] * four[0][b] + four[1][a] * four[1][b] + four[2][a] * four[2][b] +
-                                  four[3][a] * four[3][b];
-    }
-    for (int a = 0; a < width; a++) {
-        gradient[a] = sums[a][width];
-        for (int b = a; b < width; b++) matrix[width * a + b] = matrix[width * b + a] = sums[a][b];
     }
 }
 
-/* Add Σ J(i) Aᵀ over n consecutive rows (n, width + 1), A the sum of later Jacobians, J(i + lag) times the weight of the
- * lag; lags ascend. */
-static void lagged(const real *rows, size_t n, int width, const int *lags, const real *weights, int count, real *product)
+/* Take what the first columns of rows (n, stride) explain off the distances. */
+static void take_off(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances)
 {
-    real sums[FL_WIDEST + 1][FL_WIDEST + 1] = {{0}}, ahead[FL_BLOCK * (FL_WIDEST + 1)];
-    const size_t stride = (size_t)width + 1;
+    for (size_t i = 0; i < n; i++) {
+        const real *row = rows + stride * i;
+        real four[4] = {0};
+        int a = 0;
+        for (; a + 4 <= width; a += 4)
+            for (int lane = 0; lane < 4; lane++) four[lane] += row[a + lane] * solution[a + lane];
+        for (int lane = 0; a < width; a++, lane++) four[lane] += row[a] * solution[a];
+        distances[i] -= (four[0] + four[2]) + (four[1] + four[3]);
+    }
+}
+
+/* Add products of the columns of four rows, four columns at a time: those on and above the diagonal, and some more. */
+static inline void add_four(const real *rows, size_t stride, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
+{
+    const real *const one = rows, *const two = one + stride, *const three = two + stride, *const four = three + stride;
+    for (int a = 0; a < columns; a++)
+        for (int begin = a / 4 * 4; begin < columns; begin += 4)
+            for (int b = begin; b < begin + 4; b++)
+                sums[a][b] += one[a] * one[b] + two[a] * two[b] + three[a] * three[b] + four[a] * four[b];
+}
+
+/* Products of the columns of rows (n, columns), a symmetric matrix. */
+static void gram(const real *rows, size_t n, int columns, real *matrix)
+{
+    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}}, last[5 * FL_COLUMNS] = {0};
+    const size_t stride = (size_t)columns, most = n > 4 ? (n - 1) / 4 * 4 : 0;
+    for (size_t i = 0; i < most; i += 4) add_four(rows + stride * i, stride, columns, sums);
+    memcpy(last, rows + stride * most, stride * (n - most) * sizeof(real));
+    add_four(last, stride, columns, sums);
+    for (int a = 0; a < columns; a++)
+        for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
+}
+
+/* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of later Jacobians, J(i + lag) times
+ * the weight of the lag; lags ascend. */
+static void lagged(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights, int count,
+                   real *product)
+{
+    real sums[FL_WIDEST][FL_WIDEST] = {{0}}, ahead[FL_BLOCK * FL_COLUMNS];
+    const size_t unused = stride - (size_t)width;
     for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
         const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
         const real *const block = rows + stride * begin;
         memset(ahead, 0, sizeof ahead);
         for (int k = 0; k < count && begin + (size_t)lags[k] < n; k++) {
-            const size_t lag = (size_t)lags[k], left = n - begin - lag, numbers = stride * (left < m ? left : m);
+            const size_t lag = (size_t)lags[k], left = n - begin - lag, numbers = stride * (left < m ? left : m) - unused;
             for (size_t i = 0; i < numbers; i++) ahead[i] += weights[k] * block[stride * lag + i];
         }
         for (size_t i = 0; i < m; i++)
             for (int a = 0; a < width; a++)
-                for (int b = 0; b <= width; b++) sums[a][b] += block[stride * i + (size_t)a] * ahead[stride * i + (size_t)b];
+                for (int b = 0; b < width; b++) sums[a][b] += block[stride * i + (size_t)a] * ahead[stride * i + (size_t)b];
     }
     for (int a = 0; a < width; a++)
         for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
@@ -480,14 +518,14 @@ static inline void follow_strength(real value, real decay, const filters *at, re
 }
 
 /* Add the products of two innovations of a few rows. */
-static inline void add_pair(const lanes *weighed, const lanes *other, size_t rows, real *restrict sum)
+static inline void add_pair(lanes *weighed, lanes *other, size_t rows, real *restrict sum)
 {
     for (size_t row = 0; row < rows; row++)
         for (int lane = 0; lane < FL_LANES; lane++) sum[lane] += weighed[row][lane] * other[row][lane];
 }
 
 /* Add the products of all pairs of innovations of a few rows over their variances. */
-static inline void add_innovations(lanes (*innovation)[FEW], const lanes *weight, size_t rows, lanes *restrict sums)
+static inline void add_innovations(lanes (*innovation)[FEW], lanes *weight, size_t rows, lanes *restrict sums)
 {
     for (int a = 0, sum = 0; a < 10; a++) {
         lanes weighed[FEW];
@@ -524,9 +562,9 @@ static void filter(const fl_series *series, int is_vector, const real variance[F
             for (int i = 0; i < 10; i++) follow_strength(row[i], decay, &at, state[i][0], innovation[i][of]);
         }
         if (of + 1 < FEW && k + 1 < series->n) continue;
-        add_innovations(innovation, (const lanes *)weight, of + 1, sums);
+        add_innovations(innovation, weight, of + 1, sums);
         for (int lane = 0; lane < FL_LANES; lane++)
-                log_determinant[lane] += fl_log2(at.product[lane]), at.product[lane] = 1;
+            log_determinant[lane] += fl_log2(at.product[lane]), at.product[lane] = 1;
     }
 }
 
@@ -645,5 +683,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, distances, has_closer, cost, information, gram, lagged, squares, cells, filter, keys, breaks,
+    powers, products, curvature, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares, cells, filter, keys, breaks,
     steps, ends, ordinary};

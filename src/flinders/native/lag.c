@@ -10,7 +10,7 @@
  */
 #include "residuals.h"
 
-enum { AXES = 3, CONTRASTS = 2, WIDTH = 9 + CONTRASTS, FEWEST_INDEPENDENT = 40 };
+enum { AXES = 3, CONTRASTS = FL_LAGS_OF_AXES, WIDTH = CONTRASTS + 9 };
 
 #define REACH ((real)0.04)  /* s, from a reading to those that a rate is taken from, where the sensor is as fast */
 #define UNLIKELY ((real)1e-3)
@@ -53,45 +53,18 @@ static int rate_at(const spacing *spaced, size_t place, real rate[AXES])
     return 1;
 }
 
-/* The readings that are looked at, with the derivatives by all eleven. */
-static void gather(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                   fl_residuals *out)
+/* Fill the two terms of each row. Nothing goes from one recording to the next. */
+void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all)
 {
-    fl_gather_evenly(kernels, view, surface, room, WIDTH, out);
     const spacing spaced = spacing_of(view, room);
-    for (size_t i = 0; i < out->n; i++) {
-        real rate[AXES], *row = out->rows + (WIDTH + 1) * i;
-        rate_at(&spaced, out->places[i], rate);
+    for (size_t i = 0; i < all->n; i++) {
+        real rate[AXES], *row = all->rows + all->stride * i, *const normal = row + CONTRASTS;
+        rate_at(&spaced, all->places[i], rate);
         for (int term = 0; term < CONTRASTS; term++) {
-            row[9 + term] = 0;
-            for (int axis = 0; axis < AXES; axis++) row[9 + term] -= contrasts[term][axis] * row[axis] * rate[axis];
+            row[term] = 0;
+            for (int axis = 0; axis < AXES; axis++) row[term] -= contrasts[term][axis] * normal[axis] * rate[axis];
         }
     }
-}
-
-/* Solve for all eleven, and take what they explain off the distances; not where they cannot be told apart. */
-static int solve(const fl_kernels *kernels, fl_residuals *left, real matrix[WIDTH * WIDTH], real inverse[WIDTH * WIDTH], real solution[WIDTH])
-{
-    real gradient[WIDTH];
-    kernels->gram(left->rows, left->distances, left->n, WIDTH, matrix, gradient);
-    if (!fl_is_distinct(matrix, WIDTH)) return 0;
-    fl_inverse(matrix, WIDTH, inverse);
-    fl_multiply(inverse, gradient, WIDTH, WIDTH, 1, solution);
-    fl_take_off(left, solution);
-    return 1;
-}
-
-/* How often chance makes as much of the lags of a solution; more than 1 where too few readings are independent. */
-static real chance(const fl_kernels *kernels, const fl_residuals *left, const flinders_record *record, const real *matrix, const real *inverse,
-                   const real solution[WIDTH])
-{
-    real covariance[WIDTH * WIDTH], spread[CONTRASTS * CONTRASTS], square;
-    const real independent = fl_covariance_of_solution(kernels, left, matrix, inverse, covariance);
-    if (!(independent >= FEWEST_INDEPENDENT)) return 2;
-    for (int a = 0; a < CONTRASTS; a++)
-        for (int b = 0; b < CONTRASTS; b++) spread[CONTRASTS * a + b] = covariance[WIDTH * (9 + a) + 9 + b];
-    const int freedom = fl_chi_square(solution + 9, spread, CONTRASTS, &square);
-    return fl_chance_of(square * fl_share_of_distinct(record), (real)freedom, independent);
 }
 
 /* What lags that are left out move the nine parameters by, from the normal matrix of all eleven. */
@@ -99,38 +72,36 @@ static void moved_by(const real *matrix, const real lags[CONTRASTS], real moved[
 {
     real inner[81], inverse[81], pull[9];
     for (int a = 0; a < 9; a++) {
+        const real *const row = matrix + WIDTH * (CONTRASTS + a);
         pull[a] = 0;
-        for (int b = 0; b < 9; b++) inner[9 * a + b] = matrix[WIDTH * a + b];
-        for (int k = 0; k < CONTRASTS; k++) pull[a] += matrix[WIDTH * a + 9 + k] * lags[k];
+        for (int b = 0; b < 9; b++) inner[9 * a + b] = row[CONTRASTS + b];
+        for (int k = 0; k < CONTRASTS; k++) pull[a] += row[k] * lags[k];
     }
     fl_inverse(inner, 9, inverse);
     fl_multiply(inverse, pull, 9, 9, 1, moved);
 }
 
-/* Look for axes that are late; the record stays as it is where nothing can be told of them. Slow noise that the fit has
- * found is partly the lag itself: weighted by it the lags are too small, and what chance makes of them is no smaller
- * than it is. So plain least squares say how large they are, and the weights of the fit by how much they move it. */
-void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
-            flinders_record *record)
+/* Write what was found of axes that are late into a record. Slow noise that the fit has found is partly the lag itself:
+ * weighted by it the lags are too small, and what chance makes of them is no smaller than it is. So plain least squares
+ * say how large they are, and the weights of the fit by how much they move it. */
+void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
+            const fl_regression *found, real by_chance, real dip_deg, flinders_record *record)
 {
-    const fl_surface *const surface = &fit->surface;
-    fl_residuals left;
-    real matrix[WIDTH * WIDTH], inverse[WIDTH * WIDTH], solution[WIDTH], plain[WIDTH * WIDTH], moved[9], square[81], rms;
-    gather(kernels, view, surface, room, &left);
-    if (left.n == 0 || !fl_is_noisy(&left, surface)) return;
-    fl_whiten(&left, &fit->slow);
-    if (!solve(kernels, &left, matrix, inverse, solution)) return;
-    const real by_chance = chance(kernels, &left, record, matrix, inverse, solution);
-    if (by_chance > 1) return;
+    fl_residuals all;
+    fl_regression plain;
+    const real *lags = found->solution;
+    real products[FL_COLUMNS * FL_COLUMNS], moved[9], square[81], rms;
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
-        gather(kernels, view, surface, room, &left);
-        if (!solve(kernels, &left, plain, inverse, solution)) return;
+        fl_gather_axes(kernels, view, &fit->surface, room, &all);
+        kernels->gram(all.rows, all.n, all.width + 1, products);
+        if (!fl_regress(kernels, &all, products, 0, WIDTH, &plain)) return;
+        lags = plain.solution;
     }
     record->lag_by_chance = by_chance;
     for (int axis = 0; axis < AXES; axis++)
-        record->axis_lag[axis] = contrasts[0][axis] * solution[9] + contrasts[1][axis] * solution[10];
-    moved_by(matrix, solution + 9, moved);
+        record->axis_lag[axis] = contrasts[0][axis] * lags[0] + contrasts[1][axis] * lags[1];
+    moved_by(found->matrix, lags, moved);
     for (int a = 0; a < 9; a++)
         for (int b = 0; b < 9; b++) square[9 * a + b] = moved[a] * moved[b];
-    fl_level_errors(surface, square, dip_deg, &rms, &record->lag_deg);
+    fl_level_errors(&fit->surface, square, dip_deg, &rms, &record->lag_deg);
 }

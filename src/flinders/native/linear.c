@@ -86,7 +86,17 @@ static real hypotenuse(real a, real b)
     return larger * fl_sqrt(1 + ratio * ratio);
 }
 
-/* Eigenvalues of a tridiagonal matrix by the QL algorithm with implicit shifts; `v` is turned along. */
+/* Exchange rows and columns of a matrix (n, n). */
+static void transpose(real *matrix, int n)
+{
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) {
+            const real entry = matrix[i * n + j];
+            matrix[i * n + j] = matrix[j * n + i], matrix[j * n + i] = entry;
+        }
+}
+
+/* Eigenvalues of a tridiagonal matrix by the QL algorithm with implicit shifts; the rows of `v` are turned along. */
 static void diagonalise(real *v, int n, real *d, real *e)
 {
     real f = 0, largest = 0;
@@ -118,10 +128,11 @@ static void diagonalise(real *v, int n, real *d, real *e)
                 c = p / r;
                 p = c * d[i] - s * g;
                 d[i + 1] = q + s * (c * g + s * d[i]);
+                real *const one = v + i * n, *const next = one + n;
                 for (int k = 0; k < n; k++) {
-                    const real t = v[k * n + i + 1];
-                    v[k * n + i + 1] = s * v[k * n + i] + c * t;
-                    v[k * n + i] = c * v[k * n + i] - s * t;
+                    const real t = next[k], o = one[k];
+                    next[k] = s * o + c * t;
+                    one[k] = c * o - s * t;
                 }
             }
             p = -s * s2 * c3 * el1 * e[l] / dl1;
@@ -145,6 +156,7 @@ void fl_eigen(real *matrix, int n, real *values)
         return;
     }
     tridiagonal(matrix, n, values, e);
+    transpose(matrix, n);
     diagonalise(matrix, n, values, e);
     for (int i = 0; i < n - 1; i++) {
         int least = i;
@@ -154,10 +166,11 @@ void fl_eigen(real *matrix, int n, real *values)
         const real value = values[i];
         values[i] = values[least], values[least] = value;
         for (int k = 0; k < n; k++) {
-            const real entry = matrix[k * n + i];
-            matrix[k * n + i] = matrix[k * n + least], matrix[k * n + least] = entry;
+            const real entry = matrix[i * n + k];
+            matrix[i * n + k] = matrix[least * n + k], matrix[least * n + k] = entry;
         }
     }
+    transpose(matrix, n);
 }
 
 /* Replace the lower triangle of a matrix (n, n) by its Cholesky factor; nonzero if it is not positive definite. */
@@ -261,11 +274,18 @@ void fl_sym3_inverse(const real s[6], real inverse[6])
     inverse[5] = (s[3] * s[4] - s[0] * s[5]) / det;
 }
 
-/* Ascending eigenvalues of a symmetric 3 × 3 matrix. */
+/* Ascending eigenvalues of a symmetric 3 × 3 matrix (O. K. Smith, Comm. ACM 4 (1961) 168). */
 void fl_sym3_values(const real s[6], real values[3])
 {
-    real full[9] = {s[0], s[3], s[4], s[3], s[1], s[5], s[4], s[5], s[2]};
-    fl_eigen(full, 3, values);
+    const real mean = (s[0] + s[1] + s[2]) / 3;
+    const real x = s[0] - mean, y = s[1] - mean, z = s[2] - mean;
+    const real size = fl_sqrt((x * x + y * y + z * z + 2 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5])) / 6);
+    const real unit = size > FL_TINY ? size : 1;
+    const real rest[6] = {x / unit, y / unit, z / unit, s[3] / unit, s[4] / unit, s[5] / unit};
+    const real cosine = fl_sym3_det(rest) / 2, angle = fl_acos(cosine > 1 ? 1 : cosine < -1 ? -1 : cosine) / 3;
+    values[2] = mean + 2 * size * fl_cos(angle);
+    values[0] = mean + 2 * size * fl_cos(angle + 2 * FL_PI / 3);
+    values[1] = 3 * mean - values[2] - values[0];
 }
 
 /* Product of a symmetric 3 × 3 matrix with a vector. */

@@ -9,7 +9,7 @@
  */
 #include "residuals.h"
 
-enum { TERMS = 6, WIDTH = 9 + TERMS, HEADINGS = 72, FEWEST_INDEPENDENT = 40 };
+enum { TERMS = FL_NONLINEAR, WIDTH = 9 + TERMS, HEADINGS = 72 };
 
 #define TO_DEG ((real)180 / FL_PI)
 #define EXPLAINED ((real)0.75)   /* of what residuals of one direction have in common: else it is of another kind */
@@ -56,54 +56,24 @@ static real level_error(const fl_surface *surface, const real solution[WIDTH], r
     return TO_DEG * worst;
 }
 
-/* The readings that are looked at, with the derivatives by all fifteen. */
-static void gather(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                   fl_residuals *out)
-{
-    fl_gather_evenly(kernels, view, surface, room, WIDTH, out);
-    for (size_t i = 0; i < out->n; i++) {
-        real direction[3], added[TERMS], *row = out->rows + (WIDTH + 1) * i;
-        for (int axis = 0; axis < 3; axis++) direction[axis] = out->directions[axis * FL_LOOKED + i];
-        displacements(surface, direction, added);
-        for (int term = 0; term < TERMS; term++) row[9 + term] = row[term % 3] * added[term];
-    }
-}
-
 /* Whether a solution takes off what residuals of one direction have in common at different times. */
 static int explains(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                     const real solution[WIDTH])
 {
     fl_residuals left;
-    gather(kernels, view, surface, room, &left);
+    fl_gather_axes(kernels, view, surface, room, &left);
     kernels->cells(left.directions, left.directions + FL_LOOKED, left.directions + 2 * FL_LOOKED, left.n, left.cells);
     const real before = fl_common_variance(&left, surface);
-    fl_take_off(&left, solution);
+    kernels->take_off(left.rows + FL_LAGS_OF_AXES, left.stride, left.n, WIDTH, solution, left.distances);
     return fl_common_variance(&left, surface) < (1 - EXPLAINED) * before;
 }
 
-/* Look for axes that are not linear; the record stays as it is where nothing can be told of them. */
-void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg,
-                     const fl_room *room, flinders_record *record)
+/* Write what was found of axes that are not linear into a record, unless a distortion is of another kind. */
+void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                     const fl_regression *found, real by_chance, real dip_deg, flinders_record *record)
 {
-    const fl_surface *const surface = &fit->surface;
-    fl_residuals left;
-    real matrix[WIDTH * WIDTH], inverse[WIDTH * WIDTH], covariance[WIDTH * WIDTH], spread[TERMS * TERMS];
-    real gradient[WIDTH], solution[WIDTH], square = 0;
-    gather(kernels, view, surface, room, &left);
-    if (left.n == 0 || !fl_is_noisy(&left, surface)) return;
-    fl_whiten(&left, &fit->slow);
-    kernels->gram(left.rows, left.distances, left.n, WIDTH, matrix, gradient);
-    if (!fl_is_distinct(matrix, WIDTH)) return;
-    fl_inverse(matrix, WIDTH, inverse);
-    fl_multiply(inverse, gradient, WIDTH, WIDTH, 1, solution);
-    fl_take_off(&left, solution);
-    const real independent = fl_covariance_of_solution(kernels, &left, matrix, inverse, covariance);
-    if (!(independent >= FEWEST_INDEPENDENT)) return;
-    if (record->distortion > 0 && !explains(kernels, view, surface, room, solution)) return;
-    for (int a = 0; a < TERMS; a++)
-        for (int b = 0; b < TERMS; b++) spread[TERMS * a + b] = covariance[WIDTH * (9 + a) + 9 + b];
-    const int freedom = fl_chi_square(solution + 9, spread, TERMS, &square);
-    record->nonlinear_by_chance = fl_chance_of(square * fl_share_of_distinct(record), (real)freedom, independent);
-    record->nonlinear_deg = level_error(surface, solution, dip_deg);
-    memcpy(record->nonlinearity, solution + 9, sizeof record->nonlinearity);
+    if (record->distortion > 0 && !explains(kernels, view, surface, room, found->solution)) return;
+    record->nonlinear_by_chance = by_chance;
+    record->nonlinear_deg = level_error(surface, found->solution, dip_deg);
+    memcpy(record->nonlinearity, found->solution + 9, sizeof record->nonlinearity);
 }

@@ -14,7 +14,7 @@ static void sizes_of(size_t rows, size_t sizes[PARTS])
     const size_t looked = rows < FL_LOOKED ? rows : FL_LOOKED;
     const size_t some = rows < FL_ENOUGH ? rows : FL_ENOUGH;
     sizes[0] = rows * sizeof(real), sizes[1] = rows * sizeof(real);
-    sizes[2] = (FL_WIDEST + 1) * looked * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
+    sizes[2] = FL_COLUMNS * looked * sizeof(real), sizes[3] = 2 * some * sizeof(uint32_t);
     sizes[4] = sizes[5] = sizes[6] = rows;
     sizes[7] = FL_SLOTS * sizeof(uint64_t), sizes[8] = 4 * FL_SLOTS * sizeof(real);
     sizes[9] = (looked + 2) * sizeof(size_t), sizes[10] = FL_TABLE;

@@ -188,10 +188,7 @@ static void describe(const fl_kernels *kernels, const fl_view *view, const flind
     fl_heading_errors(&fit->surface, record, options->dip_deg);
     if (options->statistics && !record->is_white && !record->unobserved && !room->parts)
         fl_drift(kernels, view, &fit->surface, record->dip_deg, room, record);
-    if (options->statistics && !record->unobserved)
-        fl_nonlinearity(kernels, view, fit, record->dip_deg, room, record);
-    if (options->statistics && !record->unobserved && !room->parts)
-        fl_lag(kernels, view, fit, record->dip_deg, room, record);
+    if (options->statistics && !record->unobserved) fl_axes(kernels, view, fit, record->dip_deg, room, record);
 }
 
 /* Fit all readings from a start, then the majority alone where that is asked for, or residuals ask and there is one. The

@@ -19,7 +19,7 @@ enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
 typedef struct {
     real *distances;         /* (rows,) */
     real *scratch;           /* (rows,) */
-    real *rows;              /* (16 * min(rows, FL_LOOKED),) Jacobian and distance of each */
+    real *rows;              /* (FL_COLUMNS * min(rows, FL_LOOKED),) Jacobian and distance of each */
     uint32_t *order;         /* (2 * min(rows, 20000),) places in random order, and rows of a sample; cells of the sphere */
     size_t *begins;          /* (min(rows, 12 * 1024) + 2,) */
     unsigned char *rejected; /* (rows,) */
@@ -53,10 +53,8 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
               const fl_room *room, fl_fit *fit, flinders_record *record);
 void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, real dip_deg,
               const fl_room *room, flinders_record *record);
-void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg,
-                     const fl_room *room, flinders_record *record);
-void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
-            flinders_record *record);
+void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
+             flinders_record *record);
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);

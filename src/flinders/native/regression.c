@@ -1,6 +1,10 @@
 /* Least squares of residuals on terms that stand beside the nine parameters, and how likely chance is to make as much. */
 #include "residuals.h"
 
+enum { FEWEST_INDEPENDENT = 40 };
+
+static const real STRENGTH[3] = {1, 0, 0}; /* instead of a normal, where the disturbance has one component */
+
 #define DISTINCT ((real)1e-5) /* smallest eigenvalue of a correlation matrix in which terms are told apart */
 
 /* Rows of the readings of a view. */
@@ -11,10 +15,10 @@ static void places_of(const fl_view *view, uint32_t *out)
         if (!view->rejected || (!view->rejected[row] && passed++ % view->stride == 0)) out[count++] = (uint32_t)row;
 }
 
-/* The readings that are looked at, evenly spaced, with nine derivatives each and room for further terms behind these;
- * none where they are too few. Returns their spacing. */
+/* The readings that are looked at, evenly spaced, with nine derivatives each, room for further terms before and behind
+ * these, and the distance; none where they are too few. Returns their spacing. */
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        int width, fl_residuals *out)
+                        int before, int width, fl_residuals *out)
 {
     enum { MOST = 5000, FEWEST = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
@@ -22,79 +26,66 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
     fl_view some = all;
     some.stride = (fl_view_count(&all) + MOST - 1) / MOST;
     const size_t count = some.stride ? fl_view_count(&some) : 0;
-    out->n = 0, out->stretches = 1, out->width = width;
+    out->n = 0, out->stretches = 1, out->width = width, out->stride = stride;
     out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;
     out->begins = room->begins, out->cells = room->order;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
     if (count < FEWEST) return some.stride;
-    kernels->rows(&some, surface, (size_t)width, out->rows, out->directions);
+    kernels->rows(&some, surface, stride, out->rows + before, out->directions);
     places_of(&some, out->places);
     for (size_t i = 0; i < count; i++) {
         real direction[3], *row = out->rows + stride * out->n;
         for (int axis = 0; axis < 3; axis++) direction[axis] = out->directions[axis * FL_LOOKED + i];
         if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0) continue; /* right in the centre */
-        if (out->n < i) memcpy(row, out->rows + stride * i, 10 * sizeof(real));
+        if (out->n < i) memcpy(row, out->rows + stride * i, stride * sizeof(real));
         for (int axis = 0; axis < 3; axis++) out->directions[axis * FL_LOOKED + out->n] = direction[axis];
         out->places[out->n] = out->places[i];
-        out->distances[out->n++] = row[9];
-        row[width] = (real)i / (real)(count - 1) - (real)0.5;
+        out->distances[out->n++] = row[before + 9];
+        row[width] = out->distances[out->n - 1];
     }
     out->begins[0] = 0, out->begins[1] = out->n;
     return some.stride;
 }
 
-/* Make rows and distances independent that slow noise correlates: the innovations of a Kalman filter, over their standard
- * deviations. A reading that is the one before again says nothing. */
-void fl_whiten(fl_residuals *residuals, const fl_slow *slow)
+/* Make rows and the distances in their last column independent that slow noise correlates: the innovations of a Kalman
+ * filter, over their standard deviations. The Jacobian is behind other columns. A reading that is the one before again
+ * says nothing. */
+void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
 {
-    const int columns = residuals->width + 1;
-    real state[3][FL_WIDEST + 1] = {{0}}, p[6] = {slow->ratio, slow->ratio, slow->ratio, 0, 0, 0}, last[FL_WIDEST + 1] = {0};
+    const size_t columns = residuals->stride;
+    real state[3][FL_COLUMNS] = {{0}}, p[6] = {slow->ratio, slow->ratio, slow->ratio, 0, 0, 0}, last[FL_COLUMNS] = {0};
     size_t kept = 0, waited = 0;
     if (!(slow->ratio > 0)) return;
     for (size_t i = 0; i < residuals->n; i++) {
-        real *const row = residuals->rows + (size_t)columns * i, *const out = residuals->rows + (size_t)columns * kept;
+        real *const row = residuals->rows + columns * i, *const out = residuals->rows + columns * kept;
+        const real *const normal = slow->is_vector ? row + before : STRENGTH;
         real h[3], gain[3], predicted[6];
-        row[columns - 1] = residuals->distances[i];
         waited++;
-        if (i > 0 && !memcmp(row, last, (size_t)columns * sizeof(real))) continue;
-        memcpy(last, row, (size_t)columns * sizeof(real));
+        if (i > 0 && !memcmp(row + before, last + before, 9 * sizeof(real)) && row[columns - 1] == last[columns - 1]) continue;
+        memcpy(last, row, columns * sizeof(real));
         const real x = (real)waited / ((real)residuals->n * slow->memory), decay = 1 / (1 + x * (1 + x / 2));
-        const real normal[3] = {slow->is_vector ? row[0] : 1, slow->is_vector ? row[1] : 0, slow->is_vector ? row[2] : 0};
-        for (int k = 0; k < 6; k++) predicted[k] = p[k] * decay * decay + (k < 3 ? slow->ratio * (1 - decay * decay) : 0);
+        const real square = decay * decay, fresh = slow->ratio * (1 - square);
+        for (int k = 0; k < 6; k++) predicted[k] = p[k] * square + (k < 3 ? fresh : 0);
         fl_sym3_apply(predicted, normal, h);
-        const real total = normal[0] * h[0] + normal[1] * h[1] + normal[2] * h[2] + 1, root = fl_sqrt(total);
+        const real total = normal[0] * h[0] + normal[1] * h[1] + normal[2] * h[2] + 1, finer = 1 / fl_sqrt(total);
         for (int a = 0; a < 3; a++) gain[a] = h[a] / total, p[a] = predicted[a] - h[a] * gain[a];
         p[3] = predicted[3] - h[0] * gain[1], p[4] = predicted[4] - h[0] * gain[2], p[5] = predicted[5] - h[1] * gain[2];
-        for (int k = 0; k < columns; k++) {
-            real innovation = row[k];
-            for (int a = 0; a < 3; a++) state[a][k] *= decay, innovation -= normal[a] * state[a][k];
-            for (int a = 0; a < 3; a++) state[a][k] += gain[a] * innovation;
-            out[k] = innovation / root;
+        const real nx = normal[0] * decay, ny = normal[1] * decay, nz = normal[2] * decay;
+        for (size_t k = 0; k < columns; k++) {
+            const real innovation = last[k] - (nx * state[0][k] + ny * state[1][k] + nz * state[2][k]);
+            for (int a = 0; a < 3; a++) state[a][k] = state[a][k] * decay + gain[a] * innovation;
+            out[k] = innovation * finer;
         }
-        residuals->distances[kept++] = out[columns - 1];
+        kept++;
         waited = 0;
     }
     residuals->n = residuals->begins[1] = kept;
 }
 
-/* Take what the terms explain off the distances. */
-void fl_take_off(fl_residuals *residuals, const real *solution)
-{
-    const int n = residuals->width;
-    for (size_t i = 0; i < residuals->n; i++) {
-        const real *row = residuals->rows + (size_t)(n + 1) * i;
-        real lanes[4] = {0};
-        int a = 0;
-        for (; a + 4 <= n; a += 4)
-            for (int lane = 0; lane < 4; lane++) lanes[lane] += row[a + lane] * solution[a + lane];
-        for (int lane = 0; a < n; a++, lane++) lanes[lane] += row[a] * solution[a];
-        residuals->distances[i] -= (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]);
-    }
-}
-
 /* Covariance of a solution, its residuals as they are correlated, from Σ JJᵀ and its inverse. Returns how many of the
  * residuals are independent, beyond those that the terms take. */
-real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance)
+real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
+                               const real *inverse, real *covariance)
 {
     const int n = residuals->width;
     real autocovariance[FL_LAGS], white[FL_WIDEST * FL_WIDEST], scatter[FL_WIDEST * FL_WIDEST], half[FL_WIDEST * FL_WIDEST];
@@ -118,7 +109,7 @@ int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface)
 }
 
 /* Whether a matrix (n, n) tells its terms apart. */
-int fl_is_distinct(const real *matrix, int n)
+static int is_distinct(const real *matrix, int n)
 {
     real scaled[FL_WIDEST * FL_WIDEST];
     for (int a = 0; a < n; a++)
@@ -130,11 +121,32 @@ int fl_is_distinct(const real *matrix, int n)
     return !fl_cholesky(scaled, n);
 }
 
-/* Share of the readings that are not another one again: so much is a square of their sum worth. */
-real fl_share_of_distinct(const flinders_record *record)
+/* Normal equations of some columns, from products of all, the last of which is the distance. */
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient)
 {
-    const real share = (real)record->distinct / (real)record->rows;
-    return share < 1 ? share : 1;
+    for (int a = 0; a < width; a++) {
+        const real *const row = products + columns * (first + a);
+        memcpy(matrix + width * a, row + first, (size_t)width * sizeof(real));
+        gradient[a] = row[columns - 1];
+    }
+}
+
+/* Explain residuals by so many columns of their rows from the first on, of products of all columns; 0 where these cannot be
+ * told apart. */
+int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,
+               fl_regression *out)
+{
+    real gradient[FL_WIDEST];
+    fl_residuals *const left = &out->left;
+    *left = *all;
+    left->rows += first, left->width = width;
+    fl_normal_equations(products, all->width + 1, first, width, out->matrix, gradient);
+    for (size_t i = 0; i < all->n; i++) left->distances[i] = all->rows[all->stride * (i + 1) - 1];
+    if (!is_distinct(out->matrix, width)) return 0;
+    fl_inverse(out->matrix, width, out->inverse);
+    fl_multiply(out->inverse, gradient, width, width, 1, out->solution);
+    kernels->take_off(left->rows, left->stride, left->n, width, out->solution, left->distances);
+    return 1;
 }
 
 /* Square of a change (n,) in units of its covariance (n, n), over what that leaves free; counts these directions. */
@@ -155,4 +167,25 @@ int fl_chi_square(const real *change, const real *covariance, int n, real *squar
         freedom++;
     }
     return freedom;
+}
+
+/* Share of the readings that are not another one again: so much is a square of their sum worth. */
+static real share_of_distinct(const flinders_record *record)
+{
+    const real share = (real)record->distinct / (real)record->rows;
+    return share < 1 ? share : 1;
+}
+
+/* How often chance makes as much of some terms of a solution; more than 1 where too few residuals are independent. */
+real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
+                        const flinders_record *record)
+{
+    const int n = of->left.width;
+    real covariance[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST], square;
+    const real independent = fl_covariance_of_solution(kernels, &of->left, of->matrix, of->inverse, covariance);
+    if (!(independent >= FEWEST_INDEPENDENT)) return 2;
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++) spread[count * a + b] = covariance[n * (first + a) + first + b];
+    const int freedom = fl_chi_square(of->solution + first, spread, count, &square);
+    return fl_chance_of(square * share_of_distinct(record), (real)freedom, independent);
 }

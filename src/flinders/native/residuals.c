@@ -98,7 +98,7 @@ static void add_lagged(const fl_kernels *kernels, const fl_residuals *residuals,
     real product[FL_WIDEST * FL_WIDEST] = {0};
     for (int stretch = 0; stretch < residuals->stretches; stretch++) {
         const size_t begin = residuals->begins[stretch], rows = residuals->begins[stretch + 1] - begin;
-        kernels->lagged(residuals->rows + (size_t)(n + 1) * begin, rows, n, lags, weights, count, product);
+        kernels->lagged(residuals->rows + residuals->stride * begin, residuals->stride, rows, n, lags, weights, count, product);
     }
     for (int a = 0; a < n; a++)
         for (int b = 0; b < n; b++) total[n * a + b] += product[n * a + b] + product[n * b + a];

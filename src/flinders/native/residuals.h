@@ -9,8 +9,9 @@ enum { FL_LAGS = 1000, FL_BLOCKS = 8, FL_SERIES = 2048 };
 typedef struct {
     size_t n;
     int stretches, width; /* of the Jacobian: parameters */
+    size_t stride;   /* numbers from one row to the next */
     size_t *begins;  /* (stretches + 1,) of stretches of consecutive readings, and the end */
-    real *rows;      /* (n, width + 1) Jacobian and distance */
+    real *rows;      /* (n, stride) Jacobian first */
     real *distances; /* (n,) less what is explained */
     real *directions; /* (3, FL_LOOKED) */
     uint32_t *cells; /* (n,) of the sphere */
@@ -39,15 +40,34 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
 int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
+typedef struct {
+    fl_residuals left;
+    real matrix[FL_WIDEST * FL_WIDEST], inverse[FL_WIDEST * FL_WIDEST], solution[FL_WIDEST];
+} fl_regression;
+
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
-                        int width, fl_residuals *out);
-void fl_whiten(fl_residuals *residuals, const fl_slow *slow);
-void fl_take_off(fl_residuals *residuals, const real *solution);
-real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix, const real *inverse, real *covariance);
+                        int before, int width, fl_residuals *out);
+void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
+void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
+int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,
+               fl_regression *out);
+real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
+                        const flinders_record *record);
+real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,
+                               const real *inverse, real *covariance);
 int fl_is_noisy(const fl_residuals *residuals, const fl_surface *surface);
-int fl_is_distinct(const real *matrix, int n);
-real fl_share_of_distinct(const flinders_record *record);
 int fl_chi_square(const real *change, const real *covariance, int n, real *square);
+
+/* axes.c: rows are two terms by lags of the axes, the Jacobian, six terms by what is not linear, and the distance. */
+enum { FL_LAGS_OF_AXES = 2, FL_NONLINEAR = 6 };
+
+void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                    fl_residuals *out);
+void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all);
+void fl_nonlinearity(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                     const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);
+void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
+            const fl_regression *found, real by_chance, real dip_deg, flinders_record *record);
 
 void fl_sphere_centres(real centres[100][3]);
 

@@ -246,8 +246,9 @@ static int dense_enough(real share, size_t rows)
 }
 
 /* The same, of readings some of which are far: runs beyond doubt are set aside before the rest is counted. */
-static int dense_in(const unsigned char *far, size_t n, size_t rows, unsigned char *around)
+static int dense_in(const unsigned char *far, size_t n, size_t rows, const fl_room *room)
 {
+    unsigned char *const around = (unsigned char *)room->scratch;
     int dense = FL_NO_RUN;
     for (int look = 0; look < LOOKS; look++) {
         size_t rest = 0, far_of_rest = 0;
@@ -270,21 +271,39 @@ static size_t mark_far(const fl_kernels *kernels, const fl_view *view, const fl_
     return n;
 }
 
-/* Fit those of all readings (stride 1) or of a part of them that are near; sets the rejected readings of the view. */
-static int fit_near(const fl_kernels *kernels, const fl_view *all, const flinders_options *options, int dense,
-                    real limit, const fl_room *room, fl_fit *fit)
+/* Whether the steps of a fit ended at a minimum that all readings support. */
+static int is_at_minimum(const fl_fit *fit)
 {
-    const int is_at_minimum = fit->used && fit->posterior.support.is_whole && fit->steps < FL_STEPS;
-    const fl_surface start = is_at_minimum ? fit->posterior.surface : fit->surface; /* which curvature corrected */
-    const fl_view every = {all->field, all->rows, NULL, 1};
-    mark_far(kernels, &every, &fit->surface, limit, room, room->far);
+    return fit->used && fit->posterior.support.is_whole && fit->steps < FL_STEPS;
+}
+
+/* Reject the far readings, those of runs of them, and all but a part of the rest; counts those that it was otherwise for. */
+static size_t reject(const fl_view *all, int dense, const fl_room *room)
+{
+    unsigned char *const in_run = (unsigned char *)room->scratch;
+    size_t changes = 0;
     for (size_t begin = 0, part = 0; begin < all->rows; part++) {
         const size_t end = part < room->parts ? (size_t)room->ends[part] : all->rows;
-        mark_runs(room->far + begin, end - begin, dense, room->rejected + begin);
+        mark_runs(room->far + begin, end - begin, dense, in_run + begin);
         begin = end;
     }
-    for (size_t i = 0; i < all->rows; i++) room->rejected[i] |= room->far[i] | (i % all->stride != 0);
+    for (size_t i = 0; i < all->rows; i++) {
+        const unsigned char is_out = in_run[i] | room->far[i] | (i % all->stride != 0);
+        changes += room->rejected[i] != is_out;
+        room->rejected[i] = is_out;
+    }
+    return changes;
+}
+
+/* Fit all readings (stride 1) or a part of them, but for those that are marked as far and runs of these. The fit stands
+ * where it was made of the same readings. */
+static int fit_near(const fl_kernels *kernels, const fl_view *all, const flinders_options *options, int dense,
+                    const fl_room *room, fl_fit *fit)
+{
+    const int is_settled = is_at_minimum(fit);
+    const fl_surface start = is_settled ? fit->posterior.surface : fit->surface; /* which curvature corrected */
     const fl_view near = {all->field, all->rows, room->rejected, 1};
+    if (!reject(all, dense, room) && is_settled) return FLINDERS_OK;
     if (fl_view_count(&near) < UNKNOWNS) return FLINDERS_NOT_AN_ELLIPSOID;
     return fl_polish(kernels, &near, options, &start, FL_STEPS, room->some, fit);
 }
@@ -317,7 +336,8 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
     fl_random random = fl_random_begin();
     const size_t rows = view->rows, n = spread_out(kernels, view->field, rows, &random, room);
     const fl_view spread = {view->field, rows, room->passed, 1};
-    fl_view part = {view->field, rows, NULL, (rows + FL_ENOUGH - 1) / FL_ENOUGH};
+    const fl_view every = {view->field, rows, NULL, 1};
+    const fl_view part = {view->field, rows, NULL, (rows + FL_ENOUGH - 1) / FL_ENOUGH};
     real limit = 0;
     int status = FLINDERS_OK, dense = FL_NO_RUN;
     memset(fit, 0, sizeof *fit);
@@ -330,21 +350,18 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
         absolute(kernels, &spread, &fit->surface, room->distances);
         const real sigma = typical(room->distances, n);
         limit = REJECT * (sigma > least ? sigma : least);
-        dense = FL_NO_RUN;
-        if (part.stride == 1) {
-            mark_far(kernels, &part, &fit->surface, limit, room, room->far);
-            dense = dense_in(room->far, rows, rows, room->rejected);
-        }
-        status = fit_near(kernels, &part, options, dense, limit, room, fit);
+        mark_far(kernels, &every, &fit->surface, limit, room, room->far);
+        dense = part.stride == 1 ? dense_in(room->far, rows, rows, room) : FL_NO_RUN;
+        status = fit_near(kernels, &part, options, dense, room, fit);
         if (status != FLINDERS_OK) return status;
         if (fl_abs(limit - before) <= SETTLED * limit) break;
     }
     const size_t looked = mark_far(kernels, &part, &fit->surface, limit, room, room->far);
-    dense = dense_in(room->far, looked, rows, room->rejected);
-    part.stride = 1;
+    dense = dense_in(room->far, looked, rows, room);
+    if (part.stride > 1) mark_far(kernels, &every, &fit->surface, limit, room, room->far);
     memcpy(record->majority_centre, fit->surface.centre, sizeof record->majority_centre);
     memcpy(record->majority_shape, fit->surface.shape, sizeof record->majority_shape);
-    status = fit_near(kernels, &part, options, dense, limit, room, fit);
+    status = fit_near(kernels, &every, options, dense, room, fit);
     if (status != FLINDERS_OK) return status;
     view->rejected = room->rejected;
     record->is_robust = 1;

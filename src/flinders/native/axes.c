@@ -1,0 +1,36 @@
+/* Whether the axes answer the field along a line and all at once: terms of their faults beside the nine parameters.
+ *
+ * Least squares, weighted by the slow noise that the fit has found; what chance makes of the terms of a fault follows from
+ * the scatter of the residuals, as they are still correlated. nonlinearity.c and lag.c say what the terms are.
+ */
+#include "residuals.h"
+
+enum { TERMS = FL_LAGS_OF_AXES + 9 + FL_NONLINEAR };
+
+/* The readings that are looked at, evenly spaced, with the derivatives by all terms, and the distances behind these. */
+void fl_gather_axes(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
+                    fl_residuals *out)
+{
+    fl_gather_evenly(kernels, view, surface, room, FL_LAGS_OF_AXES, TERMS, out);
+    fl_add_lags(view, room, out);
+    kernels->nonlinear(surface, out->directions, out->n, out->stride, out->rows + FL_LAGS_OF_AXES);
+}
+
+/* Look for faults of the axes; the record stays as it is where nothing can be told of them. */
+void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, real dip_deg, const fl_room *room,
+             flinders_record *record)
+{
+    fl_residuals all;
+    fl_regression nonlinear, lag;
+    real products[FL_COLUMNS * FL_COLUMNS], bent_by_chance = 2, late_by_chance = 2;
+    fl_gather_axes(kernels, view, &fit->surface, room, &all);
+    if (all.n == 0 || !fl_is_noisy(&all, &fit->surface)) return;
+    fl_whiten(&all, FL_LAGS_OF_AXES, &fit->slow);
+    kernels->gram(all.rows, all.n, TERMS + 1, products);
+    if (fl_regress(kernels, &all, products, FL_LAGS_OF_AXES, 9 + FL_NONLINEAR, &nonlinear))
+        bent_by_chance = fl_chance_of_terms(kernels, &nonlinear, 9, FL_NONLINEAR, record);
+    if (!room->parts && fl_regress(kernels, &all, products, 0, FL_LAGS_OF_AXES + 9, &lag))
+        late_by_chance = fl_chance_of_terms(kernels, &lag, 0, FL_LAGS_OF_AXES, record);
+    if (bent_by_chance <= 1) fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, dip_deg, record);
+    if (late_by_chance <= 1) fl_lag(kernels, view, fit, room, &lag, late_by_chance, dip_deg, record);
+}
