@@ -225,7 +225,7 @@ ROWS: Final = (
         number="heading error of a single moment, degrees, from what lasts from one reading to the next, 1 σ",
         limit="1.25 times the target",
         action="record away from iron, and from currents that change",
-        # `docs/adversary.md`: a steel desk makes 1.3 to 2.1 targets of it and was called good, wrongly, 10 times of 16;
+        # `docs/adversary.md`: a steel desk makes 1.3 to 2.1 targets of it and was called good, wrongly, 10 times of 15;
         # noise of the sensor that lasts for 4 or 10 s and is claimed rightly makes up to 1.3
         rule=Rule(
             "unsteady_deg",
