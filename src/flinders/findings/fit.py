@@ -330,8 +330,8 @@ ROWS: Final = (
         code="field-changed",
         subject="fit",
         grades=(
-            "note from a quarter of the target on; limits above the target, and where halves of the recording differ by "
-            "three times what they claim; refuses above five times"
+            "note from a quarter of the target on; limits above the target, and where halves of the recording differ "
+            "by three times what they claim; refuses above five times"
         ),
         number=(
             "change of the offset from the beginning of a recording to its end, degrees at the worst heading; "
