@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 FIELD_STRENGTH: Final = 50.0
 """µT, of the field in all of these worlds."""
 SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
+HARD_IRON: Final = np.array([20.0, 120.0, 90.0])
+"""mG: with `SOFT_IRON` the sensor of the MAGYC simulations, whose field is in mG too."""
 SENSOR: Final = Sensor(SOFT_IRON, np.array([20.0, -60.0, 30.0]), 0.5)
 PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
 """µT/A of a motor."""

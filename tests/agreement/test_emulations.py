@@ -22,6 +22,7 @@ from benchmarks.emulations.sar_ls import sar_ls
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
 from flinders.core.samples import Samples
@@ -41,9 +42,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.geometry.ellipsoid import Ellipsoid
 
-OFFSET: Final = np.array([20.0, 120.0, 90.0])
-IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
-BARE: Final = simulate.Sensor(offset=OFFSET, noise=0.0)
+BARE: Final = simulate.Sensor(offset=HARD_IRON, noise=0.0)
 CALM: Final = simulate.Imu(gyro_noise=0.0)
 WITH_A_GYRO: Final = [sar_ls, sar_kf, px4_observer, magyc_ls]
 
@@ -53,9 +52,9 @@ def swayed(seed: int = 1, *, n: int = 1000, noise: float = 0.0, imu: simulate.Im
     return simulate.tumble(seed, motion="swayed", n=n, sensor=sensor, imu=imu).samples
 
 
-def turned(n: int, seed: int = 1, *, noise: float = 0.5, iron: Floats = IRON, field: float = 50.0) -> Floats:
+def turned(n: int, seed: int = 1, *, noise: float = 0.5, iron: Floats = SOFT_IRON, field: float = 50.0) -> Floats:
     rng = np.random.default_rng(seed)
-    readings: Floats = OFFSET + field * simulate.uniform(rng, n) @ iron + noise * rng.standard_normal((n, 3))
+    readings: Floats = HARD_IRON + field * simulate.uniform(rng, n) @ iron + noise * rng.standard_normal((n, 3))
     return readings
 
 
@@ -79,17 +78,17 @@ def test_a_step_of_any_constant_rate_obeys_the_equation_exactly(rate: Floats, se
 @pytest.mark.parametrize("motion", ["hand", "eight", "swayed", "flight"])
 def test_sar_ls_is_exact_without_noise(motion: str) -> None:
     recording = simulate.tumble(3, motion=motion, n=600, sensor=BARE, imu=CALM)
-    npt.assert_allclose(sar_ls(recording.samples).centre, OFFSET, atol=1e-8)
+    npt.assert_allclose(sar_ls(recording.samples).centre, HARD_IRON, atol=1e-8)
 
 
 def test_magyc_finds_iron_and_gyro_bias_exactly_without_noise() -> None:
-    sensor, bias = simulate.Sensor(IRON, OFFSET, noise=0.0), np.array([0.004, -0.005, 0.002])
+    sensor, bias = simulate.Sensor(SOFT_IRON, HARD_IRON, noise=0.0), np.array([0.004, -0.005, 0.002])
     imu = simulate.Imu(gyro_bias=bias, gyro_noise=0.0)
     # The bias turns the step that Cayley's form was made for, so the step has to be short.
     recording = simulate.tumble(4, motion="swayed", rate_hz=400.0, n=8000, sensor=sensor, imu=imu).samples
     found = magyc_ls(recording, window=1)
-    npt.assert_allclose(found.centre, OFFSET, atol=1e-4)
-    npt.assert_allclose(found.shape / found.radius, IRON / np.cbrt(np.linalg.det(IRON)), atol=1e-6)
+    npt.assert_allclose(found.centre, HARD_IRON, atol=1e-4)
+    npt.assert_allclose(found.shape / found.radius, SOFT_IRON / np.cbrt(np.linalg.det(SOFT_IRON)), atol=1e-6)
     npt.assert_allclose(gyro_bias(recording, window=1), bias, atol=1e-8)
 
 
@@ -188,7 +187,7 @@ def test_a_gap_in_time_is_no_step() -> None:
     rest[400:1000] = False
     cut = swayed(n=1500)[rest]
     assert [len(one) for one in steps_of(cut)] == [399, 499]
-    npt.assert_allclose(sar_ls(cut).centre, OFFSET, atol=1e-8)
+    npt.assert_allclose(sar_ls(cut).centre, HARD_IRON, atol=1e-8)
 
 
 def test_readings_whose_rate_is_not_known_are_left_out() -> None:
@@ -197,7 +196,7 @@ def test_readings_whose_rate_is_not_known_are_left_out() -> None:
     rate = samples.rate.copy()
     rate[200:260] = np.nan
     assert [len(one) for one in steps_of(replace(samples, rate=rate))] == [199, 339]
-    npt.assert_allclose(sar_ls(replace(samples, rate=rate)).centre, OFFSET, atol=1e-8)
+    npt.assert_allclose(sar_ls(replace(samples, rate=rate)).centre, HARD_IRON, atol=1e-8)
 
 
 @pytest.mark.parametrize("emulation", EMULATIONS.values(), ids=EMULATIONS)
@@ -230,7 +229,7 @@ def test_four_elements_are_a_sphere_and_ten_are_nxps_ellipsoid() -> None:
 def test_seven_elements_find_axes_without_cross_terms() -> None:
     gains = np.diag([0.9, 1.0, 1.2])
     found, error = solved(turned(150, noise=0.0, iron=gains), 7, 50.0)
-    npt.assert_allclose(found.centre, OFFSET, atol=1e-8)
+    npt.assert_allclose(found.centre, HARD_IRON, atol=1e-8)
     npt.assert_allclose(found.shape, 50.0 * gains, atol=1e-8)
     assert error < 1e-9
 
@@ -346,7 +345,7 @@ def test_each_rung_needs_its_readings() -> None:
     assert list(first) == [4, 7, 10]
     for rung in RUNGS:
         assert rung.least <= first[rung.elements] <= rung.least + 60
-    npt.assert_allclose(ladder(samples).centre, OFFSET, atol=0.5)
+    npt.assert_allclose(ladder(samples).centre, HARD_IRON, atol=0.5)
 
 
 @pytest.mark.parametrize(
@@ -371,12 +370,12 @@ def test_an_aged_error_lets_a_changed_offset_in() -> None:
     """Iron comes near: what is in use is good for a while, then the readings before are forgotten one by one."""
     field = turned(6000)
     field[2000:] += [15.0, 0.0, 0.0]
-    npt.assert_allclose(ladder(in_microtesla(field)).centre, OFFSET + np.array([15.0, 0.0, 0.0]), atol=0.6)
+    npt.assert_allclose(ladder(in_microtesla(field)).centre, HARD_IRON + np.array([15.0, 0.0, 0.0]), atol=0.6)
 
 
 def test_readings_alike_are_no_forty_readings() -> None:
     """A sensor at rest for ten minutes."""
-    still = OFFSET + [50.0, 0.0, 0.0] + 0.3 * np.random.default_rng(1).standard_normal((3000, 3))
+    still = HARD_IRON + [50.0, 0.0, 0.0] + 0.3 * np.random.default_rng(1).standard_normal((3000, 3))
     with pytest.raises(NothingAccepted):
         ladder(in_microtesla(still))
 
@@ -386,9 +385,9 @@ def test_readings_alike_are_no_forty_readings() -> None:
 
 def test_the_truth_scores_nothing_and_its_errors_score_what_they_are() -> None:
     rocked = benchmark.rocked("WAM", 1)
-    perfect = benchmark.Answer(OFFSET, 7.0 * np.linalg.inv(IRON), benchmark.GYRO_BIAS, 0.5)
+    perfect = benchmark.Answer(HARD_IRON, 7.0 * np.linalg.inv(SOFT_IRON), benchmark.GYRO_BIAS, 0.5)
     assert benchmark.scored(perfect, rocked).row == pytest.approx((0.0, 0.0, 0.0, 1.0, 0.5), abs=1e-9)
-    off = benchmark.scored(benchmark.Answer(OFFSET + np.array([0.0, 30.0, 40.0]), np.eye(3), None, 0.5), rocked)
+    off = benchmark.scored(benchmark.Answer(HARD_IRON + np.array([0.0, 30.0, 40.0]), np.eye(3), None, 0.5), rocked)
     assert off.offset == pytest.approx(50.0)
     assert off.iron == pytest.approx(0.2841, abs=1e-4)  # of MAGYC's own iron, which an offset alone leaves
     assert np.isnan(off.bias)

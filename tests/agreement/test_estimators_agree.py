@@ -12,6 +12,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from scipy.optimize import least_squares
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
 from flinders.estimators import METHODS, Estimator, Readings
@@ -56,11 +57,10 @@ GENERAL: Final[list[Estimator]] = [
     TwoStep("non-orthogonal"),
     AlonsoShuster(),
 ]
-CENTRE: Final = np.array([20.0, 120.0, 90.0])
 SHAPES: Final = {
     "sphere": 50.0 * np.eye(3),
     "axes": np.diag([45.0, 50.0, 60.0]),
-    "general": 50.0 * np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]),
+    "general": 50.0 * SOFT_IRON,
 }
 MODELS: Final[dict[str, list[Estimator]]] = {
     "sphere": [
@@ -79,7 +79,7 @@ MODELS: Final[dict[str, list[Estimator]]] = {
 def recorded(shape: Floats, noise: float, *, n: int = 1000, seed: int = 1, half: bool = False) -> Floats:
     rng = np.random.default_rng(seed)
     directions = (simulate.hemisphere if half else simulate.uniform)(rng, n)
-    return np.asarray(CENTRE + directions @ shape + noise * rng.standard_normal((n, 3)), np.float64)
+    return np.asarray(HARD_IRON + directions @ shape + noise * rng.standard_normal((n, 3)), np.float64)
 
 
 def test_every_method_of_all_attitudes_takes_part() -> None:
@@ -100,7 +100,7 @@ def test_all_methods_agree_on_data_that_all_can_describe(kind: str, noise: float
         assert np.abs(found.ellipsoid.centre - reference.ellipsoid.centre).max() < allowed, estimator
         assert np.abs(found.ellipsoid.shape - reference.ellipsoid.shape).max() < allowed, estimator
         assert found.noise == pytest.approx(noise, rel=0.1, abs=2e-5)
-        npt.assert_allclose(found.ellipsoid.centre, CENTRE, rtol=0, atol=1e-8 + 5 * noise * np.sqrt(3 / 1000))
+        npt.assert_allclose(found.ellipsoid.centre, HARD_IRON, rtol=0, atol=1e-8 + 5 * noise * np.sqrt(3 / 1000))
 
 
 @pytest.mark.parametrize("kind", sorted(SHAPES))

@@ -19,13 +19,6 @@ if TYPE_CHECKING:
 DOCS = ROOT / "docs"
 
 
-@pytest.fixture(autouse=True)
-def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Help is as wide as the terminal; recordings lie in the working directory."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
-
-
 def record(name: str, motion: str, *, axes: tuple[int, int, int] = (0, 1, 2)) -> None:
     """Write a simulated recording, its axes in another order where the sensor is mounted so."""
     field = simulate.tumble(seed=2, motion=motion).samples.field[:, axes]

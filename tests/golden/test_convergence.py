@@ -24,12 +24,6 @@ if TYPE_CHECKING:
     Golden = Callable[[str, str], None]
 
 
-@pytest.fixture(autouse=True)
-def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
-
-
 def record(name: str, *, n: int = 1000) -> None:
     field = simulate.tumble(seed=2, motion="hand", n=n).samples.field
     lines = [",".join(f"{value:.3f}" for value in row) for row in field]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 import flinders
 from flinders.estimators import Estimator, Readings, fit_error
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators import Estimate
 
-SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
-OFFSET: Final = np.array([20.0, 120.0, 90.0])
 RADIUS: Final = 50.0 * float(np.cbrt(np.linalg.det(SOFT_IRON)))
 
 OLS: Final = Algebraic("unit")
@@ -48,7 +47,7 @@ def spiral(sigma: float, *, half: bool = False) -> Floats:
     longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
     directions = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
     noise = np.random.default_rng(20240601).standard_normal((500, 3))
-    field = 50.0 * directions @ SOFT_IRON.T + OFFSET + sigma * noise
+    field = 50.0 * directions @ SOFT_IRON.T + HARD_IRON + sigma * noise
     kept: Floats = field[z > 0] if half else field
     return kept
 
@@ -144,7 +143,7 @@ def test_the_uncertainty_of_the_offset_is_that_of_the_table(
 )
 def test_without_noise_every_row_is_exact(estimator: Estimator, half: bool) -> None:
     found = estimated(estimator, 0.0, half=half).ellipsoid
-    npt.assert_allclose(found.centre, OFFSET, rtol=0, atol=1e-9)
+    npt.assert_allclose(found.centre, HARD_IRON, rtol=0, atol=1e-9)
     npt.assert_allclose(found.shape, 50.0 * SOFT_IRON, rtol=0, atol=1e-9)
     assert found.radius == pytest.approx(RADIUS, rel=1e-11)
 
@@ -258,10 +257,10 @@ def test_li_pulls_towards_spheres_where_half_is_unseen(trials: Choose) -> None:
     errors: dict[str, list[float]] = {"li": [], "ols": [], "als": [], "sampson": []}
     methods: dict[str, Estimator] = {"li": LI4, "ols": OLS, "als": ALS, "sampson": SAMPSON}
     for _ in claim.seeds:
-        field = 50.0 * hemisphere(rng, 1000) @ SOFT_IRON.T + OFFSET + 2.0 * rng.standard_normal((1000, 3))
+        field = 50.0 * hemisphere(rng, 1000) @ SOFT_IRON.T + HARD_IRON + 2.0 * rng.standard_normal((1000, 3))
         readings = Readings.of(field)
         for name, method in methods.items():
-            errors[name].append(float(np.linalg.norm(method.estimate(readings).ellipsoid.centre - OFFSET)))
+            errors[name].append(float(np.linalg.norm(method.estimate(readings).ellipsoid.centre - HARD_IRON)))
     medians = {name: float(np.median(values)) for name, values in errors.items()}
     printed = {"li": 7.7, "ols": 2.1, "als": 0.79, "sampson": 0.68}
     assert medians == pytest.approx(printed, rel=0.2 * claim.widening)

@@ -22,12 +22,6 @@ HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,-1.2\n180,-5.5\n225,-8\n
 """Figure 501 of the Handbook of Magnetic Compass Adjustment."""
 
 
-@pytest.fixture(autouse=True)
-def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
-
-
 def record(tmp_path: Path, *, gravity: bool = False) -> None:
     """A calibration, and a log of the same sensor with an accelerometer, x forward, y right, z down."""
     tumble = simulate.tumble(seed=2)

@@ -13,6 +13,7 @@ import pytest
 from benchmarks.emulations.magyc_ls import magyc_ls
 from benchmarks.emulations.sar_kf import sar_kf
 from benchmarks.emulations.sar_ls import sar_ls
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
 from flinders.core.samples import Samples
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
 
     from flinders.geometry.ellipsoid import Ellipsoid
 
-OFFSET_MG: Final = np.array([20.0, 120.0, 90.0])
-IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 FIELD_MG: Final = np.array([227.207, 51.796, 411.731])
 
 
@@ -34,7 +33,7 @@ def sim(seed: int, *, limited: bool) -> Samples:
         turning = simulate.rocked(rng, seconds=60.0, rate_hz=100.0, amplitudes_deg=(5.0, 5.0, 90.0))
     else:
         turning = simulate.hand_tumble(rng, seconds=60.0, rate_hz=100.0, speed=0.5, smoothness=1.5)
-    field = simulate.seen_from(turning.attitudes, np.array([200.0, -40.0, 480.0])) + OFFSET_MG
+    field = simulate.seen_from(turning.attitudes, np.array([200.0, -40.0, 480.0])) + HARD_IRON
     raw = field + rng.normal(0.0, 1.0, field.shape)
     return Samples.of(raw, unit="mG", time=turning.time, rate=turning.rate + rng.normal(0.0, 0.005, field.shape))
 
@@ -43,7 +42,7 @@ def magyc(seed: int, amplitudes_deg: tuple[float, float, float]) -> Samples:
     """6,000 readings at 10 Hz, 10 mG and 10 mrad/s."""
     rng = np.random.default_rng(seed)
     turning = simulate.rocked(rng, seconds=600.0, rate_hz=10.0, amplitudes_deg=amplitudes_deg)
-    field = simulate.seen_from(turning.attitudes, FIELD_MG) @ IRON + OFFSET_MG
+    field = simulate.seen_from(turning.attitudes, FIELD_MG) @ SOFT_IRON + HARD_IRON
     raw = field + rng.normal(0.0, 10.0, field.shape)
     rate = turning.rate + np.array([0.004, -0.005, 0.002]) + rng.normal(0.0, 0.01, field.shape)
     return Samples.of(raw, unit="mG", time=turning.time, rate=rate)
@@ -51,7 +50,7 @@ def magyc(seed: int, amplitudes_deg: tuple[float, float, float]) -> Samples:
 
 def off_mg(emulation: Callable[[Samples], Ellipsoid], samples: Samples) -> float:
     offset = emulation(samples).centre  # µT
-    return float(np.linalg.norm(10.0 * offset - OFFSET_MG))
+    return float(np.linalg.norm(10.0 * offset - HARD_IRON))
 
 
 @pytest.mark.parametrize("emulation", [sar_ls, sar_kf])
@@ -84,7 +83,7 @@ def test_magycs_soft_iron_on_its_wide_motion() -> None:
     logs = []
     for seed in range(5):
         shape = magyc_ls(magyc(seed, (5.0, 45.0, 360.0))).shape
-        apart = [np.linalg.eigh(matrix / np.cbrt(np.linalg.det(matrix))) for matrix in (shape, IRON)]
+        apart = [np.linalg.eigh(matrix / np.cbrt(np.linalg.det(matrix))) for matrix in (shape, SOFT_IRON)]
         one, other = ((vectors * np.log(values)) @ vectors.T for values, vectors in apart)
         logs.append(float(np.linalg.norm(one - other)))
     assert abs(float(np.median(logs)) / 0.099 - 1.0) < 0.2

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from scipy.optimize import least_squares
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 import flinders
 from flinders import simulate
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
-OFFSET: Final = np.array([20.0, 120.0, 90.0])
 
 METHODS: Final[dict[str, Estimator]] = {
     "ols": Algebraic("unit"),
@@ -180,9 +179,9 @@ def test_median_centre_errors_of_partial_coverage(
     errors: dict[str, list[float]] = {name: [] for name in printed}
     for _ in claim.seeds:
         noise = sigma * rng.standard_normal((1000, 3))
-        readings = Readings.of(50.0 * directions(rng, motion) @ SOFT_IRON.T + OFFSET + noise)
+        readings = Readings.of(50.0 * directions(rng, motion) @ SOFT_IRON.T + HARD_IRON + noise)
         for name, kept in errors.items():
-            kept.append(float(np.linalg.norm(METHODS[name].estimate(readings).ellipsoid.centre - OFFSET)))
+            kept.append(float(np.linalg.norm(METHODS[name].estimate(readings).ellipsoid.centre - HARD_IRON)))
     assert {name: float(np.median(kept)) for name, kept in errors.items()} == pytest.approx(
         printed, rel=0.2 * claim.widening
     )
@@ -197,10 +196,10 @@ def test_half_a_sphere_biases_plain_least_squares_and_not_the_consistent_fit(
     off: dict[str, list[Floats]] = {"ols": [], "consistent": []}
     sigmas = []
     for _ in range(60):
-        field = 50.0 * directions(rng, "90") @ SOFT_IRON.T + OFFSET
+        field = 50.0 * directions(rng, "90") @ SOFT_IRON.T + HARD_IRON
         readings = Readings.of(field + sigma * rng.standard_normal((1000, 3)))
         for name, kept in off.items():
-            kept.append(METHODS[name].estimate(readings).ellipsoid.centre - OFFSET)
+            kept.append(METHODS[name].estimate(readings).ellipsoid.centre - HARD_IRON)
         sigmas.append(METHODS["consistent"].estimate(readings).noise)
     plain, consistent = (float(np.linalg.norm(np.mean(kept, axis=0))) for kept in off.values())
     assert plain == pytest.approx(bias, rel=0.25)
@@ -232,18 +231,18 @@ def test_a_ring_without_soft_iron_deceives_ten_parameters_and_not_auto(tilt_deg:
     """Yaw all round, a little pitch, dip 60°: the general fit is open or tens of µT off, with a small residual."""
     rng = np.random.default_rng(3)
     body = carried(rng.uniform(0.0, 360.0, 1000), rng.uniform(-tilt_deg, tilt_deg, 1000), 0.0, 60.0)
-    field = 50.0 * body + OFFSET + 0.5 * rng.standard_normal((1000, 3))
+    field = 50.0 * body + HARD_IRON + 0.5 * rng.standard_normal((1000, 3))
     readings = Readings.of(field)
     try:
         general = METHODS["ols"].estimate(readings).ellipsoid
     except NotAnEllipsoid:
         pass
     else:
-        assert np.linalg.norm(general.centre - OFFSET) > 20.0
-        assert np.linalg.norm(Sphere().estimate(readings).ellipsoid.centre - OFFSET) < 1.0
+        assert np.linalg.norm(general.centre - HARD_IRON) > 20.0
+        assert np.linalg.norm(Sphere().estimate(readings).ellipsoid.centre - HARD_IRON) < 1.0
     found = flinders.fit(field)
     assert found.verdict == "limited"
-    off = found.calibration.apply(50.0 * body + OFFSET)[:, :2] - (found.calibration.field_strength * body)[:, :2]
+    off = found.calibration.apply(50.0 * body + HARD_IRON)[:, :2] - (found.calibration.field_strength * body)[:, :2]
     level = np.rad2deg(np.abs(off).max() / (0.5 * found.calibration.field_strength))
     assert level < 4.0 * max(found.heading_error_deg.worst, 0.5)
 
@@ -286,6 +285,6 @@ def test_the_rank_of_the_design_says_what_is_determined(
     seen: str, soft: Floats, columns: range | tuple[int, ...], rank: int
 ) -> None:
     """Without noise nine is all there is: the tenth direction is the ellipsoid itself."""
-    moments = Readings.of(50.0 * SEEN[seen] @ soft.T + OFFSET).summary.moments
+    moments = Readings.of(50.0 * SEEN[seen] @ soft.T + HARD_IRON).summary.moments
     values = np.linalg.eigvalsh(moments.about(moments.mean, moments.spread)[np.ix_(columns, columns)])
     assert int(np.sum(values > 1e-10 * values[-1])) == rank

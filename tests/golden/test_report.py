@@ -22,12 +22,6 @@ if TYPE_CHECKING:
 DATED = re.compile(r"\d+ \w+ \d{4}, [\d:]+ UTC(, with Flinders \S+)?")
 
 
-@pytest.fixture(autouse=True)
-def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
-
-
 def record(name: str, motion: str) -> None:
     field = simulate.tumble(seed=2, motion=motion).samples.field
     rows = [",".join(f"{value:.3f}" for value in row) for row in field]

@@ -9,15 +9,7 @@ import pytest
 from tests.golden.sessions import session
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.golden.sessions import Golden
-
-
-@pytest.fixture(autouse=True)
-def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.parametrize("command", ["simulate", "simulate three-axis", "simulate two-axis", "evaluate"])

@@ -18,8 +18,6 @@ from flinders.core.units import Unit
 from flinders.targets import registry
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.golden.sessions import Golden
 
     from flinders.targets import Target
@@ -28,10 +26,8 @@ ROWS = [row for row in registry().values() if row.docs == "targets.md"]
 
 
 @pytest.fixture(autouse=True)
-def calibrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def calibrations(page_of_80_columns: None) -> None:
     """With soft iron all over, along the axes alone, and with next to none of it; in milligauss and in counts."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     matrix = np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
     offset = np.array([-69.8, 68.9, -5.6])
     along, hardly = np.diag([0.97, 1.05, 0.98]), np.diag([1.003, 1.0, 0.997])

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from click.testing import CliRunner
 from tests.golden.sessions import assert_sessions_are_real, session
 
@@ -15,13 +14,8 @@ from flinders.cli import main
 from flinders.core.calibration import Calibration
 
 if TYPE_CHECKING:
+    import pytest
     from tests.golden.sessions import Golden
-
-
-@pytest.fixture(autouse=True)
-def page_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
 
 
 def swing() -> None:

@@ -5,11 +5,12 @@ The data set is that of `test_golden_numbers.py`. One of the rows is no solution
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders.estimators import Readings
 from flinders.estimators.reference.alonso_shuster import AlonsoShuster
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.reference.attitude_independent import Weights
 
-SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
-OFFSET: Final = np.array([20.0, 120.0, 90.0])
-
 
 def spiral(sigma: float, *, half: bool = False) -> Floats:
     """500 directions on a Fibonacci spiral, or those with u_z > 0, and noise of one seed."""
@@ -37,7 +35,7 @@ def spiral(sigma: float, *, half: bool = False) -> Floats:
     longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
     directions = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
     noise = np.random.default_rng(20240601).standard_normal((500, 3))
-    field = 50.0 * directions @ SOFT_IRON.T + OFFSET + sigma * noise
+    field = 50.0 * directions @ SOFT_IRON.T + HARD_IRON + sigma * noise
     kept: Floats = field[z > 0] if half else field
     return kept
 
@@ -120,7 +118,7 @@ def test_the_gradient_is_that_of_the_cost() -> None:
 
 def test_without_noise_it_is_exact() -> None:
     found = AlonsoShuster(field_strength=50.0).estimate(Readings.of(spiral(0.0))).ellipsoid
-    npt.assert_allclose(found.centre, OFFSET, atol=1e-7)
+    npt.assert_allclose(found.centre, HARD_IRON, atol=1e-7)
     npt.assert_allclose(found.shape, 50.0 * SOFT_IRON, atol=1e-7)
     b, d = parameters(Reference.of(Readings.of(spiral(0.0)), "", 50.0).start())
     assert ellipsoid_of(b, d, Reference.of(Readings.of(spiral(0.0)), "", 50.0)).isclose(found, rtol=1e-9)

@@ -121,7 +121,8 @@ def test_jacobians_are_how_residuals_change(
 
 @given(st.integers(0, 10_000))
 @examples(20)
-def test_the_jacobian_of_an_accelerometer_is_how_residuals_change_where_vertical_and_field_agree(seed: int) -> None:
+def test_the_jacobian_of_an_accelerometer_is_how_residuals_change(seed: int) -> None:
+    """Where vertical and field agree."""
     at, readings = somewhere(seed), group(seed)
     at = replace(at, accelerometer=0.01 * at.accelerometer)
     directions = readings.guess(at)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import SOFT_IRON
 
 import flinders
 from flinders import simulate
@@ -109,7 +110,7 @@ def test_the_motion_of_magyc_with_five_degrees_of_tilt() -> None:
     """Their sensor, noise and rates; the issue asks for 45 mG of hard iron, their own form is at 252 mG (§8.3)."""
     noise = 1.0  # µT: 10 mG
     sensor = simulate.Sensor(
-        matrix=np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]),
+        matrix=SOFT_IRON,
         offset=np.array([2.0, 12.0, 9.0]),
         noise=noise,
     )

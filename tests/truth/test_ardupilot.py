@@ -811,7 +811,7 @@ def _roll_and_pitch(attitude: Floats) -> tuple[Floats, Floats]:
     return np.rad2deg(np.arctan2(y, z)), np.rad2deg(np.arctan2(-x, np.hypot(y, z)))
 
 
-def test_a_rotation_that_is_left_out_is_told_with_the_parameters_that_are_right_once_it_is_in_the_mounting() -> None:
+def test_a_rotation_left_out_comes_with_the_parameters_for_a_corrected_mounting() -> None:
     turned = euler(4.0, -9.0, 30.0)
     plain = np.diag([1.1, 1.0, 0.95])
     found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("mG"))

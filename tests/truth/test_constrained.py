@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 import flinders
 from flinders import simulate
@@ -23,15 +24,14 @@ if TYPE_CHECKING:
     from flinders.estimators import Estimator
     from flinders.estimators.reference.ellipsoid import Radii
 
-CENTRE: Final = np.array([20.0, 120.0, 90.0])
-SKEW: Final = 50.0 * np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
+SKEW: Final = 50.0 * SOFT_IRON
 PAIRS: Final = {"xy": (50.0, 50.0, 65.0), "xz": (50.0, 65.0, 50.0), "yz": (65.0, 50.0, 50.0)}
 
 
 def recorded(shape: Floats, noise: float = 0.5, *, n: int = 500, seed: int = 1) -> Floats:
     rng = np.random.default_rng(seed)
     white = noise * rng.standard_normal((n, 3))
-    return np.asarray(CENTRE + simulate.uniform(rng, n) @ shape + white, np.float64)
+    return np.asarray(HARD_IRON + simulate.uniform(rng, n) @ shape + white, np.float64)
 
 
 def petrov(field: Floats, equals: str) -> Ellipsoid:
@@ -88,7 +88,7 @@ def test_two_equal_radii_are_found_within_what_is_claimed(radii: Radii) -> None:
         assert found.ellipsoid.shape[first, first] == pytest.approx(found.ellipsoid.shape[second, second], rel=1e-12)
         npt.assert_allclose(found.ellipsoid.shape, np.diag(np.diag(found.ellipsoid.shape)), atol=1e-12)
         sigma = np.sqrt(np.diag(found.covariance)[:6])
-        error = np.append(found.ellipsoid.centre - CENTRE, np.diag(found.ellipsoid.shape - shape))
+        error = np.append(found.ellipsoid.centre - HARD_IRON, np.diag(found.ellipsoid.shape - shape))
         off.append(error / sigma)
     assert 0.7 < np.sqrt(np.mean(np.square(off))) < 1.3
 
@@ -98,7 +98,7 @@ def test_a_centred_fit_finds_the_radii_about_zero(radii: Radii, semi: tuple[floa
     shape = np.diag(np.array(semi, float))
     off = []
     for seed in range(30):
-        found = Constrained(radii, centred=True).estimate(Readings.of(recorded(shape, seed=seed) - CENTRE))
+        found = Constrained(radii, centred=True).estimate(Readings.of(recorded(shape, seed=seed) - HARD_IRON))
         npt.assert_array_equal(found.ellipsoid.centre, 0.0)
         npt.assert_array_equal(found.covariance[:3], 0.0)
         off.append(np.diag(found.ellipsoid.shape - shape) / np.sqrt(np.diag(found.covariance)[3:6]))
@@ -107,7 +107,7 @@ def test_a_centred_fit_finds_the_radii_about_zero(radii: Radii, semi: tuple[floa
 
 def test_a_centre_that_is_not_zero_is_an_error_that_is_told() -> None:
     """6 µT of offset left in: the claim grows to it."""
-    field = recorded(50.0 * np.eye(3), n=2000) - CENTRE + [6.0, 0.0, 0.0]
+    field = recorded(50.0 * np.eye(3), n=2000) - HARD_IRON + [6.0, 0.0, 0.0]
     fit = flinders.fit(field, method="ellipsoid", radii="sphere", centred=True, target_deg=30.0)
     assert fit.method == "ellipsoid sphere centred"
     assert fit.verdict == "limited"
@@ -119,7 +119,7 @@ def test_a_centre_that_is_not_zero_is_an_error_that_is_told() -> None:
 def test_a_constraint_that_does_not_hold_is_in_the_claim(radii: Radii) -> None:
     for seed in range(5):
         fit = flinders.fit(recorded(SKEW, n=2000, seed=seed), method="ellipsoid", radii=radii, target_deg=60.0)
-        off = np.concatenate([fit.calibration.offset - CENTRE, (fit.calibration.shape - SKEW)[np.triu_indices(3)]])
+        off = np.concatenate([fit.calibration.offset - HARD_IRON, (fit.calibration.shape - SKEW)[np.triu_indices(3)]])
         claimed = np.sqrt(np.diag(fit.covariance)[[0, 1, 2, 3, 6, 7, 4, 8, 5]])
         assert np.linalg.norm(off) < 1.5 * np.linalg.norm(claimed)
         assert fit.bias_deg > 3.0
@@ -171,7 +171,7 @@ def test_auto_goes_without_the_models_that_want_more_readings() -> None:
      ("auto", False, 5), ("free", True, 7), ("aligned", True, 4), ("yz", True, 3), ("sphere", True, 2)],
 )  # fmt: skip
 def test_fewer_unknowns_need_fewer_readings(radii: Radii, centred: bool, needed: int) -> None:
-    field = recorded(50.0 * np.eye(3), n=40) - (CENTRE if centred else 0.0)
+    field = recorded(50.0 * np.eye(3), n=40) - (HARD_IRON if centred else 0.0)
     with pytest.raises(TooFewSamples) as caught:
         Constrained(radii, centred).estimate(Readings.of(field[: needed - 1]))
     assert caught.value.needed == needed

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 NAMES: Final = set(METHODS)
 ANY: Final = pytest.mark.parametrize("method", sorted(NAMES))
-SIMPLER: Final = {"sphere", "axes", "minmax", "two-step", "sequential"}
+SIMPLER: Final = {name for name, method in METHODS.items() if method.unknowns < 10}
+"""An ellipsoid in any attitude has nine parameters, and noise."""
 GENERAL: Final = pytest.mark.parametrize("method", sorted(NAMES - {"sphere", "axes"}))
 PLANAR: Final = {"level", "ellipse", "two-axis"}
 """What x and y of a level turn are enough for."""
@@ -178,7 +179,7 @@ def test_two_noisy_rings_are_never_good_with_a_wrong_heading(method: str, shape:
     ids=["two rings", "six faces"],
 )
 @pytest.mark.parametrize("shape", [LONG, SKEW], ids=["long", "skew"])
-def test_readings_without_noise_that_leave_the_ellipsoid_open_are_never_good_with_a_wrong_heading(
+def test_an_ellipsoid_left_open_without_noise_is_never_good_and_wrong(
     method: str, directions: Floats, shape: Floats
 ) -> None:
     """Rank 8 and 6 of 9: any number of ellipsoids goes through them, exactly."""
@@ -186,7 +187,7 @@ def test_readings_without_noise_that_leave_the_ellipsoid_open_are_never_good_wit
     assert fit is None or fit.verdict == "limited" or heading_error(fit, shape) < 1.0
 
 
-@pytest.mark.parametrize("method", sorted(NAMES - SIMPLER - PLANAR - {"ekf"}))
+@pytest.mark.parametrize("method", sorted(NAMES - SIMPLER - {"ekf"}))
 def test_three_rings_are_enough(method: str) -> None:
     """But for simpler models, and for a filter, which the first ring alone leads astray."""
     field = read(np.concatenate([ring(0.6), ring(0.0), ring(-0.6)]), SKEW, 0.3)

@@ -83,7 +83,7 @@ def corrected(values: dict[str, float], digit: str, readings: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("axes", ["x,y,z", "x,-y,-z", "y,-x,z", "z,x,y"])
-def test_parameters_do_to_a_log_in_vehicle_axes_what_the_calibration_does_however_axes_are_mapped(axes: str) -> None:
+def test_parameters_correct_a_log_as_the_calibration_does_however_axes_are_mapped(axes: str) -> None:
     assert run("calibrate", "two.log", "--sensor", "2", "--axes", axes, "-o", "c.json").exit_code == 0
     assert run("export", "--to", "ardupilot", "c.json", "-o", "c.param").exit_code == 0
     found = Calibration.load("c.json")

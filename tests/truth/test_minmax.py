@@ -9,6 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 import flinders
 from flinders import simulate
@@ -35,17 +36,16 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.reference.minmax import Variant
 
-OFFSET: Final = np.array([20.0, 120.0, 90.0])
 IRON: Final = {
     "none": np.eye(3),
     "gains": np.diag([0.9, 1.0, 1.2]),
-    "skew": np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]]),
+    "skew": SOFT_IRON,
 }
 CAR: Final = (-157.0, 98.0, -123.0, 124.0, -109.0, 101.0)
 
 
 def recorded(iron: str, motion: str, n: int, seed: int, noise: float = 0.5) -> Floats:
-    sensor = simulate.Sensor(IRON[iron], OFFSET, noise)
+    sensor = simulate.Sensor(IRON[iron], HARD_IRON, noise)
     return simulate.tumble(seed=seed, motion=motion, n=n, sensor=sensor).samples.field
 
 
@@ -107,9 +107,9 @@ def test_an_axis_whose_readings_are_all_negative_keeps_its_maximum() -> None:
     """Where the published script, with maxima that start at zero, finds half the offset."""
     field = recorded("none", "uniform", 2000, 3) - [300.0, 0.0, 0.0]
     fit = flinders.fit(field, method="minmax")
-    npt.assert_allclose(fit.calibration.offset, OFFSET - [300.0, 0.0, 0.0], atol=1.5)
+    npt.assert_allclose(fit.calibration.offset, HARD_IRON - [300.0, 0.0, 0.0], atol=1.5)
     published = (min(0.0, field[:, 0].min()) + max(0.0, field[:, 0].max())) / 2
-    assert abs(published - (OFFSET[0] - 300.0)) > 100.0
+    assert abs(published - (HARD_IRON[0] - 300.0)) > 100.0
 
 
 def test_sums_are_enough_and_the_order_does_not_matter() -> None:
@@ -141,7 +141,7 @@ def test_the_claim_covers_the_error(iron: str, motion: str, n: int) -> None:
             fit = flinders.fit(recorded(iron, motion, n, seed), method="minmax", target_deg=100.0)
         except FitError:
             continue
-        off = np.linalg.norm(fit.calibration.offset - OFFSET)
+        off = np.linalg.norm(fit.calibration.offset - HARD_IRON)
         offsets.append(off / np.sqrt(np.trace(fit.covariance[:3, :3])))
         headings.append(heading_rms(fit, IRON[iron]) / fit.heading_error_deg.rms)
     assert len(offsets) >= 8
@@ -154,7 +154,7 @@ def test_the_claim_covers_the_error(iron: str, motion: str, n: int) -> None:
 def heading_rms(fit: flinders.Fit, iron: Floats) -> float:
     """Error in degrees of the heading of a level vehicle at dip 60°, the mean taken off."""
     heading, directions = level_turn(60.0)
-    raw = OFFSET[:, np.newaxis] + 50.0 * iron @ directions
+    raw = HARD_IRON[:, np.newaxis] + 50.0 * iron @ directions
     x, y, _ = fit.calibration.matrix @ (raw - fit.calibration.offset[:, np.newaxis])
     error = np.angle(np.exp(1j * (np.arctan2(-y, x) - heading)))
     return float(np.degrees(np.std(error)))
@@ -164,7 +164,7 @@ def test_half_a_sphere_is_never_good() -> None:
     """The end that was not reached is where nothing was read: 25 µT of offset."""
     for seed in range(5):
         fit = flinders.fit(recorded("none", "hemisphere", 500, seed), method="minmax", target_deg=100.0)
-        assert np.linalg.norm(fit.calibration.offset - OFFSET) > 20.0
+        assert np.linalg.norm(fit.calibration.offset - HARD_IRON) > 20.0
         assert fit.offset_sigma[2] > 20.0
         assert fit.verdict == "limited"
 
@@ -208,8 +208,8 @@ def spoilt() -> Floats:
 
 def test_trimming_takes_off_what_spoils_the_extremes() -> None:
     plain, trimmed = (MinMax(trim=trim).estimate(Readings.of(spoilt())) for trim in (False, True))
-    assert np.abs(plain.ellipsoid.centre - OFFSET).min() > 20.0
-    npt.assert_allclose(trimmed.ellipsoid.centre, OFFSET, atol=1.5)
+    assert np.abs(plain.ellipsoid.centre - HARD_IRON).min() > 20.0
+    npt.assert_allclose(trimmed.ellipsoid.centre, HARD_IRON, atol=1.5)
     npt.assert_allclose(trimmed.ellipsoid.shape, 50.0 * IRON["gains"], atol=3.0)
     assert trimmed.used + sum(outlier.rows for outlier in trimmed.outliers) == len(spoilt())
     assert sum(outlier.rows for outlier in trimmed.outliers) >= 253
@@ -219,7 +219,7 @@ def test_trimming_tells_what_it_left_out() -> None:
     fit = flinders.fit(spoilt(), method="minmax", trim=True, target_deg=5.0)
     assert "outliers" in [finding.code for finding in fit.findings]
     assert fit.samples <= 2000 - 3
-    assert np.all(np.abs(fit.calibration.offset - OFFSET) < 3 * fit.offset_sigma)
+    assert np.all(np.abs(fit.calibration.offset - HARD_IRON) < 3 * fit.offset_sigma)
 
 
 def test_a_clump_on_the_surface_changes_no_extreme() -> None:
@@ -248,7 +248,7 @@ def test_two_recordings_are_trimmed_as_one() -> None:
     field = spoilt()
     both = Joined((Samples.of(field[:1100]), Samples.of(field[1100:])))
     fit = flinders.fit(both, method="minmax", trim=True, target_deg=5.0)
-    npt.assert_allclose(fit.calibration.offset, OFFSET, atol=1.5)
+    npt.assert_allclose(fit.calibration.offset, HARD_IRON, atol=1.5)
 
 
 # Six typed numbers.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import SOFT_IRON
 
 from flinders.estimators import Readings
 from flinders.estimators.consistent import Consistent
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 FIELD: Final = 500.0
 N: Final = 1_000_000
-SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 DIRECTION: Final = np.array([0.48, -0.6, 0.64])
 
 

@@ -14,6 +14,7 @@ from tests.worlds import SENSOR, judged, with_slow_noise
 from flinders import Fit, Samples, simulate
 from flinders.comparison.comparison import compare
 from flinders.comparison.evaluation import evaluate
+from flinders.comparison.merging import merge
 from flinders.fitting.batch import fit_batch
 from flinders.report.fit_pages import of_fit
 from flinders.report.view import view
@@ -115,6 +116,17 @@ def test_a_fleet_states_it(change: Callable[[Floats], Floats]) -> None:
     assert columns.by_record.all() or fit.verdict == "refused"
     assert columns.worst_deg[0] == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)
     assert fit.verdict == "refused" or columns.bound_deg[0] == pytest.approx(fit.heading_bound_deg, rel=1e-9)
+
+
+def test_a_merged_calibration_has_what_belongs_to_the_direction() -> None:
+    """Two recordings of one sensor do not average it out."""
+    parts = [
+        replace(judged(in_ut(structured(simulate.tumble(seed=seed, n=1500, sensor=SENSOR).samples.field))), name=name)
+        for seed, name in ((1, "a"), (2, "b"))
+    ]
+    merged = merge(parts)
+    assert merged.structure_deg == pytest.approx(max(part.structure_deg for part in parts), rel=0.05)
+    assert merged.heading_error_deg.worst > merged.structure_deg
 
 
 def test_what_belongs_to_the_direction_is_in_the_claim() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import SOFT_IRON
 
 from flinders import simulate
 from flinders.errors import ArrayError, UsageError
@@ -15,7 +16,7 @@ from flinders.simulate import Sensor, angle_error_deg, tumble
 
 def test_fibonacci_directions_reproduce_the_golden_sphere_fit() -> None:
     """The data of the published comparison, made of `fibonacci(500)`, give its sphere: centre and radius to 1e-6."""
-    distortion = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
+    distortion = SOFT_IRON
     noise = np.random.default_rng(20240601).standard_normal((500, 3))
     raw = 50 * simulate.fibonacci(500) @ distortion.T + [20, 120, 90] + 0.5 * noise
     x, y, z, constant = np.linalg.lstsq(np.column_stack([2 * raw, np.ones(500)]), np.sum(raw**2, axis=1))[0]

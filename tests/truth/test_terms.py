@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
@@ -17,9 +18,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
 
-ELLIPSOID = Ellipsoid(
-    np.array([20.0, 120.0, 90.0]), 50.0 * np.array([[1.1, 0.1, 0.04], [0.1, 0.88, 0.02], [0.04, 0.02, 1.22]])
-)
+ELLIPSOID = Ellipsoid(HARD_IRON, 50.0 * SOFT_IRON)
 
 
 def moved(change: Floats) -> Ellipsoid:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.worlds import HARD_IRON
 
 import flinders
 from flinders import simulate
@@ -19,7 +20,6 @@ from flinders.estimators.reference.two_step import TwoStep, triangular
 if TYPE_CHECKING:
     from tests.trials import Choose
 
-OFFSET: Final = np.array([20.0, 120.0, 90.0])
 LEANING: Final = np.array([[1.0, 0.0, 0.0], [0.10, 1.1, 0.0], [0.02, -0.05, 0.9]])
 
 
@@ -28,7 +28,7 @@ def recorded(
 ) -> flinders.arrays.Floats:
     rng = np.random.default_rng(seed)
     directions = simulate.uniform(rng, n)
-    return np.asarray(OFFSET + 50.0 * directions @ shape.T + noise * rng.standard_normal((n, 3)), np.float64)
+    return np.asarray(HARD_IRON + 50.0 * directions @ shape.T + noise * rng.standard_normal((n, 3)), np.float64)
 
 
 def test_both_steps_are_those_of_the_paper_written_out() -> None:
@@ -54,7 +54,7 @@ def test_the_triangular_model_comes_out_as_it_went_in() -> None:
     ]
     found = TwoStep("non-orthogonal").estimate(Readings.of(recorded(np.array(rows))))
     npt.assert_allclose(triangular(found.ellipsoid, 50.0), [1.1, 0.9, 1.3, 3.0, -2.0, 5.0], atol=1e-9)
-    npt.assert_allclose(found.ellipsoid.centre, OFFSET, atol=1e-8)
+    npt.assert_allclose(found.ellipsoid.centre, HARD_IRON, atol=1e-8)
     assert found.method == "two-step non-orthogonal"
 
 
@@ -88,7 +88,7 @@ def test_the_covariance_is_that_of_many_recordings(trials: Choose) -> None:
     claim = trials(200, 40)
     found = [TwoStep().estimate(Readings.of(recorded(shape, 0.5, n=500, seed=seed))) for seed in claim.seeds]
     off = np.array(
-        [np.append(one.ellipsoid.centre - OFFSET, np.diag(one.ellipsoid.shape - 50.0 * shape)) for one in found]
+        [np.append(one.ellipsoid.centre - HARD_IRON, np.diag(one.ellipsoid.shape - 50.0 * shape)) for one in found]
     )
     claimed = np.array([np.diag(one.covariance)[:6] for one in found])
     npt.assert_allclose(off.std(axis=0), np.sqrt(np.median(claimed, axis=0)), rtol=0.15 * claim.widening)

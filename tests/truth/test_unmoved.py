@@ -109,9 +109,8 @@ def test_a_sensor_that_was_wobbled_is_unmoved(wobble_deg: float, iron: float, ki
 
 @pytest.mark.parametrize("iron", [0.0, 1.0, 10.0])
 @pytest.mark.parametrize("wobble_deg", [0.0, 3.0])
-def test_the_angle_in_microtesla_is_that_from_the_true_centre_but_for_the_range_of_the_earths_field(
-    wobble_deg: float, iron: float, trials: Choose
-) -> None:
+def test_the_angle_in_microtesla_is_that_from_the_true_centre(wobble_deg: float, iron: float, trials: Choose) -> None:
+    """But for the range of the Earth's field."""
     for seed in trials(25, 2).seeds:
         field, offset = handled(seed, wobble_deg=wobble_deg, iron=iron)
         directions = (field - offset) / np.linalg.norm(field - offset, axis=1, keepdims=True)

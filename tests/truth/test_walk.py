@@ -79,7 +79,7 @@ def test_a_calibration_is_valid_for_longer_at_a_coarser_level() -> None:
     assert walk.as_dict()["proven"] is True
 
 
-def test_what_motors_do_is_no_drift_once_it_is_followed_and_a_drift_beside_them_is_still_seen() -> None:
+def test_what_motors_do_is_no_drift_once_modelled_and_a_drift_is_still_seen() -> None:
     motors = simulate.MotorCurrent([0.5, 0.0, -0.3])
     for drift in (0.0, 4.0):
         samples = simulate.tumble(seed=4, n=2000, disturbances=[motors]).samples

@@ -125,7 +125,9 @@ def _notes_of_headings(
     if voyage.without:
         missing = counted(voyage.without, "reading")
         yield "note", f"{missing} without a heading (nan): a number is missing, or x is vertical"
-    yield from _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, claims, turned)
+    yield from (
+        _level_notes(voyage, claims) if formula == LEVEL else _tilted_notes(voyage, formula, site, claims, turned)
+    )
 
 
 def _level_notes(voyage: Voyage, claims: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -380,7 +380,8 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
         words = movement(fit)
     elif guided.after_deg <= (1.0 - WORTH_IT) * guided.worst_deg:
         direction, words = _triple(rotation_of(fit) @ guided.direction), guided.words(frame)
-    return GuidanceView(direction, words, guided.worst_deg, guided.after_deg, goal)
+    worst, after = (math.hypot(error, fit.structure_deg) for error in (guided.worst_deg, guided.after_deg))
+    return GuidanceView(direction, words, worst, after, goal)
 
 
 def _triple(vector: Floats) -> Triple:
