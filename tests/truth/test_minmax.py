@@ -241,7 +241,7 @@ def test_trimming_needs_readings_and_enough_of_them() -> None:
         flinders.fit(Summary.of(field), method="minmax", trim=True)
     with pytest.raises(TooFewSamples) as caught:
         flinders.fit(field[:11], method="minmax", trim=True)
-    assert (caught.value.found, caught.value.needed) == (11, 12)
+    assert (caught.value.found, caught.value.needed) == (11, 35)
 
 
 def test_two_recordings_are_trimmed_as_one() -> None:

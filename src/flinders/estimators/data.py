@@ -433,17 +433,18 @@ class Readings:
             If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them. What
             `flinders.fit` refuses besides, see `flinders.diagnostics.unmoved`.
         """
-        how = {} if axes == "xyz" else {"how": f"all the way round in the plane {axes}"}
+        plane = "" if axes == "xyz" else f"all the way round in the plane {axes}"
+        how = plane or "through all directions"
         if len(self) < unknowns:
-            raise TooFewSamples(found=len(self), needed=unknowns, method=method, **how)
+            raise TooFewSamples(found=len(self), needed=unknowns, method=method, how=how)
         if not self.are_in_scale:
             raise OutOfScale(self.summary.moments.unit)
         health = self.summary.health
         stuck = ["xyz".index(axis) for axis in axes if health.extent["xyz".index(axis)] == 0.0]
         if stuck:
-            raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()), **how)
+            raise StuckAxis(tuple("xyz"[axis] for axis in stuck), tuple(health.lows.values[stuck].tolist()), plane)
         if health.distinct < unknowns:
-            raise TooFewSamples(found=health.distinct, of=len(self), needed=unknowns, method=method, **how)
+            raise TooFewSamples(found=health.distinct, of=len(self), needed=unknowns, method=method, how=how)
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
-            raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), **how)
+            raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), how)

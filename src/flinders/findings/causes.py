@@ -26,11 +26,12 @@ OF_A_SURFACE: Final = ("prior", "unobservable-parameters", "axis-ratio", "field-
 
 
 class Cause(NamedTuple):
-    """A finding of a severity, or a worse one, and the findings that follow from it."""
+    """A finding of a severity, or a worse one, and the findings that follow from it, unless another is there."""
 
     code: str
     severity: Severity
     consequences: tuple[str, ...]
+    unless: str = ""
 
 
 CAUSES: Final = (
@@ -42,9 +43,10 @@ CAUSES: Final = (
         "noise",
         "refuses",
         (
-            *("heading-error", "coverage", "level-plane", "few-samples", "field-changed", "outliers"),
+            *("heading-error", "coverage", "few-samples", "field-changed", "outliers"),
             *(*OF_RESIDUALS, *OF_A_SURFACE),
         ),
+        unless="level-plane",  # an ellipse through a short arc is small beside its noise
     ),
     Cause("inflation", "limits", ("field-changed", "coverage", *OF_RESIDUALS, *OF_A_SURFACE)),
     Cause("recordings-differ", "limits", ("heading-error", "structure")),
@@ -54,7 +56,7 @@ CAUSES: Final = (
     Cause("heading-error", "limits", ()),
     Cause("coverage", "limits", ("prior", "unobservable-parameters")),
     Cause("lasting-noise", "limits", ("few-samples", "correlated")),
-    Cause("few-samples", "limits", ("correlated",)),
+    Cause("few-samples", "limits", ("nonlinear-axis", "axis-lag", "structure", "correlated")),
     Cause("quantised", "note", ("stale-repeats",)),
 )
 """The first cause first, as the findings are shown."""
@@ -71,9 +73,10 @@ def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
         Of one fit.
     """
     left, shown = list(findings), list[Finding]()
-    for code, severity, consequences in CAUSES:
+    there = {finding.code for finding in left}
+    for code, severity, consequences, unless in CAUSES:
         own = [finding for finding in left if finding.code == code and _rank(finding) <= _SEVERITIES.index(severity)]
-        if own:
+        if own and unless not in there:
             hidden = [finding for finding in left if finding.code in consequences]
             worst = min((*own, *hidden), key=_rank).severity
             shown += [replace(finding, severity=worst) for finding in own]

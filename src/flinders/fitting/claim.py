@@ -125,13 +125,14 @@ def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     if estimate.textbook is None:
         return share
     known, independent = estimate.covariance.diagonal().tolist(), estimate.textbook.diagonal().tolist()
-    ratios = [one / max(other, sys.float_info.min) for one, other in zip(known, independent, strict=True)]
-    return max(1.0, share * len(ratios) / float(sum(ratios)))
+    ratios = [one / other for one, other in zip(known, independent, strict=True) if other > 0.0]  # 0 of what is fixed
+    return max(1.0, share * len(ratios) / max(float(sum(ratios)), sys.float_info.min))
 
 
 def _freedom(estimate: Estimate, count: float) -> float:
     """Readings beyond those that the parameters take up."""
-    return count - (ROWS[estimate.method].parameters if estimate.method in ROWS else 5 if estimate.plane else 9)
+    name = estimate.method.partition(" ")[0]  # without its variant
+    return count - (ROWS[name].parameters if name in ROWS else 5 if estimate.plane else 9)
 
 
 def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:

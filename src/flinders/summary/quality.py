@@ -74,12 +74,12 @@ class Lows:
         axis, rows = np.divmod(np.flatnonzero(is_lowest), axes.shape[1])
         counts = np.bincount(axis, minlength=3)
         begins, there = np.cumsum(counts) - counts, axes[:, rows]
-        next_values = np.where(is_lowest, np.inf, axes).min(axis=1)
+        next_values = axes.min(axis=1, where=~is_lowest, initial=np.inf)
         return cls(
             values,
             counts.astype(float),
             next_values,
-            np.count_nonzero(axes == next_values[:, np.newaxis], axis=1).astype(float),
+            np.array([np.count_nonzero(each == value) for each, value in zip(axes, next_values, strict=True)], float),
             np.minimum.reduceat(there, begins, axis=1).T,
             np.maximum.reduceat(there, begins, axis=1).T,
         )
@@ -143,8 +143,8 @@ class DistinctReadings:
     def of(cls, readings: Floats) -> DistinctReadings:
         """Look at (N, 3) readings."""
         hashes = _hashes(readings)
-        level = max(len(hashes) // SAMPLE, 1).bit_length()
-        while True:  # from too few on, so that only few are sorted
+        level = max(len(hashes) // SAMPLE, 2).bit_length() - 1
+        while True:  # from about twice as many as needed on, so that only few are sorted
             level -= 1
             some, counts = np.unique(hashes[_begins_with_zeros(hashes, level)], return_counts=True)
             if len(some) > SAMPLE or level == 0:
