@@ -383,7 +383,7 @@ def test_a_disturbance_explains_what_a_triangular_factor_says(is_level: bool) ->
     about = values[taken] - values[taken].mean()
     design = np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]])
     scale = np.linalg.norm(design, axis=0)
-    triangle = np.linalg.qr(np.column_stack([design / scale, residuals[taken]]), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.column_stack([design / scale, residuals[taken]]), mode="r"))
     step = np.linalg.lstsq(design / scale, residuals[taken], rcond=1e-9)[0] / scale
 
     assert (found["used"], found["stride"]) == (taken.sum(), 1)
