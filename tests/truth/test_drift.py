@@ -113,7 +113,8 @@ def test_the_verdict_tells_it_by_the_heading_that_it_costs(size: float, severity
         finding = next(finding for finding in fit.findings if finding.code == "field-changed")
         assert fit.drift is not None
         assert finding.number == fit.drift.heading_deg == pytest.approx(2.1 * size, rel=0.3, abs=0.15)
-        assert finding.severity == severity
+        contradicts = (fit.drift.halves_apart or 0.0) > 3.0
+        assert finding.severity == ("limits" if contradicts and severity == "note" else severity)
         assert "keep currents and everything magnetic as they will be" in finding.advice
 
 

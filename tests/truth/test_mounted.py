@@ -15,14 +15,18 @@ from flinders.core.samples import Samples
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
 from flinders.fitting.aid_selection import aided_by, claim_deg
+from flinders.fitting.result import Refused
 from flinders.geometry.quaternions import inverse, of_angles, rotated
-from flinders.geometry.rotation import rotations
+from flinders.geometry.rotation import rotation_vectors, rotations
 from flinders.likelihood.attitude import body_to_world
 from flinders.likelihood.joint import aligned
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from flinders.arrays import Floats
     from flinders.estimators.aiding import Aided
+    from flinders.fitting.result import Fit
 
 NORTH = np.array([25.0, 0.0, 43.3])
 
@@ -145,6 +149,54 @@ def test_a_vertical_that_is_missing_now_and_then_counts_where_it_is_there(missin
     sigma = np.sqrt(np.diag(whole.covariance)[:3])
     assert np.all(np.abs(found.parameters.offset - whole.parameters.offset) < 2.0 * sigma)
     assert np.all(np.sqrt(np.diag(found.covariance)[:3]) < 1.5 * sigma)
+
+
+def survey(gain: float, bias: Sequence[float], seed: int = 1) -> Samples:
+    """Thirty poses of twenty readings at rest, by an accelerometer whose x reads too much and whose y too little."""
+    rng = np.random.default_rng(seed)
+    poses = np.repeat(of_angles(rng.uniform(-np.pi, np.pi, (30, 3))), 20, axis=0)
+    samples = recorded(poses, np.eye(3), seed=seed, bias=np.array(bias))
+    assert samples.acceleration is not None
+    return replace(samples, acceleration=samples.acceleration * [1.0 + gain, 1.0 - gain, 1.0])
+
+
+def test_gains_of_an_accelerometer_bend_no_rotation() -> None:
+    """Two per cent of gains: found, and the rotation within its claim, which is half of what it is without them."""
+    samples = survey(0.02, [0.2, 0.0, 0.1])
+    found, believed = (solve(samples, ("dip",), acceleration_gain=sigma) for sigma in (0.02, 0.0))
+    turned, covariance = rotation_vectors(found.parameters.rotation[np.newaxis])[0], found.rotation_covariance
+    assert covariance is not None
+    assert believed.rotation_covariance is not None
+    assert float(turned @ np.linalg.solve(covariance, turned)) < 3.5**2
+    assert np.trace(covariance) < 0.25 * np.trace(believed.rotation_covariance)
+    gains = found.parameters.accelerometer[3:6]
+    npt.assert_allclose(gains - gains[2], [-0.02, 0.02, 0.0], atol=2e-3)
+
+
+def test_a_tilt_that_spoils_headings_limits_a_good_compass() -> None:
+    """A bias of 0.4 m/s² is 2.3° of tilt, and 4° of heading where the field dips by 60°; ``dip`` takes it off."""
+    aiding: dict[str, tuple[float, str]] = {"exact": (0.0, ""), "off": (0.4, ""), "corrected": (0.4, "dip")}
+    codes = {}
+    for name, (bias, aid) in aiding.items():
+        fit = flinders.fit(survey(0.0, [bias, 0.0, 0.0]), aiding=aid)
+        codes[name] = [finding.code for finding in fit.findings if finding.code == "tilt-error"]
+    assert codes == {"exact": [], "off": ["tilt-error"], "corrected": []}
+
+
+def test_a_vertical_that_leans_in_turns_is_left_out() -> None:
+    """An aircraft in coordinated turns feels no sideways pull."""
+    fit = fitted_anyway(simulate.tumble(seed=1, motion="flight", n=1500).samples)
+    assert "leans-in-turns" in [finding.code for finding in fit.findings]
+    assert fit.aiding is not None
+    assert not any(sensor.kept for sensor in fit.aiding.each)
+
+
+def fitted_anyway(samples: Samples) -> Fit:
+    """The fit with ``dip``, refused or not."""
+    try:
+        return flinders.fit(samples, aiding="dip")
+    except Refused as refusal:
+        return refusal.fit
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -246,6 +246,15 @@ class HeadingLog:
         source, dip = next(finite, ("assumed", 60.0))
         return float(np.clip(dip, -STEEPEST_DIP_DEG, STEEPEST_DIP_DEG)), source
 
+    @property
+    def tilt_error_deg(self) -> float | None:
+        """What the tilt by the accelerometer scatters headings by, 1 σ: scatter of the dip times its tangent."""
+        frames = self.voyage.frames
+        if self.compass.formula == "level" or not frames.readings:
+            return None
+        dip, scatter = frames.dip_deg
+        return min(scatter * abs(math.tan(math.radians(dip))), 180.0)
+
     def down(self) -> Floats:
         """(3,) which way is down when the vehicle is level, in the axes of the calibration's ellipsoid."""
         import numpy as np

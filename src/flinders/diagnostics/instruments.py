@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.core.samples import Samples
+from flinders.diagnostics.turns import lean_in_turns_deg
 from flinders.estimators.aiding import Aided, solve
 from flinders.estimators.mounting import (
     EXPLAINED,
@@ -178,6 +179,18 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
         "it leans, as an accelerometer does in steady turns" if aid == "dip" else "it lags, or is that of another body"
     )
     return _certain("aids-disagree", aid, {"scales_off": off}, why=why)
+
+
+def of_turns(samples: Samples, aided: Aided) -> Mistake | None:
+    """Whether the vertical of an accelerometer leans in turns.
+
+    >>> from flinders import simulate
+    >>> flown = simulate.tumble(seed=1, motion="flight", n=1500).samples
+    >>> mistake = of_turns(flown, solve(flown, ("dip",)))
+    >>> mistake is not None and mistake.code
+    'leans-in-turns'
+    """
+    return _mistake("leans-in-turns", "dip", {"lean_deg": lean_in_turns_deg(samples, aided)})
 
 
 def is_implausible(aided: Aided, aid: str) -> Mistake | None:

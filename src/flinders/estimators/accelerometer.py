@@ -72,6 +72,14 @@ def known_before(acceleration: Floats, prior: AccelerometerPrior) -> Acceleromet
     return AccelerometerPrior(errors, precision)
 
 
+def scatter_at_rest(acceleration: Floats) -> float:
+    """Scatter of |g| that no errors of an accelerometer explain, as a share: a body that is moved, and noise."""
+    errors = known_before(acceleration, AccelerometerPrior.of()).mean
+    force = acceleration[np.isfinite(acceleration).all(axis=1)]
+    corrected = lengths((errors[:3] - force / np.median(lengths(force))) @ (np.eye(3) + symmetric(errors[3:])))
+    return MAD * float(np.median(np.abs(corrected - np.median(corrected))))
+
+
 def _gradients(first: Floats, second: Floats) -> Floats:
     """(N, 9) wβ + wΓw′ as linear functions of (β, Γ), of (N, 3) w and w′: of unit length, without noise along them."""
     return np.concatenate([first, np.einsum("ni,nij->nj", first, by_symmetric(second))], axis=1)

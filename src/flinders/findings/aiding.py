@@ -127,6 +127,24 @@ ROWS: Final = (
         remedy="Leave the vertical out, as it leans in turns; or record while turning on the spot.",
     ),
     CatalogueRow(
+        code="leans-in-turns",
+        subject="aiding",
+        grades="limits",
+        number="angle (rms) by which the accelerometer's vertical leans with the rate of turning, degrees",
+        limit="1.5",
+        action="leave it out, or record while turning on the spot; it was not used",
+        rule=Rule("lean_deg", (Grade("limits", 1.5),)),
+        said=(
+            "the accelerometer's vertical leans by {lean_deg:.1f}° (rms) as the body turns, which is what moves it "
+            "along: it was not used; leave 'dip' out, or record while turning on the spot"
+        ),
+        plain=(
+            "The vehicle was moving in turns, so that what tells which way is down leans by {number:.0f}°. It was not"
+            " used."
+        ),
+        remedy="Record while turning on the spot, or slowly.",
+    ),
+    CatalogueRow(
         code="aid-astray",
         subject="aiding",
         grades="limits",

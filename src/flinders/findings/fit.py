@@ -225,7 +225,7 @@ ROWS: Final = (
         number="heading error of a single moment, degrees, from what lasts from one reading to the next, 1 σ",
         limit="1.25 times the target",
         action="record away from iron, and from currents that change",
-        # `docs/adversary.md`: a steel desk makes 1.3 to 2.1 targets of it and was called good, wrongly, 10 times of 16;
+        # `docs/adversary.md`: a steel desk makes 1.3 to 2.1 targets of it and was called good, wrongly, 10 times of 15;
         # noise of the sensor that lasts for 4 or 10 s and is claimed rightly makes up to 1.3
         rule=Rule(
             "unsteady_deg",
@@ -403,6 +403,27 @@ ROWS: Final = (
             "heading. The calibration does not follow it."
         ),
         remedy="Let the calibration follow it, or record without it.",
+    ),
+    CatalogueRow(
+        code="tilt-error",
+        subject="fit",
+        grades="limits",
+        number=(
+            "what the accelerometer's tilt adds to a heading, degrees: scatter of the dip without noise, times the"
+            " tangent of the dip; of a sensor that was hardly accelerated (scatter of |g| below 2%)"
+        ),
+        limit="the target",
+        action="calibrate `--with dip`, which finds bias and gains of the accelerometer, or calibrate that one",
+        rule=Rule("tilt_error_deg", (Grade("limits", 1.0, "target_deg"),)),
+        said=(
+            "the vertical of the accelerometer leans with the attitude, which adds {tilt_error_deg:.1f}° to a heading:"
+            " calibrate --with dip, which finds its bias, its gains and how it is turned against the magnetometer"
+        ),
+        plain=(
+            "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
+            " compass is."
+        ),
+        remedy="Let the calibration use that instrument, too, so that it finds what is wrong with it.",
     ),
     CatalogueRow(
         code="nonlinear-axis",

@@ -37,6 +37,7 @@ from flinders.diagnostics.instruments import (
     of_aid_and_gyro,
     of_instruments,
     of_scales,
+    of_turns,
     one_axis,
     without_gaps,
     wrong_dip,
@@ -172,7 +173,7 @@ class _Selection:
         tried = (*(used for used in self.used if used not in replaced), name)
         aided = self.solver(tried, rotation=self.rotation, near=self.best)
         self.was_elsewhere = self.was_elsewhere or is_at_another_site(aided, self.site)
-        if (contradiction := _contradiction(aided, name)) is not None:
+        if (contradiction := _contradiction(self.samples, aided, name)) is not None:
             self.mistakes += [] if self.is_auto else [contradiction]
             self.reports.append(AidingSensor(name, kept=False, words=contradiction.words))
             return
@@ -219,11 +220,11 @@ class _Selection:
         return replace(aiding, excess_variance=best.excess_variance)
 
 
-def _contradiction(aided: Aided, name: str) -> Mistake | None:
+def _contradiction(samples: Samples, aided: Aided, name: str) -> Mistake | None:
     """Whether a sensor goes against the gyro, or against the readings, in a fit that has both."""
     if aided.scales_off:
         return of_scales(aided.scales_off) if name == "rate" else of_aid_and_gyro(name, aided.scales_off)
-    return is_implausible(aided, name)
+    return is_implausible(aided, name) or (of_turns(samples, aided) if name == "dip" else None)
 
 
 def _of_site(bent: Aided, without: Aiding, site: Site) -> Mistake | None:

@@ -463,6 +463,7 @@ def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict
         "drift_by_chance": records["drift_by_chance"],
         "drift": np.linalg.norm(records["drift_offset"], axis=1),
         "unmodelled_deg": unmodelled_deg,
+        "tilt_error_deg": np.full(len(records), np.nan),  # of a fleet the accelerometer is not read
     }
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
+from flinders.diagnostics.instruments import UPRIGHT
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
@@ -31,6 +32,7 @@ from flinders.fitting.result import Fit, Refused
 from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
+from flinders.heading.attitude import tilt_error_deg
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
@@ -58,6 +60,10 @@ if TYPE_CHECKING:
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
+
+FEWEST_STILL, STILL, LEAST_TILT_DEG = 100, 0.02, 0.5
+"""Readings that tell how an accelerometer tilts, the scatter of |g| up to which they are of a body at rest, and the
+heading error below which it is noise: of a thousand clean accelerometers none came to 0.3°."""
 
 SWAP_LAG_ONE: Final = 0.05
 """Correlation of a residual with the next below which no axes were swapped: 1 − 1/1.1² = 17 % of the variance are those
@@ -554,6 +560,22 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
     )
 
 
+def _tilt_error_deg(calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
+    """What the tilt by the accelerometer adds to a heading; NaN where it was shaken, or a fit corrects it."""
+    samples = readings.recording
+    is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
+    if is_corrected or not isinstance(samples, Samples) or samples.acceleration is None or len(samples) < FEWEST_STILL:
+        return math.nan
+    some = samples[: 10 * LOOKED_AT]
+    added = tilt_error_deg(calibration.apply(some.field), some.acceleration)  # type: ignore[arg-type]
+    if not added > LEAST_TILT_DEG:
+        return math.nan
+    from flinders.estimators.accelerometer import scatter_at_rest
+
+    felt = some.acceleration[:: max(1, len(some) // LOOKED_AT)]  # type: ignore[index]
+    return added if scatter_at_rest(felt) < STILL else math.nan
+
+
 def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
     """How many independent readings say as much: no more than there are different ones."""
     if estimate.correlation is None:
@@ -616,6 +638,7 @@ def _judged(
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
+        tilt_error_deg=_tilt_error_deg(calibration, readings, aiding),
         is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,

@@ -186,6 +186,9 @@ class Fit(Outcome):
         Where the readings tell that axes slipped in mid-recording.
     unmodelled : Unmodelled, optional
         A disturbance that was recorded, moves the readings, and is not followed.
+    tilt_error_deg : float
+        What the tilt by an accelerometer adds to a heading, where one was recorded at rest and nothing corrects it;
+        else not a number.
     repeats : Repeats, optional
         Several recordings, compared with each other; their scatter is in the covariance.
     is_shrunk : bool
@@ -240,6 +243,7 @@ class Fit(Outcome):
     conditions: tuple[Condition, ...] = ()
     axis_swap: AxisSwap | None = None
     unmodelled: Unmodelled | None = None
+    tilt_error_deg: float = math.nan
     repeats: Repeats | None = None
     is_shrunk: bool = False
     plane: Plane | None = None

@@ -273,6 +273,7 @@ def _changes(fit: Fit) -> dict[str, float]:
         "drift": math.nan if drift is None else math.hypot(*drift.offset),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
+        "tilt_error_deg": fit.tilt_error_deg,
         "noise_lasts": fit.noise_lasts,
         "unsteady_deg": fit.unsteady_deg,
         **_alternation(fit),

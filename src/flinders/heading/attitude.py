@@ -154,6 +154,38 @@ def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     return dip
 
 
+def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike) -> float:
+    """Heading error (1 σ) from a vertical that leans as the dip wanders: tan I times its scatter, without its noise.
+
+    Noise differs from one reading to the next; a bias of the accelerometer, or axes that sit askew, make the dip follow
+    the attitude. What two readings in a row have in common is theirs.
+
+    Parameters
+    ----------
+    field, specific_force : (N, 3)
+        Corrected, in the order of recording; of a body that is hardly accelerated.
+
+    Returns
+    -------
+    float, degrees
+        NaN without two readings in a row.
+
+    Examples
+    --------
+    >>> turn = np.radians(np.arange(0.0, 720.0, 4.0))
+    >>> field = np.stack([0.5 * np.cos(turn), -0.5 * np.sin(turn), np.full(180, 0.75**0.5)], axis=1)
+    >>> round(tilt_error_deg(field, np.broadcast_to([0.3, 0.0, -9.81], (180, 3))), 1)             # tan 60° · 1.75° / √2
+    2.1
+    """
+    dips = dip_deg(field, specific_force)
+    dips = dips[np.isfinite(dips)]
+    if len(dips) < 2:
+        return float("nan")
+    middle = float(np.median(dips))
+    common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle)))
+    return max(common, 0.0) ** 0.5 * abs(float(np.tan(np.deg2rad(middle))))
+
+
 def _unit(values: ArrayLike, name: str) -> Floats:
     """Vectors of length one; NaN where they have no direction."""
     array = vectors(values, name, finite=False)

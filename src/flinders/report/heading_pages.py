@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -74,6 +75,9 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
     words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), held level"
     if tilted is not None:
         words += f"; {degrees(tilted.worst)} at {tilted.tilt_deg:.0f}° of tilt"
+    if claims["tilt_error_deg"] is not None:
+        whole = math.hypot(level.worst, claims["tilt_error_deg"])
+        words = f"{degrees(whole)} a reading (1 σ), tilt and noise included; the calibration to {words}"
     return f"{words}; dip {claims['dip_deg']:.0f}°, {_FROM[claims['dip_from']]}"
 
 

@@ -73,6 +73,7 @@ export interface SessionState {
 export interface HeadingErrorView {
   rms: number;
   worst: number;
+  bound_95: number;
   dip_deg: number;
   target_deg: number;
 }
