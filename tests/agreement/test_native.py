@@ -386,7 +386,8 @@ def test_a_disturbance_explains_what_a_triangular_factor_says(is_level: bool) ->
     triangle = np.asarray(np.linalg.qr(np.column_stack([design / scale, residuals[taken]]), mode="r"))
     step = np.linalg.lstsq(design / scale, residuals[taken], rcond=1e-9)[0] / scale
 
-    assert found["used"] == taken.sum() and found["stride"] == 1
+    assert found["used"] == taken.sum()
+    assert found["stride"] == 1
     assert found["explained"] == pytest.approx(np.sum(triangle[9:12, -1] ** 2), rel=1e-7)
     assert found["left"] == pytest.approx(triangle[12, -1] ** 2, rel=1e-7)
     npt.assert_allclose(found["per_unit"], step[9:], rtol=1e-6, atol=1e-9)
