@@ -33,12 +33,14 @@ def structured(field: Floats) -> Floats:
     """Readings that are longer in some directions."""
     local = field - SENSOR.offset
     x, y, z = (local / np.linalg.norm(local, axis=1)[:, np.newaxis]).T
-    return field + 0.01 * (np.sqrt(105.0) * x * y * z)[:, np.newaxis] * local
+    longer: Floats = field + 0.01 * (np.sqrt(105.0) * x * y * z)[:, np.newaxis] * local
+    return longer
 
 
 def bent(field: Floats) -> Floats:
     """Readings of which the first axis is not linear."""
-    return field + 1.5 * ((field - SENSOR.offset)[:, :1] / 50.0) ** 2 * np.array([1.0, 0.0, 0.0])
+    read: Floats = field + 1.5 * ((field - SENSOR.offset)[:, :1] / 50.0) ** 2 * np.array([1.0, 0.0, 0.0])
+    return read
 
 
 def late(field: Floats) -> Floats:

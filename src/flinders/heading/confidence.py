@@ -26,8 +26,6 @@ from flinders.geometry.ellipsoid import GATHER
 from flinders.heading.error_propagation import deviation_covariance
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from flinders.arrays import Floats
     from flinders.geometry.ellipsoid import Ellipsoid
 
@@ -98,7 +96,8 @@ def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats)
 
 def _bounds(covariances: Floats) -> Floats:
     """The same for as many units as fit into memory."""
-    is_known: NDArray[np.bool_] = np.isfinite(covariances).all(axis=(1, 2))
+    sums: Floats = covariances.sum(axis=(1, 2))
+    is_known = np.isfinite(sums)
     variances, axes = np.linalg.eigh(np.where(is_known[:, np.newaxis, np.newaxis], covariances, 0.0))
     roots = axes * np.sqrt(variances.clip(min=0.0))[:, np.newaxis, :]
     courses = _harmonics() @ roots  # (U, 36, 4): error at each heading per unit of z
