@@ -383,10 +383,11 @@ def test_a_disturbance_explains_what_a_triangular_factor_says(is_level: bool) ->
     about = values[taken] - values[taken].mean()
     design = np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]])
     scale = np.linalg.norm(design, axis=0)
-    triangle = np.linalg.qr(np.column_stack([design / scale, residuals[taken]]), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.column_stack([design / scale, residuals[taken]]), mode="r"))
     step = np.linalg.lstsq(design / scale, residuals[taken], rcond=1e-9)[0] / scale
 
-    assert (found["used"], found["stride"]) == (taken.sum(), 1)
+    assert found["used"] == taken.sum()
+    assert found["stride"] == 1
     assert found["explained"] == pytest.approx(np.sum(triangle[9:12, -1] ** 2), rel=1e-7)
     assert found["left"] == pytest.approx(triangle[12, -1] ** 2, rel=1e-7)
     npt.assert_allclose(found["per_unit"], step[9:], rtol=1e-6, atol=1e-9)

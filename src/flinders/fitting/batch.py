@@ -26,13 +26,14 @@ from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
+from flinders.estimators.base import Estimate
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
-from flinders.fitting.shrinkage import may_be_corrected
+from flinders.fitting.shrinkage import may_be_corrected, shrunk
 from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING, halves_matter
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.confidence import bounds_deg, deviation_covariances
@@ -211,7 +212,7 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
         known &= ~halves_matter(records["drift_deg"], records["drift_by_chance"], target_deg)
-        known &= ~may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
+        known &= ~_is_shrunk(records, known)
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
             known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
         table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
@@ -338,6 +339,19 @@ def _thickness(covariance: Floats) -> float:
     """Thickness over width of readings with a (3, 3) covariance."""
     thinnest, _, widest = np.sqrt(np.linalg.eigvalsh(covariance).clip(min=0.0)).tolist()
     return float(thinnest / widest) if widest > 0.0 else 1.0
+
+
+def _is_shrunk(records: Records, asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(U,) which of those asked for `flinders.fit` shrinks towards the readings as they are."""
+    is_near = may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
+    is_shrunk = np.zeros(len(records), dtype=bool)
+    places = np.flatnonzero(asked & is_near)
+    for place, factor in zip(places.tolist(), _repetition(records[places])[1].tolist(), strict=True):
+        record = records[place]
+        covariance = factor * record["covariance"].reshape(9, 9)
+        fitted = Estimate(_surface(record), covariance, float(record["noise"]), Likelihood.name)
+        is_shrunk[place] = shrunk(fitted) is not None
+    return is_shrunk
 
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:

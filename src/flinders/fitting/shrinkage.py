@@ -78,8 +78,8 @@ def shrunk(estimate: Estimate) -> Estimate | None:
     departures = DEPARTURES @ parameters / size
     covariance = DEPARTURES @ estimate.covariance @ DEPARTURES.T / size**2
     priors = [_prior(offset, shape) for offset, shape in product(OFFSETS, SHAPES)]
-    likelihoods = np.array([_log_density(departures, covariance + prior) for prior in priors])
-    odds = np.exp(likelihoods - _log_density(departures, covariance + _prior(*UNCORRECTED)))
+    *likelihoods, uncorrected = _log_densities(departures, covariance + np.array([*priors, _prior(*UNCORRECTED)]))
+    odds = np.exp(np.array(likelihoods) - uncorrected)
     if not odds.mean() > PROBABLE / (1.0 - PROBABLE):
         return None
     mean, spread = _posterior(departures, covariance, priors, odds / odds.sum())
@@ -102,11 +102,13 @@ def _prior(offset: float, shape: float) -> Floats:
     return np.diag(np.square([offset] * 3 + [shape] * 5))
 
 
-def _log_density(departures: Floats, covariance: Floats) -> float:
-    """Logarithm of a normal density, but for a constant."""
-    factor = np.linalg.cholesky(covariance)
-    standard = np.linalg.solve(factor, departures)
-    return float(-0.5 * standard @ standard - np.log(np.diag(factor)).sum())
+def _log_densities(departures: Floats, covariances: Floats) -> Floats:
+    """(K,) logarithms of normal densities with (K, 8, 8) covariances, but for a constant."""
+    factors = np.linalg.cholesky(covariances)
+    standard = np.linalg.solve(factors, departures[:, np.newaxis])[..., 0]
+    roots = np.diagonal(factors, axis1=1, axis2=2)
+    densities: Floats = -0.5 * np.sum(standard**2, axis=1) - np.sum(np.log(roots), axis=1)
+    return densities
 
 
 def _posterior(departures: Floats, covariance: Floats, priors: list[Floats], weights: Floats) -> tuple[Floats, Floats]:

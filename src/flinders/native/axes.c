@@ -31,6 +31,7 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
         bent_by_chance = fl_chance_of_terms(kernels, &nonlinear, 9, FL_NONLINEAR, record);
     if (!room->parts && fl_regress(kernels, &all, products, 0, FL_LAGS_OF_AXES + 9, &lag))
         late_by_chance = fl_chance_of_terms(kernels, &lag, 0, FL_LAGS_OF_AXES, record);
-    if (bent_by_chance <= 1) fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, dip_deg, record);
+    if (bent_by_chance <= 1)
+        fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, dip_deg, record);
     if (late_by_chance <= 1) fl_lag(kernels, view, fit, room, &lag, late_by_chance, dip_deg, record);
 }

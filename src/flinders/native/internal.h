@@ -94,8 +94,8 @@ typedef struct {
     void (*nonlinear)(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows);
     void (*take_off)(const real *rows, size_t stride, size_t n, int width, const real *solution, real *distances);
     void (*gram)(const real *rows, size_t n, int columns, real *matrix);
-    void (*lagged)(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights, int count,
-                   real *product);
+    void (*lagged)(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights,
+                   int count, real *product);
     void (*squares)(const real *rows, const real *distances, size_t n, real sums[55]);
     void (*cells)(const real *x, const real *y, const real *z, size_t n, uint32_t *out);
     void (*filter)(const fl_series *series, int is_vector, const real variance[FL_LANES], real memory,

@@ -244,8 +244,7 @@ static void distances(const fl_view *view, const fl_surface *surface, real *out)
     }
 }
 
-/* Whether at least `fewest` readings are closer to the surface than a limit; those behind the point where no more can be
- * are not looked at. */
+/* Whether at least `fewest` readings are closer to the surface than a limit; stops where too few are left. */
 static int has_closer(const fl_view *view, const fl_surface *surface, real limit, size_t fewest)
 {
     real block[3][FL_BLOCK], s[FL_BLOCK];
@@ -311,8 +310,8 @@ static size_t information(const fl_view *view, const fl_surface *surface, size_t
     return count;
 }
 
-/* Six terms behind the Jacobian of rows (n, stride): what the square and the cube of each axis' distance from the centre
- * over the radius, t, make of the distance from the surface; of the (3, FL_LOOKED) directions of the readings. */
+/* Six terms behind the Jacobian of rows (n, stride), at directions (3, FL_LOOKED): what the square and the cube of each
+ * axis' distance from the centre, over the radius, add to the distance from the surface. */
 static void nonlinear(const fl_surface *surface, const real *directions, size_t n, size_t stride, real *rows)
 {
     static const unsigned char ENTRY[3][3] = {{0, 3, 4}, {3, 1, 5}, {4, 5, 2}};
@@ -372,10 +371,10 @@ static void gram(const real *rows, size_t n, int columns, real *matrix)
         for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
 }
 
-/* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of later Jacobians, J(i + lag) times
- * the weight of the lag; lags ascend. */
-static void lagged(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights, int count,
-                   real *product)
+/* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of w J(i + lag) over lags, which
+ * ascend, with their weights w. */
+static void lagged(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights,
+                   int count, real *product)
 {
     real sums[FL_WIDEST][FL_WIDEST] = {{0}}, ahead[FL_BLOCK * FL_COLUMNS];
     const size_t unused = stride - (size_t)width;
@@ -384,12 +383,15 @@ static void lagged(const real *rows, size_t stride, size_t n, int width, const i
         const real *const block = rows + stride * begin;
         memset(ahead, 0, sizeof ahead);
         for (int k = 0; k < count && begin + (size_t)lags[k] < n; k++) {
-            const size_t lag = (size_t)lags[k], left = n - begin - lag, numbers = stride * (left < m ? left : m) - unused;
+            const size_t lag = (size_t)lags[k], left = n - begin - lag;
+            const size_t numbers = stride * (left < m ? left : m) - unused;
             for (size_t i = 0; i < numbers; i++) ahead[i] += weights[k] * block[stride * lag + i];
         }
-        for (size_t i = 0; i < m; i++)
+        for (size_t i = 0; i < m; i++) {
+            const real *const row = block + stride * i, *const later = ahead + stride * i;
             for (int a = 0; a < width; a++)
-                for (int b = 0; b < width; b++) sums[a][b] += block[stride * i + (size_t)a] * ahead[stride * i + (size_t)b];
+                for (int b = 0; b < width; b++) sums[a][b] += row[a] * later[b];
+        }
     }
     for (int a = 0; a < width; a++)
         for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
@@ -683,5 +685,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares, cells, filter, keys, breaks,
-    steps, ends, ordinary};
+    powers, products, curvature, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares,
+    cells, filter, keys, breaks, steps, ends, ordinary};

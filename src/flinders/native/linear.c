@@ -247,13 +247,20 @@ int fl_solve(real *matrix, int n, real *x)
 }
 
 /* (n, k) product of (n, m) and (m, k). */
-void fl_multiply(const real *a, const real *b, int n, int m, int k, real *out)
+static inline void multiply(const real *restrict a, const real *restrict b, int n, int m, int k, real *restrict out)
 {
     for (int i = 0; i < n; i++) {
         for (int j = 0; j < k; j++) out[i * k + j] = 0;
         for (int l = 0; l < m; l++)
             for (int j = 0; j < k; j++) out[i * k + j] += a[i * m + l] * b[l * k + j];
     }
+}
+
+/* The same; with nine columns, as most have, known to the compiler. */
+void fl_multiply(const real *a, const real *b, int n, int m, int k, real *out)
+{
+    if (k == 9) multiply(a, b, n, m, 9, out);
+    else multiply(a, b, n, m, k, out);
 }
 
 /* Determinant of a symmetric 3 × 3 matrix. */

@@ -61,7 +61,8 @@ void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow)
         const real *const normal = slow->is_vector ? row + before : STRENGTH;
         real h[3], gain[3], predicted[6];
         waited++;
-        if (i > 0 && !memcmp(row + before, last + before, 9 * sizeof(real)) && row[columns - 1] == last[columns - 1]) continue;
+        const int is_same_place = !memcmp(row + before, last + before, 9 * sizeof(real));
+        if (i > 0 && is_same_place && row[columns - 1] == last[columns - 1]) continue;
         memcpy(last, row, columns * sizeof(real));
         const real x = (real)waited / ((real)residuals->n * slow->memory), decay = 1 / (1 + x * (1 + x / 2));
         const real square = decay * decay, fresh = slow->ratio * (1 - square);
@@ -131,8 +132,8 @@ void fl_normal_equations(const real *products, int columns, int first, int width
     }
 }
 
-/* Explain residuals by so many columns of their rows from the first on, of products of all columns; 0 where these cannot be
- * told apart. */
+/* Explain residuals by so many columns of their rows from the first on, from the products of all columns; 0 where the
+ * terms cannot be told apart. */
 int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,
                fl_regression *out)
 {

@@ -95,10 +95,11 @@ static void add_lagged(const fl_kernels *kernels, const fl_residuals *residuals,
                        int count, real *total)
 {
     const int n = residuals->width;
+    const size_t stride = residuals->stride;
     real product[FL_WIDEST * FL_WIDEST] = {0};
     for (int stretch = 0; stretch < residuals->stretches; stretch++) {
         const size_t begin = residuals->begins[stretch], rows = residuals->begins[stretch + 1] - begin;
-        kernels->lagged(residuals->rows + residuals->stride * begin, residuals->stride, rows, n, lags, weights, count, product);
+        kernels->lagged(residuals->rows + stride * begin, stride, rows, n, lags, weights, count, product);
     }
     for (int a = 0; a < n; a++)
         for (int b = 0; b < n; b++) total[n * a + b] += product[n * a + b] + product[n * b + a];
@@ -178,8 +179,8 @@ void fl_raise(real *scatter, const real *white, int n, real share)
 }
 
 /* Σᵢⱼ JᵢJⱼᵀ C(i − j), the products of Jacobians interpolated between a few lags; `white` is that of C(0) alone. */
-void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white, const real *autocovariance, int lags,
-                        real *scatter)
+void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,
+                        const real *autocovariance, int lags, real *scatter)
 {
     real weights[TAKEN];
     int taken[TAKEN];

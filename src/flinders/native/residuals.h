@@ -28,8 +28,8 @@ void fl_blocks_of(const fl_kernels *kernels, const fl_residuals *residuals, fl_b
 real fl_lag_one(const fl_residuals *residuals);
 int fl_autocovariance(const fl_residuals *residuals, real out[FL_LAGS]);
 real fl_time_of(const real *autocovariance, int lags);
-void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white, const real *autocovariance, int lags,
-                        real *scatter);
+void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,
+                        const real *autocovariance, int lags, real *scatter);
 real fl_creep(fl_blocks *blocks, const real scatter[81]);
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t apart, real time, const fl_room *room,
                    real scatter[81]);

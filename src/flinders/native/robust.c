@@ -277,7 +277,7 @@ static int is_at_minimum(const fl_fit *fit)
     return fit->used && fit->posterior.support.is_whole && fit->steps < FL_STEPS;
 }
 
-/* Reject the far readings, those of runs of them, and all but a part of the rest; counts those that it was otherwise for. */
+/* Reject the far readings, those of runs of them, and all but a part of the rest; counts how many change. */
 static size_t reject(const fl_view *all, int dense, const fl_room *room)
 {
     unsigned char *const in_run = (unsigned char *)room->scratch;

@@ -16,7 +16,7 @@ enum { COARSE = 6, FINE = 5, MODELS = 2 * FL_LANES * COARSE + 1, FEWEST = 20 };
 #define LONGEST ((real)1.5)       /* of the recording: longer memories look the same */
 #define NEGLIGIBLE ((real)1e-4)   /* of all probability */
 #define HOPELESS ((real)14)       /* logarithm, to the base 2, of how much less likely a model is than the best */
-#define DOWNHILL ((real)25)       /* the same of a memory behind which there is no better one: of 94 series, none had one */
+#define DOWNHILL ((real)25)       /* the same of a memory behind which no better one comes: in none of 94 series */
 
 /* The moments of readings, or their rows where times are not known or go back. */
 typedef struct {
@@ -239,8 +239,8 @@ static int add_models(const fl_kernels *kernels, const fl_series *series, int is
     return n;
 }
 
-/* Put the models of a grid behind n others, memory by memory from the middle as long as they are not so much less likely
- * than the best; returns how many there are then. */
+/* Put the models of a grid behind n others, memory by memory from the middle until they are so much less likely than the
+ * best; returns how many there are then. */
 static int add_grid(const fl_kernels *kernels, const fl_series *series, int is_vector, const grid *over, real less,
                     const real bent[9], model *models, int n)
 {

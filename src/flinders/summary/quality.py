@@ -183,8 +183,9 @@ class Steps:
     @classmethod
     def of(cls, axes: Floats) -> Steps:
         """Look at readings axis by axis, (3, N)."""
-        steps = np.diff(axes).ravel()
-        return cls(axes.shape[1] - 1, float(steps @ steps))
+        with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no sensor reads
+            steps = np.diff(axes).ravel()
+            return cls(axes.shape[1] - 1, float(steps @ steps))
 
     def __add__(self, other: Steps) -> Steps:
         return Steps(self.count + other.count, self.squares + other.squares)
@@ -195,7 +196,7 @@ class Steps:
         >>> Steps.of(np.array([[1.0, -1.0, 1.0, -1.0]])).correlation(spread=1.0)
         -1.0
         """
-        return 1.0 - self.squares / (2.0 * self.count * spread**2) if self.count and spread else np.nan
+        return 1.0 - self.squares / self.count / spread / (2.0 * spread) if self.count and spread else np.nan
 
 
 @dataclass(frozen=True, slots=True)
