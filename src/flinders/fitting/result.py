@@ -398,7 +398,8 @@ class Fit(Outcome):
         if not self.states_uncertainty:
             return math.nan
         dip, down = self.known_dip_deg, down_of(self.plane)
-        return level_bound_deg(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
+        bound_deg = level_bound_deg(self.ellipsoid, self.claimed_covariance, dip_deg=dip, down=down)
+        return float(f"{bound_deg:.4g}")  # a file that is read and written again has the same digits
 
     @property
     def heading_words(self) -> str:
