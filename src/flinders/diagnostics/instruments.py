@@ -404,7 +404,7 @@ def _harmonics(heading: Floats) -> Floats:
 
 
 def _less_an_offset(matrices: Floats, field: Floats) -> Floats:
-    """(N,) angles from the mean direction that are left once the offset is taken off with which they are least.
+    """(N,) angles from the mean direction that are left once the offset is removed with which they are least.
 
     What is left across the mean direction is linear in the offset; the direction follows in a few rounds.
     """
