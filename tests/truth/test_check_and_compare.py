@@ -193,7 +193,7 @@ def test_a_recording_too_poor_to_tell_ends_with_3_and_says_what_to_do() -> None:
     ended = flinders_("check", "monday.json", "deck.csv")
     assert ended.code == 3
     assert "with these limits of the recording" in " ".join(ended.out.split())
-    assert "to be sure of all attitudes, hold the sensor with its −z side down" in " ".join(ended.out.split())
+    assert "for all attitudes, hold the sensor with its −z side down" in " ".join(ended.out.split())
 
 
 def test_a_recording_that_cannot_be_fitted_ends_with_4_and_says_what_it_does_show() -> None:

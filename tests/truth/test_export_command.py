@@ -132,7 +132,7 @@ def test_a_limited_calibration_says_what_it_is_not_good_for() -> None:
     assert CliRunner().invoke(main, ["calibrate", "deck.csv", "-o", "deck.json"]).exit_code == 3
     ended = export(*TO, "deck.json", "-o", "deck.txt")
     assert ended.exit_code == 0
-    assert "! limited: directions up to" in ended.stderr
+    assert "! limited: some directions are" in ended.stderr
     assert "# the calibration is limited: worst heading good to" in Path("deck.txt").read_text(encoding="utf-8")
 
 

@@ -274,7 +274,7 @@ def test_a_calibration_without_uncertainty_claims_nothing() -> None:
     assert "Of unknown quality" in found.words
     assert "states no uncertainty" in found.words
     assert "Worst heading off by" not in found.words
-    assert "±" not in found.words.split("How to apply it")[0].split("Offset and matrix")[1].split("What stands")[0]
+    assert "±" not in found.words.split("How to apply it")[0].split("Offset and matrix")[1].split("The number after")[0]
 
 
 def test_a_calibration_of_another_sensor_is_doubted() -> None:

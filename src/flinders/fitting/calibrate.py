@@ -62,9 +62,12 @@ if TYPE_CHECKING:
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
 
-FEWEST_STILL, STILL, LEAST_TILT_DEG = 100, 0.02, 0.5
-"""Readings that tell how an accelerometer tilts, the scatter of |g| up to which they are of a body at rest, and the
-heading error below which it is noise: of a thousand clean accelerometers none came to 0.3°."""
+FEWEST_STILL, STILL = 100, 0.02
+"""Readings that tell how an accelerometer tilts, and the scatter of |g| up to which they are of a body at rest."""
+
+TILT_DEG: Final = (0.5, 10.0)
+"""Heading error below which the tilt is noise: of a thousand clean accelerometers none came to 0.3°; and beyond which no
+accelerometer of this body is off, as a bias of 0.6 m/s² makes 6°: its axes are others, or it never changes."""
 
 SWAP_LAG_ONE: Final = 0.05
 """Correlation of a residual with the next below which no axes were swapped: 1 − 1/1.1² = 17 % of the variance are those
@@ -570,8 +573,10 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Read
     some = samples[: 10 * LOOKED_AT]
     is_inlier = np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond
     some = some[is_inlier]
-    added = tilt_error_deg(calibration.apply(some.field), some.acceleration)  # type: ignore[arg-type]
-    if not added > LEAST_TILT_DEG:
+    lasting = 0.0 if estimate.correlation is None else max(estimate.correlation.lag_one, 0.0)
+    own_deg = math.degrees(estimate.noise * math.sqrt(lasting) / estimate.ellipsoid.radius)
+    added = tilt_error_deg(calibration.apply(some.field), some.acceleration, own_deg=own_deg)  # type: ignore[arg-type]
+    if not TILT_DEG[0] < added < TILT_DEG[1]:
         return math.nan
     from flinders.estimators.accelerometer import scatter_at_rest
 

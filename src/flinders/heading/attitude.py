@@ -155,7 +155,7 @@ def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     return dip
 
 
-def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike) -> float:
+def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: float = 0.0) -> float:
     """Heading error (1 σ) from a vertical that leans as the dip wanders: tan I times its scatter, without its noise.
 
     Noise differs from one reading to the next; a bias of the accelerometer, or axes that sit askew, make the dip follow
@@ -165,6 +165,8 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike) -> float:
     ----------
     field, specific_force : (N, 3)
         Corrected, in the order of recording; of a body that is hardly accelerated.
+    own_deg : float
+        Scatter of the dip that the magnetometer makes by itself from one reading to the next, degrees (1 σ).
 
     Returns
     -------
@@ -183,7 +185,7 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike) -> float:
     if len(dips) < 2:
         return float("nan")
     middle = float(np.median(dips))
-    common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle)))
+    common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle))) - own_deg**2
     return math.sqrt(max(common, 0.0)) * abs(math.tan(math.radians(middle)))
 
 

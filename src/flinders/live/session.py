@@ -14,10 +14,10 @@ True
 >>> session = begin_fit(session)
 >>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(session), seconds=0.01))
 >>> session_state(session).phase, session_state(session).words
-('collecting', 'Almost: the worst heading error to expect is 0.066° (1 σ), the target 1°; hold on a little.')
+('collecting', 'Almost: the worst heading error to expect is 0.066° (95 % within 0.16°), the target 1°; hold on a little.')
 >>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
 >>> session_state(session).phase, session_state(session).words.split(". ")[0]
-('good', 'Good: the worst heading error to expect is 0.066° (1 σ), the target 1°')
+('good', 'Good: the worst heading error to expect is 0.066° (95 % within 0.16°), the target 1°')
 >>> session, replies = step(session, Requested(at=61.0, command=Exclude(start_s=0.0, end_s=30.0)))
 >>> session_state(session).excluded_readings, session_state(session).can_undo
 (1501, True)

@@ -8,7 +8,7 @@ compiles, since every start of the program passes here.
 ``python -m flinders.native.build`` compiles it for this machine.
 
 >>> [source.name for source in sources()][:3]
-['changes.c', 'cloud.c', 'correlation.c']
+['axes.c', 'changes.c', 'cloud.c']
 >>> PLATFORMS["macosx_11_0_arm64"].zig
 'aarch64-macos.11.0'
 """
