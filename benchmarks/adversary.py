@@ -440,7 +440,7 @@ def level(seed: int, of: Sensor, effect: Effect) -> Floats:
 
 
 def headings(corrected: Floats) -> Floats:
-    """(…, 72) headings of level readings (…, 72, 3), their mean error taken off; the error of each, degrees."""
+    """(…, 72) headings of level readings (…, 72, 3), their mean error removed; the error of each, degrees."""
     error = np.angle(np.exp(1j * (np.arctan2(-corrected[..., 1], corrected[..., 0]) - HEADINGS)))
     mean = np.angle(np.exp(1j * error).mean(axis=-1, keepdims=True))
     off: Floats = np.degrees(np.angle(np.exp(1j * (error - mean))))

@@ -363,7 +363,7 @@ def onboard_table() -> Iterator[str]:
 
 
 def on_board() -> Calibration:
-    """The calibration that was on board, for readings with nothing taken off."""
+    """The calibration that was on board, for readings with nothing removed."""
     offset, diagonal, (xy, xz, yz) = ONBOARD
     matrix = np.diag(diagonal) + np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
     return Calibration(matrix, -0.1 * np.array(offset), 50.0)

@@ -102,7 +102,7 @@ def judged(made: Sequence[Specimen]) -> Iterator[Counter[str]]:
 
 
 def off_deg(made: Specimen, offset: Floats, matrix: Floats) -> float:
-    """Worst error of a level heading, in degrees, by the truth; the mean over all headings taken off."""
+    """Worst error of a level heading, in degrees, by the truth; the mean over all headings removed."""
     headings = np.radians(np.arange(0.0, 360.0, 3.0))
     attitudes = simulate.posed(headings, 0.0, 0.0)
     world = made.field_strength * simulate.north_and_down(DIP_DEG)

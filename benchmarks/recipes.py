@@ -2,7 +2,7 @@
 
     python -m benchmarks.recipes [--trials 40] [--sigma 0.5] [--methods auto,minmax] [--processes 2]
 
-First table: true heading error of a level turn (rms over trials and headings, its mean taken off) on the sets of
+First table: true heading error of a level turn (rms over trials and headings, its mean removed) on the sets of
 `benchmarks.datasets`; in brackets how many of the trials gave no calibration at all, if any. The emulations that need
 no gyro (`benchmarks.emulations`) are in it, too. Second table: real
 recordings, whose truth nobody knows: the cross-validated heading error (rms, ten blocks of time), and in brackets how

@@ -385,7 +385,7 @@ def _together(one: Scored, size: int) -> float:
 
 
 def tilted_error_deg(answer: Answer, recording: Simulated, tilt_deg: float) -> float:
-    """Heading error (rms, less its mean) over headings and sides to lean to, with the true tilt taken off."""
+    """Heading error (rms, less its mean) over headings and sides to lean to, with the true tilt removed."""
     offset, matrix = answer
     heading, side = (grid.ravel() for grid in np.meshgrid(np.arange(36) * np.pi / 18, np.arange(8) * np.pi / 4))
     leans = math.radians(tilt_deg) * np.stack([np.cos(side), np.sin(side), np.zeros(len(side))], axis=1)

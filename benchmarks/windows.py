@@ -4,13 +4,13 @@
 
 Each recording that gives a calibration to 1.3° is cut into 2, 4 and 8 parts, each is fitted by itself, and its heading
 error is that against the fit of the whole: an eighth of a tumble is often a turn about nearly one axis. *Corrected
-before* are the same parts with the readings corrected by the whole first, *offset alone* with its offset taken off, as
+before* are the same parts with the readings corrected by the whole first, *offset alone* with its offset removed, as
 much firmware does: what is then applied should make no compass worse.
 
 *Ratio* is the worst level heading difference over the combined claim of part and whole: where claims are true, 1.2 in
 the median and 2.1 at 90 %. *Made worse* counts parts whose calibration is off by more than the readings themselves, by
 more than twice that claim. Recordings are looked for as `benchmarks.recordings` does; what a place does to the strength
-of the field is taken off. The first table has whole recordings of one board: the root mean square of their difference
+of the field is removed. The first table has whole recordings of one board: the root mean square of their difference
 over the claim of it, of all nine parameters and without the strength.
 """
 
@@ -70,7 +70,7 @@ def fitted(samples: Samples) -> Fit | None:
 
 
 def off_deg(fit: Fit, whole: Fit) -> float:
-    """Worst level heading difference, the strength of the field taken off."""
+    """Worst level heading difference, the strength of the field removed."""
     ours, theirs = fit.ellipsoid.parameters, whole.ellipsoid.parameters
     apart = difference(ours, theirs)
     return level_error(whole.ellipsoid, np.outer(apart, apart), dip_deg=60.0).worst

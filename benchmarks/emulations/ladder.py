@@ -15,7 +15,7 @@ with 2 %, so that richer solvers and fresh readings take over.
 
 Reproduced of ``magnetic.c``: the 12 × 24 bins by the tangents x/z and y/z of readings corrected with what is in
 use, the 240 latest of them, the mesh of 5 µT while the buffer fills [1]_; the numbers of readings, the interval,
-the floors, the aging and the rules as MotionCal has them [2]_; the first reading of the buffer taken off and 50 µT
+the floors, the aging and the rules as MotionCal has them [2]_; the first reading of the buffer removed and 50 µT
 for unit, and eigenvectors of unit length for 7 and 10 elements (AN4246, AN5019).
 
 Not reproduced: integer counts and their rounding; time slices, during which the buffer is closed; MotionCal's own

@@ -152,7 +152,7 @@ class NoMagnetometer(InputError):
 
 
 class NoAccelerometer(InputError):
-    """A readable recording in which no accelerometer was recognised, and tilt cannot be taken off without one."""
+    """A readable recording in which no accelerometer was recognised, and tilt cannot be removed without one."""
 
     code = "no-accelerometer"
 

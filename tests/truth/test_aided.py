@@ -46,7 +46,7 @@ def shape_of(true: Simulated) -> Floats:
 
 
 def heading_error_deg(found: Aided, true: Simulated) -> float:
-    """Rms over a level turn, its mean taken off."""
+    """Rms over a level turn, its mean removed."""
     _, fields = level_turn(DIP_DEG)
     corrected = found.corrected(true.sensor.offset + fields.T @ shape_of(true).T).T
     error = np.exp(1j * (np.arctan2(-corrected[1], corrected[0]) - np.arctan2(-fields[1], fields[0])))

@@ -37,7 +37,7 @@ def swayed(seed: int) -> Simulated:
 
 
 def heading_error_deg(found: Aided, true: Simulated) -> float:
-    """Rms over a level turn, its mean taken off, in the magnetometer's own axes."""
+    """Rms over a level turn, its mean removed, in the magnetometer's own axes."""
     _, fields = level_turn(60.0)
     readings = true.sensor.offset + true.field_strength * fields.T @ np.asarray(true.sensor.matrix).T
     corrected = np.linalg.solve(found.parameters.shape, (readings - found.parameters.offset).T)

@@ -130,7 +130,7 @@ def test_the_heading_of_a_level_vehicle_errs_as_the_closed_form_says(dip_deg: fl
     _, covariances, ellipsoids = trials()
     claims = [level_error(e, c, dip_deg=dip_deg).rms for e, c in zip(ellipsoids, covariances, strict=True)]
     assert float(np.sqrt(np.mean(np.square(claims)))) == pytest.approx(wanted, rel=0.03)
-    # What its heading then errs by, the mean over all headings taken off.
+    # What its heading then errs by, the mean over all headings removed.
     heading, directions = level_turn(dip_deg)
     readings = np.array([[20.0], [120.0], [90.0]]) + FIELD * directions
     squares = []

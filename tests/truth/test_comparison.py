@@ -137,7 +137,7 @@ def test_two_rotations_that_differ_are_said_to_and_are_no_verdict_on_the_ellipso
 
 
 def test_an_offset_beyond_the_field_is_no_constant_heading() -> None:
-    """Where the heading no longer goes round, the difference is all angles, not a mean to be taken off."""
+    """Where the heading no longer goes round, the difference is all angles, not a mean to be removed."""
     one = Fit(Calibration(np.eye(3), np.zeros(3), 50.0))
     for far in (200.0, 1e200):
         found = compare(one, changed(one, offset=np.array([far, 0.0, 0.0])))

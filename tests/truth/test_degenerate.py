@@ -62,7 +62,7 @@ def answered(field: Floats, method: str) -> flinders.Fit | None:
 
 
 def heading_error(fit: flinders.Fit, shape: Floats) -> float:
-    """Worst error in degrees of the heading of a level vehicle at dip 60°, the mean taken off."""
+    """Worst error in degrees of the heading of a level vehicle at dip 60°, the mean removed."""
     heading, directions = level_turn(60.0)
     x, y, _ = fit.calibration.matrix @ (
         CENTRE[:, np.newaxis] + shape @ directions - fit.calibration.offset[:, np.newaxis]

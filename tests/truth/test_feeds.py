@@ -294,7 +294,7 @@ def test_ardupilots_readings_come_without_its_correction() -> None:
         readings, events = asked(feed, enough)
         assert one.asked == {27, 26}
     assert events[0].kind == "connected"
-    assert "its correction is taken off: COMPASS_OFS" in events[0].words
+    assert "its correction is removed: COMPASS_OFS" in events[0].words
     corrected = Parameters.read(HELD).apply(10 * readings.field)  # what it sent, in mG
     np.testing.assert_allclose(corrected, np.round(corrected), atol=1e-3)
     np.testing.assert_allclose(corrected[:, 1:], [[-30, 450]] * len(readings), atol=1e-3)
@@ -370,7 +370,7 @@ def test_telemetry_is_kept() -> None:
     with sky(held=HELD) as (_, vehicle), ToFile("out.csv") as sink:
         readings, _ = asked(RecordedFeed(Telemetry(vehicle), sink), enough)
     np.testing.assert_allclose(read("out.csv").field, readings.field, rtol=1e-8)
-    assert "# 0.0 s: compass 1 of ArduPilot, system 1: its correction is taken off" in Path("out.csv").read_text()
+    assert "# 0.0 s: compass 1 of ArduPilot, system 1: its correction is removed" in Path("out.csv").read_text()
 
 
 def test_bytes_that_are_no_packets_do_no_harm() -> None:

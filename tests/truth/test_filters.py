@@ -42,7 +42,7 @@ def circle(step_deg: float, rows: int = 4000) -> Floats:
 
 
 def off_deg(fit: flinders.Fit, sensor: simulate.Sensor) -> float:
-    """Heading error (rms) in degrees of a level vehicle at dip 60°, the mean taken off."""
+    """Heading error (rms) in degrees of a level vehicle at dip 60°, the mean removed."""
     _, directions = level_turn(60.0)
     raw = sensor.offset[:, np.newaxis] + 50.0 * sensor.matrix @ directions
     matrix, offset = sensor.correction

@@ -63,7 +63,7 @@ def best_heading_deg(recording: Simulated) -> float:
 
 
 def headings_off(fit: Fit, recording: Simulated, tilt_deg: float) -> Floats:
-    """Heading errors, rad, of a vehicle that is tilted either way and knows how far; the mean of level ones taken off.
+    """Heading errors, rad, of a vehicle that is tilted either way and knows how far; the mean of level ones removed.
 
     `fit` of `recording`, in a field of dip 60°.
     """

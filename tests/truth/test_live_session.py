@@ -280,7 +280,7 @@ def test_a_limited_calibration_says_up_to_which_tilt_it_holds() -> None:
 def test_who_turned_it_level_is_told_to_tilt_it_and_not_to_keep_it_level() -> None:
     session = after(simulate.tumble(seed=1, motion="level", noise=0.05).samples)
     assert session_state(session).phase == "limited"
-    assert "held level" in session_state(session).words
+    assert "while level" in session_state(session).words
     assert session.view is not None
     assert session.view.guidance is not None
     assert session.view.guidance.words.endswith("turn it tilted and upside down too")

@@ -152,7 +152,7 @@ def test_the_claim_covers_the_error(iron: str, motion: str, n: int) -> None:
 
 
 def heading_rms(fit: flinders.Fit, iron: Floats) -> float:
-    """Error in degrees of the heading of a level vehicle at dip 60°, the mean taken off."""
+    """Error in degrees of the heading of a level vehicle at dip 60°, the mean removed."""
     heading, directions = level_turn(60.0)
     raw = HARD_IRON[:, np.newaxis] + 50.0 * iron @ directions
     x, y, _ = fit.calibration.matrix @ (raw - fit.calibration.offset[:, np.newaxis])
@@ -334,7 +334,7 @@ def test_minmax_prints_the_cars_table_and_writes_a_file(tmp_path: Path) -> None:
     npt.assert_allclose(flinders.Calibration.load(path).offset, [-29.5, 0.5, -4.0])
     piped = calibrate("--minmax", ",".join(map(str, CAR)), "-o", "-")
     assert json.loads(piped.stdout)["calibration"]["offset"] == [-29.5, 0.5, -4.0]
-    assert "nobody knows" in piped.stderr
+    assert "accuracy not known" in piped.stderr
 
 
 def test_minmax_as_json_has_the_keys_of_a_fit() -> None:

@@ -406,7 +406,7 @@ def test_relatives_that_are_not_read_are_told_apart(head: bytes, says: str, tmp_
 
 
 def log_of(path: Path, beginning: float = 50.0) -> Log:
-    """Two magnetometers that were logged with an offset of (1, 2, 3) µT taken off, the second a second later."""
+    """Two magnetometers that were logged with an offset of (1, 2, 3) µT removed, the second a second later."""
     truth = simulate.tumble(seed=4).samples.field[:ROWS]
     stored = Stored(np.eye(3), np.array([1.0, 2.0, 3.0]), words="OFFSET 1, 2, 3 µT")
 

@@ -1,4 +1,4 @@
-"""Telemetry logs, written here by pymavlink: what is certain of their readings, and what is taken off them."""
+"""Telemetry logs, written here by pymavlink: what is certain of their readings, and what is removed them."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_motor_compensation_is_taken_off_by_what_was_sent(by: str, kind: float, 
         log.at += 0.2
     (found,) = heard(log.content, tmp_path).instruments
     assert np.abs(10 * all_of(found) - raw).max() < 1.5
-    assert any(f"is taken off by the {by} that was sent" in note for note in found.notes)
+    assert any(f"is removed by the {by} that was sent" in note for note in found.notes)
     assert "; COMPASS_MOT 20, -5, 7 mG" in found.describe()
     assert np.abs(10 * all_of(found) - raw).mean() < 0.6
 

@@ -60,7 +60,7 @@ def read(headings_deg: Floats, seed: int = 1, noise: float = 0.25) -> Floats:
 
 
 def off_deg(calibration: Calibration, compass: TwoAxis = COMPASS) -> Floats:
-    """(360,) error of the heading of a level vehicle, the mean taken off."""
+    """(360,) error of the heading of a level vehicle, the mean removed."""
     heading = np.radians(np.arange(360.0))
     exact = np.zeros((360, 3))
     exact[:, :2] = LEVEL_UT * np.stack([np.cos(heading), -np.sin(heading)], axis=1) @ compass.matrix.T + compass.offset
@@ -388,7 +388,7 @@ def swept(
 
 
 def level_off_deg(calibration: Calibration, sensor: simulate.Sensor) -> Floats:
-    """(72,) error of the heading of a level vehicle at dip 60°, the mean taken off."""
+    """(72,) error of the heading of a level vehicle at dip 60°, the mean removed."""
     heading, directions = level_turn(60.0)
     x, y, _ = calibration.apply(50.0 * directions.T @ sensor.matrix.T + sensor.offset).T
     phasors = np.exp(1j * (np.arctan2(-y, x) - heading))

@@ -540,7 +540,7 @@ def test_what_limits_a_level_turn_is_told_with_angles() -> None:
     advice = only(level(), "level-plane").advice
     assert re.match(
         r"a level turn, corrected in x and y only, for places where the field dips as here: "
-        r"good to 0\.\d+° held level; tilted, ",
+        r"good to 0\.\d+° while level; tilted, ",
         advice,
     )
     assert re.search(

@@ -200,7 +200,7 @@ def test_a_level_turn_is_told_what_it_is_good_for() -> None:
     assert seen.guidance is not None
     assert seen.guidance.direction is None
     assert "all the way round" in seen.guidance.words
-    assert "held level" in seen.sentence
+    assert "while level" in seen.sentence
 
 
 def test_what_is_not_finite_is_null_in_json() -> None:

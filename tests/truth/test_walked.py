@@ -1,4 +1,4 @@
-"""The noise of a gyro, drawn many times: the mean gradient it makes is the one that is taken off."""
+"""The noise of a gyro, drawn many times: the mean gradient it makes is the one that is removed."""
 
 from __future__ import annotations
 

@@ -474,7 +474,7 @@ class Place(Group, heading=SITE):
 
 
 class Accelerometer(Group, heading=AIDING):
-    """Whether tilt is taken off, and by which columns."""
+    """Whether tilt is removed, and by which columns."""
 
     is_level: bool = flag("--level", "Use x and y alone: the sensor is never tilted.")
     acceleration: str | None = member(

@@ -64,7 +64,7 @@ class Smoother:
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """What is done to samples before they are corrected: disturbances are taken off, then they are filtered."""
+    """What is done to samples before they are corrected: disturbances are removed, then they are filtered."""
 
     compensator: Compensator
     smoother: Smoother | None = None
@@ -295,7 +295,7 @@ def open_log(
     is_level = accelerometer.is_level
     bias = None if is_level or fit.aiding is None else fit.aiding.acceleration_bias
     if bias is not None:
-        say(f"{bias_words(bias)}, by {calibration}: taken off")
+        say(f"{bias_words(bias)}, by {calibration}: removed")
     compass = Compass(fit.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
     return HeadingLog(fit, opened, compass, Preparation.of(compensator, by), site, dip_deg)
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Heading(option.Group):
-    """A calibration and a log, what is known of its site, and how tilt is taken off."""
+    """A calibration and a log, what is known of its site, and how tilt is removed."""
 
     calibration: str = option.argument("CALIBRATION")
     log: str = option.argument("LOG")
@@ -41,7 +41,7 @@ class Heading(option.Group):
     fixed: tuple[str, ...] = option.fixed()
     formula: str = option.member(
         "--formula", heading=option.METHOD, type=click.Choice(["exact", "an4248", "an3192"]), default="exact",
-        show_default=True, help="How tilt is taken off; all but exact are for comparison.",
+        show_default=True, help="How tilt is removed; all but exact are for comparison.",
     )  # fmt: skip
     by: Filter | None = option.smoothing()
     force: bool = option.force()
@@ -63,7 +63,7 @@ Example:
 def command(options: Heading) -> int:
     """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
 
-    It is the heading of the sensor's x axis, clockwise from magnetic north, with the tilt taken off by the
+    It is the heading of the sensor's x axis, clockwise from magnetic north, with the tilt removed by the
     accelerometer in LOG at any attitude. With --at it is also counted from true north. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """

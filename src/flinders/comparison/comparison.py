@@ -145,7 +145,7 @@ class Comparison:
     Attributes
     ----------
     heading_difference_deg : HeadingError
-        Of a level vehicle: rms over 72 headings and the worst, the mean taken off.
+        Of a level vehicle: rms over 72 headings and the worst, the mean removed.
     heading_mean_deg : float
         That mean: it looks like a mounting that has turned.
     claimed_deg : HeadingError or None

@@ -3,7 +3,7 @@
 Each turn gives a symmetric matrix, and the product of symmetric matrices is not symmetric. Its rotation is of second
 order in the soft iron; no turn in a plane sees it. With the composed matrix W = R S, R the rotation and S symmetric, a
 sensor whose soft iron is symmetric has the inverse of S, so that R is what the composition makes of it. What R lends
-from the vertical field to the axes of a turn, the offset of that turn has taken off: along each of its axes i, turned
+from the vertical field to the axes of a turn, the offset of that turn has removed: along each of its axes i, turned
 about k, it is wrong by −R_ik sin I in units of the field. A level vehicle sees what is left of both.
 
 >>> tilted = np.array([[1.0, 0.0, 0.02], [0.0, 1.0, 0.0], [-0.02, 0.0, 1.0]])
@@ -41,7 +41,7 @@ THEN: Final = ", then "
 """Between the methods of turns that were made one after the other."""
 
 FAR: Final = 0.2
-"""Of the field: an offset that is smaller does not tell whether it has been taken off, as soft iron lends as much."""
+"""Of the field: an offset that is smaller does not tell whether it has been removed, as soft iron lends as much."""
 
 TOO_FAR: Final = 0.5
 """Of the field: what soft iron does not lend to a turn that follows others; a vehicle has more for a sensor put in."""

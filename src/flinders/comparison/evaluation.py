@@ -49,7 +49,7 @@ class Evaluation:
     Attributes
     ----------
     heading_error_deg : HeadingError
-        Of a level vehicle: rms over 72 headings and the worst, the mean taken off.
+        Of a level vehicle: rms over 72 headings and the worst, the mean removed.
     heading_mean_deg : float
         That mean: it looks like a mounting that has turned.
     claimed_heading_deg : HeadingError or None
@@ -239,7 +239,7 @@ class _Met:
         return corrected
 
     def heading_errors(self, dip_deg: float) -> tuple[Floats, float]:
-        """(72,) errors over a level turn with their mean taken off, and the mean, in rad."""
+        """(72,) errors over a level turn with their mean removed, and the mean, in rad."""
         heading, directions = level_turn(dip_deg)
         return heading_errors(self.corrected(directions), heading)
 

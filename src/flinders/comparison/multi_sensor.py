@@ -706,7 +706,7 @@ def _of_axes(together: Together, member: Member) -> Iterator[Finding]:
     if member.is_mirrored:
         yield _certain("mirrored-sensor", {"handedness": -1.0}, **words, who=_handed(together))
     worst = float(member.rotation_sigma_deg.max())
-    where = "" if together.in_body else "; how those sit in the vehicle is unseen"
+    where = "" if together.in_body else "; their mounting in the vehicle is not known"
     turned = {"is_turned": 1.0, "rotation_sigma_deg": worst, "off_axes_deg": member.off_axes_deg}
     yield _certain("turned-to", turned, **words, where=where)
     decades = round(math.log10(member.size))
@@ -730,7 +730,7 @@ def _of_clock(member: Member, reference: str) -> Iterator[Finding]:
 
 
 def _of_departures(together: Together, place: int, target_deg: float) -> Iterator[Finding]:
-    """When it departs from the others, or one of two does of which it may be the one."""
+    """When it deviates from the others, or one of two does of which it may be the one."""
     runs = [run for run in together.agreement.departures if run.sensor == place]
     if runs:
         numbers = {

@@ -160,14 +160,14 @@ class Pairs:
 class Differences:
     """Difference of the second ellipsoid of each pair from the first, and 1 σ of it if both covariances are right.
 
-    Headings are those of a level vehicle over a whole turn, the mean taken off; all attributes are (n,) float.
+    Headings are those of a level vehicle over a whole turn, the mean removed; all attributes are (n,) float.
     """
 
     rms_deg: Floats  # difference in heading, rms over the turn and the worst
     worst_deg: Floats
     sigma_rms_deg: Floats  # 1 σ of the difference: rms over the turn, and at the worst heading
     sigma_deg: Floats
-    mean_deg: Floats  # the mean that was taken off: it looks like a mounting that has turned
+    mean_deg: Floats  # the mean that was removed: it looks like a mounting that has turned
     offset_deg: Floats  # at the worst heading, of the difference of the offset alone
     offset_sigma_deg: Floats
     matrix_deg: Floats  # at the worst heading, of the difference of the matrix alone

@@ -340,7 +340,7 @@ def _spans(readings: Floats, ellipsoid: Ellipsoid, time: Floats, *, is_own: bool
 
 
 def _time_of_noise(left: Floats, jacobian: Floats, time: Floats) -> float:
-    """Readings that say as much as one independent one, once a walk of a few spans was taken off them."""
+    """Readings that say as much as one independent one, once a walk of a few spans was subtracted from them."""
     residuals = Residuals(left - _in_pieces(left, jacobian, time), jacobian, [np.arange(len(left))])
     return max(1.0, time_of(residuals.autocovariance()))
 

@@ -7,7 +7,7 @@ Minimises the sum of the squares of all residuals, each in its own standard devi
 and a direction of the field for each group of readings that shares one, see `flinders.likelihood.observations`.
 Levenberg–Marquardt on the normal equations of all groups, their directions eliminated; the noise of readings and of
 verticals comes from their residuals (components of variance: each sum of squares over the residuals that are left
-free); then the mean gradient that noise makes on the sphere is taken off, as for `Likelihood`.
+free); then the mean gradient that noise makes on the sphere is removed, as for `Likelihood`.
 
 When to use it: wherever the body cannot be turned all over and there is a gyro, an accelerometer, or an attitude that
 does not come from this compass. All claims are for what the recording shows: a gyro says nothing of the rotation

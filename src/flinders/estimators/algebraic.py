@@ -40,7 +40,7 @@ class Algebraic:
     ``"trace"``
         tr Q = 3: moving, turning and scaling the readings does the same to the answer. The default.
     ``"unit"``
-        The ten coefficients have unit length after the mean is taken off and the readings are
+        The ten coefficients have unit length after the mean is removed and the readings are
         divided by their root mean square distance from it.
     ``"nxp"``
         The same after taking the first reading off and dividing by 50: NXP's and Freescale's

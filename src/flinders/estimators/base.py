@@ -3,7 +3,7 @@
 A closed form claims what independent residuals would allow, and residuals of real recordings are not independent. A
 sphere through the readings of an ellipsoid, or plain least squares on half a sphere, is wrong by far more than its
 scatter says. The likelihood of the same readings is there to be asked: how residuals are correlated it has found, and
-both fits can be compared with each other: what chance explains of the difference is taken off, the rest joins the
+both fits can be compared with each other: what chance explains of the difference is removed, the rest joins the
 claim.
 """
 

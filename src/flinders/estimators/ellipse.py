@@ -21,7 +21,7 @@ class Ellipse:
     """Ellipse of the readings in one plane: two offsets, two scales and their skew.
 
     Minimises Σ s²/σ² as `Likelihood` does, s the distance of a reading from the ellipse to first order, with the
-    bias of curvature taken off, and robustly where the residuals ask for it. How the readings are spread around does
+    bias of curvature removed, and robustly where the residuals ask for it. How the readings are spread around does
     not matter: an arc, a turn that stops or 1.2 turns give the same ellipse, with the uncertainty that is theirs.
 
     Use it in place of `TwoAxisRecipe` wherever headings were not equally spaced, and for a sweep about x or y.

@@ -8,10 +8,10 @@ to it:
 - residuals of single readings are correlated in time, as in `flinders.estimators.covariance`;
 - stretches of the recording differ by more than that explains: the factor `excess_variance`.
 
-Noise-induced information is taken off, as `flinders.likelihood.identifiability` does for the magnitude alone. A
+Noise-induced information is removed, as `flinders.likelihood.identifiability` does for the magnitude alone. A
 reading's Jacobian is taken where its noise has put the field's direction q, and an accelerometer's noise stands in
 the vertical d itself. Both move the Jacobian, and the squares of what they move add up in JᵀJ to information that is
-not there. With the Jacobian J(q, d), the group's own direction taken off, it is
+not there. With the Jacobian J(q, d), the group's own direction removed, it is
 
     Σ (∂J/∂ε)ᵀ (∂J/∂ε)
 
@@ -306,7 +306,7 @@ def _walks(rows: ObservationRows, residual: Floats, pushes: Floats, pulled: Floa
 
 
 def _lifted(rows: ObservationRows, pushes: Floats) -> float:
-    """Σ squares of verticals' residuals that a walk of one rad² a reading makes, the windows' directions taken off."""
+    """Σ squares of verticals' residuals that a walk of one rad² a reading makes, the windows' directions removed."""
     own = rows.own.reshape(len(rows.own), -1, 2)
     inverse = inverse_of(np.swapaxes(own, 1, 2) @ own)
     upright, raised = rows.own[:, 3:], pushes[:, 3:]

@@ -169,7 +169,7 @@ class Heights:
     def of(cls, field: Floats, centre: Floats, noise: float) -> Self:
         """Least squares through (N, 3) readings, without those whose height is astray.
 
-        The noise of x and y makes a slope smaller; it is taken off the scatter.
+        The noise of x and y makes a slope smaller; it is subtracted from the scatter.
 
         >>> turn = np.radians(np.arange(0, 360, 10.0))
         >>> plane = np.stack([np.cos(turn), np.sin(turn), 5.0 + 0.2 * np.cos(turn)], axis=1)

@@ -242,7 +242,7 @@ def _left(design: Floats, targets: Floats) -> Floats:
 
 
 def _rounded(field: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(N, 3) readings about the ellipsoid's centre, its shape taken off."""
+    """(N, 3) readings about the ellipsoid's centre, its shape removed."""
     seen: Floats = np.linalg.solve(ellipsoid.shape, (field - ellipsoid.centre).T).T
     return seen
 

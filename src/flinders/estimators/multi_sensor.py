@@ -6,7 +6,7 @@ Minimises over all sensors i and moments k, each sensor in its own noise σᵢ,
 
 with R = 1 for the reference. Each direction qₖ is eliminated (`flinders.likelihood.sensors`): of 3m readings 3m −
 2 are left, m of them lengths, and 2(m − 1) that hold the directions of the sensors against each other. The σᵢ come from
-their residuals by Fisher's scoring, the mean gradient that noise makes on the sphere is taken off
+their residuals by Fisher's scoring, the mean gradient that noise makes on the sphere is removed
 (`flinders.likelihood.solver`), and a reading that does not belong to the others is left out.
 
 What it gives: how the sensors are turned against each other, and to each what the others know. Readings of two sensors

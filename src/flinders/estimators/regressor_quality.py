@@ -44,7 +44,7 @@ what the fit leaves, and Q the columns by which κ w moves r, less what the fit'
 
     κ = (QᵀQ)⁻¹ Qᵀr,        χ² = rᵀQ B⁻¹ Qᵀr,        B = cov Qᵀr
 
-with three degrees of freedom, B allowing for residuals that are correlated once κ w is taken off. `curvature` is the
+with three degrees of freedom, B allowing for residuals that are correlated once κ w is removed. `curvature` is the
 size of κ w over that of P c, over the range of the disturbance and at its reference: a sixth for a field that goes with
 c² from 0 on.
 
@@ -135,7 +135,7 @@ def curvature(values: Floats, residuals: Residuals, sensitivity: Floats, per_uni
 
 
 WINDOWS: Final = (15, 45, 135)
-"""Readings whose mean is taken off: what is left is fast. Real changes in it are followed, and do not count.
+"""Readings whose mean is removed: what is left is fast. Real changes in it are followed, and do not count.
 
 The longer ones see a meter that holds its value; the longest stays far from the whole course, which every fit follows.
 """

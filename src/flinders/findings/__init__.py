@@ -64,7 +64,7 @@ def action(code: str) -> str:
     """What to do about a finding or an error that many units have; empty where the catalogue does not say.
 
     >>> action("coverage"), action("unit")
-    ('turn the sensor so that the unseen directions are seen too', 'give all files of a unit in one unit of field')
+    ('turn the sensor through the directions without readings too', 'give all files of a unit in one unit of field')
     """
     row = CATALOGUE.get(code)
     if row is None:

@@ -116,12 +116,12 @@ ROWS: Final = (
         ),
         rule=Rule("is_typed", (Grade("limits", 0.0),), number="unturned_deg", limit=Limit(1.0, "target_deg")),
         said=(
-            "six typed numbers: nobody knows how many readings they are the extremes of, how noisy those were or "
+            "six typed numbers: they do not show how many readings they are the extremes of, how noisy those were or "
             "how far the turn went, so no heading error can be claimed; {turn}Check it on known bearings, and "
             "record the readings where that can be done"
         ),
         plain=(
-            "There was no recording, only the smallest and the largest reading of each axis. Nobody knows how "
+            "There was no recording, only the smallest and the largest reading of each axis, which do not show how "
             "good the correction is; if the sensor was not turned all the way, the compass may be off by {angle} "
             "or more."
         ),
@@ -141,7 +141,7 @@ ROWS: Final = (
         said="composed of turns ({turns}){composition}",
         plain=(
             "The correction was put together from turns in one plane after the other. What they leave out costs a"
-            " level heading {angle}, and nobody knows how good it is at other attitudes."
+            " level heading {angle}; the accuracy at other attitudes is not known."
         ),
         remedy="Record the same turns without a correction, and calibrate from all of them together.",
     ),

@@ -29,8 +29,7 @@ ROWS: Final = (
             "itself"
         ),
         plain=(
-            "Several things that the compass follows rose and fell together, so that nobody knows which of them "
-            "does what."
+            "Several things that the compass follows rose and fell together, so that their effects cannot be separated."
         ),
         remedy="Use the correction where they go along as in the recording, or record again and vary each by itself.",
     ),

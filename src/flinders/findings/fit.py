@@ -135,13 +135,13 @@ ROWS: Final = (
             "good up to the tilt that the advice names, and how fast it gets worse beyond; for all attitudes turn"
             " the sensor as the advice says"
         ),
-        fleet_action="turn the sensor so that the unseen directions are seen too",
+        fleet_action="turn the sensor through the directions without readings too",
         rule=Rule("hole_deg", (Grade("limits", 60.0),)),
         said=(
-            "directions up to {hole_deg:.0f}° from any reading are unseen ({covered:.0%} of the sphere was "
-            "covered): {attitudes}; to be sure of all attitudes, {movement}"
+            "some directions are {hole_deg:.0f}° from the nearest reading ({covered:.0%} of the sphere is "
+            "covered): {attitudes}; for all attitudes, {movement}"
         ),
-        plain="In a large part of all attitudes nothing was recorded, so nobody knows how good it is there.",
+        plain="No readings were taken in a large part of all attitudes, so the accuracy there is not known.",
         remedy="{remedy}",
     ),
     CatalogueRow(

@@ -28,7 +28,7 @@ ROWS: Final = (
             limit=Limit(1.0, "target_deg"),
         ),
         said=(
-            "it departs from the others, by up to {departs_deg}° of heading, for {departs_share:.0%} of the time "
+            "it deviates from the others, by up to {departs_deg}° of heading, for {departs_share:.0%} of the time "
             "({when}), while {why}: something magnetic was near it then, or a current flowed{rests}"
         ),
         plain=(
@@ -141,11 +141,11 @@ ROWS: Final = (
         grades="note",
         number="by how much its clock is behind that of the reference, seconds",
         limit="0",
-        action="nothing; it was taken off to hold them against each other",
+        action="nothing; it was removed to hold them against each other",
         rule=Rule("is_delayed", (Grade("note", 0.0),), number="delay_s", limit=Limit(0.0)),
         said=(
             "its clock is {delay_ms:.0f} ms {behind} that of {reference} (± {delay_sigma_ms:.0f} ms), which was "
-            "taken off to hold them against each other"
+            "removed to hold them against each other"
         ),
         plain="The clock of this sensor is off that of another one by {seconds} s. That was allowed for.",
     ),

@@ -36,7 +36,7 @@ def attitudes(fit: Fit) -> str:
     beyond = [tilt for tilt in (*TILTS, UPSIDE_DOWN) if tilt > limit]
     worse = [f"{angle(fit.tilted_error(tilt).worst)} {_at(tilt)}" for tilt in dict.fromkeys((beyond[0], beyond[-1]))]
     if limit < 1.0:
-        return f"good to {angle(fit.heading_error_deg.worst)} held level; tilted, {', '.join(worse)}"
+        return f"good to {angle(fit.heading_error_deg.worst)} while level; tilted, {', '.join(worse)}"
     return f"within {target:g}° up to {limit:.0f}° of tilt; {', '.join(worse)}"
 
 

@@ -247,7 +247,7 @@ def available(samples: Samples) -> tuple[str, ...]:
 
 
 def change_deg(first: Aided, second: Aided, dip_deg: float) -> float:
-    """By how much two corrections differ in the heading of a level vehicle, rms, their mean difference taken off.
+    """By how much two corrections differ in the heading of a level vehicle, rms, their mean difference removed.
 
     Each in the magnetometer's own axes, whatever the rotation against the body.
     """

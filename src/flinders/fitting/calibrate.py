@@ -36,6 +36,7 @@ from flinders.heading.attitude import tilt_error_deg
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
+from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics, is_flat
@@ -560,13 +561,15 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
     )
 
 
-def _tilt_error_deg(calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
+def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
     """What the tilt by the accelerometer adds to a heading; NaN where it was shaken, or a fit corrects it."""
     samples = readings.recording
     is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
     if is_corrected or not isinstance(samples, Samples) or samples.acceleration is None or len(samples) < FEWEST_STILL:
         return math.nan
     some = samples[: 10 * LOOKED_AT]
+    is_inlier = np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond
+    some = some[is_inlier]
     added = tilt_error_deg(calibration.apply(some.field), some.acceleration)  # type: ignore[arg-type]
     if not added > LEAST_TILT_DEG:
         return math.nan
@@ -638,7 +641,7 @@ def _judged(
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
-        tilt_error_deg=_tilt_error_deg(calibration, readings, aiding),
+        tilt_error_deg=_tilt_error_deg(estimate, calibration, readings, aiding),
         is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,

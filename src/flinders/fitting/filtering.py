@@ -34,8 +34,8 @@ UNKNOWN_DEG: Final = 180.0
 """What a filter may have moved the heading by, where there is nothing to compare it with."""
 
 UNCOMPARED: Final = (
-    "; without the filter there is no calibration to hold this one against, so nobody knows how far the filter has "
-    "moved it: record again, turning slowly"
+    "; without the filter there is no calibration to compare with, so the effect of the filter is not known: "
+    "record again, turning slowly"
 )
 BEYOND: Final = (
     ", more than the {}° that are claimed. A filter takes spikes off, and pulls the readings of a turning sensor "

@@ -90,7 +90,7 @@ def down_of(plane: Plane | None) -> Floats | None:
 
 
 def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
-    """(N,) errors of what (3, N) readings of a level vehicle show at (N,) headings, the mean taken off; and that mean.
+    """(N,) errors of what (3, N) readings of a level vehicle show at (N,) headings, the mean removed; and that mean.
 
     All in rad. An offset of a tenth of the level field is off by its share where the field lies across it:
 

@@ -16,6 +16,7 @@ long as both sensors have the same right-handed axes.
 
 from __future__ import annotations
 
+import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
@@ -183,7 +184,7 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike) -> float:
         return float("nan")
     middle = float(np.median(dips))
     common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle)))
-    return max(common, 0.0) ** 0.5 * abs(float(np.tan(np.deg2rad(middle))))
+    return math.sqrt(max(common, 0.0)) * abs(math.tan(math.radians(middle)))
 
 
 def _unit(values: ArrayLike, name: str) -> Floats:

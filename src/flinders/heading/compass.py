@@ -76,7 +76,7 @@ class Compass:
     acceleration_axes: Axes = AS_THEY_ARE  # what turns the acceleration further than the field
     declination_deg: float | None = None  # added to magnetic headings it gives true ones
     gravity: float | None = None  # length of the acceleration at rest, in its own unit; else the median of each block
-    acceleration_bias: Floats | None = None  # (3,) m/s², read too much in the calibration's axes, and taken off
+    acceleration_bias: Floats | None = None  # (3,) m/s², read too much in the calibration's axes, and removed
 
     def __post_init__(self) -> None:
         """Refuse a name that is none."""

@@ -61,7 +61,7 @@ class DirectionError(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HeadingError:
-    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn taken off.
+    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn removed.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ def level_error(
 
     With the field u(ψ) = (cos I cos ψ, −cos I sin ψ, sin I) in body axes (z down) and the corrected
     reading's error δu = −S⁻¹(δb + δS u), the heading errs by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A
-    constant part is a matter of mounting, which a magnetometer cannot see, and is taken off.
+    constant part is a matter of mounting, which a magnetometer cannot see, and is removed.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def level_error(
 
 
 def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> Floats:
-    """(72, 9) how the heading ψ of a level vehicle changes with (b, S) at each heading, its mean taken off, rad/unit.
+    """(72, 9) how the heading ψ of a level vehicle changes with (b, S) at each heading, its mean removed, rad/unit.
 
     Up to a sign, which no variance sees; parameters as those of `level_error`.
 
@@ -192,7 +192,7 @@ def tilted_error(
 
     The vehicle knows its tilt T, a turn by `tilt_deg` about a horizontal axis, and turns readings back by it. It
     meets the field v = Tᵀu(ψ), reads it with the error δv = −S⁻¹(δb + δS v), and its heading errs as that of a level
-    vehicle does by T δv. What is constant while it is *level* is a matter of mounting and taken off; what the tilt
+    vehicle does by T δv. What is constant while it is *level* is a matter of mounting and removed; what the tilt
     adds, in each of 24 directions, counts.
 
     Parameters
@@ -325,7 +325,7 @@ def alignment_error_deg(sigma_deg: float, *, dip_deg: float = 60.0) -> float:
 def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | None = None) -> HeadingError:
     """What the heading of a level vehicle errs by if its readings are used as they come.
 
-    The heading of b + S u(ψ) less ψ, its mean taken off. Where the offset is larger than the
+    The heading of b + S u(ψ) less ψ, its mean removed. Where the offset is larger than the
     horizontal field the raw heading does not even go round, and the error reaches 180°.
 
     Raises

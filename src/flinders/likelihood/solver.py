@@ -61,7 +61,7 @@ SAME: Final = 1e-2
 """Relative change of a standard deviation that is none."""
 
 CORRECTED: Final = 8
-"""Steps with the mean gradient of the noise taken off."""
+"""Steps with the mean gradient of the noise removed."""
 
 EASED: Final = 0.03
 """Standard deviations: such a step with it is the last, as the next would be shorter than `SETTLED`."""
@@ -192,7 +192,7 @@ class Equations:
         return self.unbiased(-self.bent) + self.prior
 
     def unbiased(self, bias: Floats | float = 0.0) -> NormalEquations:
-        """Normal equations of the groups alone, with the mean gradient of noise taken off, and (P,) another one."""
+        """Normal equations of the groups alone, with the mean gradient of noise removed, and (P,) another one."""
         return NormalEquations(self.matrix, self.gradient - self.bent - bias, 0.0, 0)
 
     def noise_factors(self, parameters: Floats) -> Floats:

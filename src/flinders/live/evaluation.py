@@ -98,11 +98,11 @@ def evaluate(session: Session) -> Evaluated:
 
 
 def _beyond_level(page_view: View, fit: Fit) -> View:
-    """Say what is missing of a calibration that is good held level: more level turns would add nothing."""
+    """Say what is missing of a calibration that is good while level: more level turns would add nothing."""
     is_done = fit.plane and fit.verdict == "limited" and fit.heading_error_deg.worst <= fit.target_deg
     if not is_done or page_view.guidance is None:
         return page_view
-    words = "it is good held level; for headings that hold when it is tilted, turn it tilted and upside down too"
+    words = "it is good while level; for headings that hold when it is tilted, turn it tilted and upside down too"
     return msgspec.structs.replace(page_view, guidance=msgspec.structs.replace(page_view.guidance, words=words))
 
 

@@ -324,7 +324,7 @@ class Telemetry:
     """A compass of a vehicle, as the vehicle sends it to a ground station: a `Feed`.
 
     RAW_IMU and SCALED_IMU hold the first compass, SCALED_IMU2 and SCALED_IMU3 the second and the third, in whole mG.
-    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and taken off.
+    **ArduPilot sends corrected readings in all of them**: the calibration in force is asked for and removed.
     Of others HIGHRES_IMU is preferred, in gauss; it is taken as it comes, and PX4's is corrected already.
     A RAW_IMU that is not ArduPilot's is in counts, as the protocol has it. Whether PX4's SCALED_IMU is corrected is
     **unverified**. Messages are those of `flinders.readers.tlog`.
@@ -389,11 +389,11 @@ class Telemetry:
             known = names(group, self._compass, f"_{axis}" if axis else "")
             parameter = self._vehicle.get(*known, tries=FETCH_TRIES)
             if parameter is None and name in REPORTED:
-                return f"corrected readings: the vehicle does not tell its {known[0]}, by which that is taken off"
+                return f"corrected readings: the vehicle does not tell its {known[0]}, by which that is removed"
             if parameter is not None:
                 values[known[0]] = parameter.value
         self._parameters = ArduPilotParameters.read(values, self._compass)
-        return f"its correction is taken off: {self._parameters.words()}"
+        return f"its correction is removed: {self._parameters.words()}"
 
     def _ask(self) -> None:
         """Ask for the messages; a vehicle that sends them already does no more than that."""

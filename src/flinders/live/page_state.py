@@ -124,7 +124,7 @@ def _as_far_as(view: View) -> str:
     limit = view.attitude_limit_deg
     if limit is None or limit >= LEVEL_DEG:
         return ""
-    tilt = "held level" if limit < 1.0 else f"up to {limit:.0f}° of tilt"
+    tilt = "while level" if limit < 1.0 else f"up to {limit:.0f}° of tilt"
     return f", {tilt}; for more tilt than that, turn it tilted and upside down too"
 
 

@@ -165,7 +165,7 @@ static const fl_support *support_at(const problem *task, fl_posterior *at)
     return &at->support;
 }
 
-/* Solve the equations of readings and prior, with `less` taken off the gradient of the readings. */
+/* Solve the equations of readings and prior, with `less` subtracted from the gradient of the readings. */
 static void solve(const problem *task, fl_posterior *at, const real *less, real step[9])
 {
     real matrix[81], gradient[9], scale[9], scaled[81], largest = 0;

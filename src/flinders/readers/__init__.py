@@ -122,7 +122,7 @@ def open_recording(
     topic : str, optional
         The member of an archive, or the topic of a bag, which is the name of a magnetometer.
     as_logged : bool
-        Of a log, the readings as they were logged; by default the calibration that was in force is taken off.
+        Of a log, the readings as they were logged; by default the calibration that was in force is removed.
     start, end : float, optional
         Only what lies between these times, in seconds from the beginning of the recording, or of the log.
     flat : str, optional

@@ -300,7 +300,7 @@ def rows_of(texts: list[str], lines: Sequence[int], grid: Grid) -> NumberRows:
 
 
 def split(text: str, delimiter: str) -> list[str]:
-    """Cut a line into cells, quotes taken off and spaces around them left on."""
+    """Cut a line into cells, quotes removed and spaces around them left on."""
     if text.endswith(CUT_OFF):
         return [text]
     if delimiter == SPACES:

@@ -290,7 +290,7 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
     yield "readings were logged in whole mG, cut towards zero"
     changes = int(np.count_nonzero(np.any(np.diff(offsets, axis=0), axis=1) | (np.diff(compass.stage) > 0)))
     if changes:
-        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time taken off"
+        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time removed"
     elif in_force.is_identity and not motor.any():
         yield "no calibration was in force: readings are as they were measured"
     if np.any(offsets[-1] != compass.parameters[int(compass.stage[-1])].offset):
@@ -301,7 +301,7 @@ def _remarks(compass: _Compass, values: Mapping[str, float], number: int, ill: i
     if motor.any():
         largest = float(np.linalg.norm(motor, axis=1).max())
         order = "" if np.array_equal(in_force.iron, np.eye(3)) else ", as newer firmware adds it: after DIA and ODI"
-        yield f"its motor compensation of up to {largest:.0f} mG is taken off{order}"
+        yield f"its motor compensation of up to {largest:.0f} mG is removed{order}"
     if ill:
         yield f"{counted(ill, 'reading')} of an unhealthy compass left out"
     yield from unused(values, number)
@@ -490,7 +490,7 @@ READERS: Final = (
         "dataflash",
         "ArduPilot DataFlash",
         (".bin", ".log"),
-        "each compass, with the calibration in force taken off, and what the vehicle logged beside it",
+        "each compass, with the calibration in force removed, and what the vehicle logged beside it",
         pattern=BEGINS,
         log=open_dataflash,
     ),

@@ -392,7 +392,7 @@ def _remarks(
     if message == RAW_IMU:
         yield "ArduPilot sends corrected readings in RAW_IMU, too"
     if changes := len(compass.parameters) - 1:
-        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time taken off"
+        yield f"its parameters changed {counted(changes, 'time')}: each reading has those of its time removed"
     elif in_force.is_identity:
         yield "no calibration was in force: readings are as they were measured"
     if in_force.has_disturbances:
@@ -401,7 +401,7 @@ def _remarks(
             yield f"its motor compensation (COMPASS_MOT) stays on the readings: the {by} it goes by is not in the log"
         else:
             yield (
-                f"its motor compensation (COMPASS_MOT) is taken off by the {by} that was sent, which is told less "
+                f"its motor compensation (COMPASS_MOT) is removed by the {by} that was sent, which is told less "
                 "often than it acts: read the vehicle's own log (.bin) where the motors ran"
             )
     yield from unused(values, in_force.compass)
@@ -467,7 +467,7 @@ READERS: Final = (
         "tlog",
         "MAVLink telemetry",
         (".tlog",),
-        "each compass that a ground station heard of, with the calibration taken off where it heard that too",
+        "each compass that a ground station heard of, with the calibration removed where it heard that too",
         starts=(b"\x00",),  # of a time before the year 4000
         sniff=begins_with_packet,
         log=open_tlog,

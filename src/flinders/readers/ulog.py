@@ -3,8 +3,8 @@
 Three topics may hold a magnetometer, and each is offered where it holds more than the one before it:
 
 - ``sensor_mag``, one instance a compass, in gauss and in the axes of the sensor. From version 1.12 on it is what the
-  compass read; up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is taken off here.
-- ``vehicle_magnetometer``: corrected and in the axes of the vehicle. The correction is taken off with the parameters
+  compass read; up to 1.11 the driver had applied CAL_MAGn_SCALE and OFF to it, which is removed here.
+- ``vehicle_magnetometer``: corrected and in the axes of the vehicle. The correction is removed with the parameters
   of the compass that it says, or the one that ``sensor_selection`` or CAL_MAG_PRIME names. What the estimator learned
   in flight, which versions from 1.13 on may take off as well, and COMP, which needs throttle or current, stay on it.
 - ``sensor_combined.magnetometer_ga`` of logs up to 2018: as ``vehicle_magnetometer``, repeated at the rate of the gyro.
@@ -421,7 +421,7 @@ def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
 
 
 def _corrected(name: str, readings: _Readings, device: int) -> Instrument:
-    """An instrument whose readings were corrected and turned: what that was is taken off where the log says it."""
+    """An instrument whose readings were corrected and turned: what that was is removed where the log says it."""
     parameters = px4.of_device(readings.flight.values, device)
     readings = replace(readings, is_turned=True, mounting=np.eye(3))
     if parameters is None:
@@ -451,7 +451,7 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
         )
     if parameters is not None:
         if parameters.motor.any() and readings.applied and readings.is_turned:
-            notes.append("COMP is not taken off: with the motors running, readings are those after it")
+            notes.append("COMP is not removed: with the motors running, readings are those after it")
         turn = parameters.mounting if readings.is_turned else np.eye(3)
         words, is_applied = parameters.words(), bool(readings.applied)
         stored = Stored(parameters.matrix, parameters.centre, turn, words, applied=is_applied)
@@ -541,7 +541,7 @@ READERS: Final = (
         "ulog",
         "PX4 ULog",
         (".ulg",),
-        "each compass, with the calibration in force taken off, and what the vehicle logged beside it",
+        "each compass, with the calibration in force removed, and what the vehicle logged beside it",
         starts=(MAGIC,),
         log=open_ulog,
         extra="px4",

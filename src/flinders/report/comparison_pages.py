@@ -185,7 +185,7 @@ def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence
     if comparison.left_out_deg is not None:
         basis += f"; the rotation into the body of {degrees(comparison.left_out_deg)}, known to one alone, is left out"
     if fresh is not None:
-        basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere seen"
+        basis += f"; {counted(fresh.samples, 'reading')}, {fresh.coverage.fraction:.0%} of the sphere covered"
     is_firm = comparison.is_telling and not limits and not own and not comparison.is_turned
     colour = {"agree": "good" if is_firm else "limited", "differ": "limited", "contradict": "refused"}
     title, words = AGREEMENT[comparison.verdict][fresh is not None], _words(comparison, is_limited=bool(limits))
@@ -197,7 +197,7 @@ def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
     """For which dip a heading error holds, and χ² where there is one."""
-    level = f"held level, dip {abs(error.dip_deg):g}°"
+    level = f"level vehicle, dip {abs(error.dip_deg):g}°"
     if square is None:
         return level
     size = f"= {round(square, 6):.3g}" if square < 1000.0 else "> 1000"
@@ -261,9 +261,9 @@ def _true_parameters(evaluation: Evaluation) -> Text:
         [
             ("offset", offset, label(evaluation.unit)),
             ("", _digits(evaluation.offset_share), f"of the field{ratio}"),
-            ("matrix", _digits(evaluation.matrix_error), "rotation and scale taken off"),
+            ("matrix", _digits(evaluation.matrix_error), "rotation and scale removed"),
             ("rotation", angle(evaluation.rotation_deg), "which no magnetometer alone can see"),
-            ("mean", angle(evaluation.heading_mean_deg), "of the heading, taken off above: as of a turned mounting"),
+            ("mean", angle(evaluation.heading_mean_deg), "of the heading, subtracted above: as of a turned mounting"),
             ("scale", "not claimed: no field strength was given" if scale is None else _digits(scale), ""),
         ]
     )
@@ -462,7 +462,7 @@ def _remarks(drift: FleetDrift) -> list[str]:
     """What else there is to know, a line each."""
     against = "its first" if drift.against == "first" else "the one before"
     what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
-    remarks = [f"{what}; the newest of each against {against}, held level, dip {abs(drift.dip_deg):g}°"]
+    remarks = [f"{what}; the newest of each against {against}, level vehicle, dip {abs(drift.dip_deg):g}°"]
     remarks += about_order(drift)
     if drift.session > 1.05:
         remarks.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")

@@ -119,7 +119,7 @@ class FigureData:
         return np.empty((0, 3)) if self.shown is None else _under(self.shown, self.raw)
 
     def strengths(self, *, is_compensated: bool) -> Floats:
-        """(n,) lengths of the corrected readings: with what drives the offset taken off, and not."""
+        """(n,) lengths of the corrected readings: with what drives the offset removed, and not."""
         if self.shown is None:
             return np.empty(0)
         strengths: Floats = np.linalg.norm(_under(self.shown, self.raw if is_compensated else self.recorded), axis=1)

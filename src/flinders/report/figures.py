@@ -456,7 +456,7 @@ def _strip(title: str, when: Floats, value: Floats, sigma: Floats, end: float) -
 
 
 def compensated(drawn: FigureData, disturbance: Disturbance) -> str:
-    """Strength of the corrected field over what drives the offset: with that left in, and taken off."""
+    """Strength of the corrected field over what drives the offset: with that left in, and removed."""
     assert drawn.shown is not None
     driving = drawn.driving[disturbance.name]
     is_shown = drawn.is_used & np.isfinite(driving)

@@ -80,7 +80,7 @@ def of_fit(fit: Fit) -> RenderableType:
 
 def of_extremes(extremes: Extremes) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
-    said = _graded(extremes.verdict, "how good it is nobody knows, with these limits:", "six typed numbers; minmax")
+    said = _graded(extremes.verdict, "accuracy not known, with these limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
@@ -91,7 +91,7 @@ def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float
     rows = [(str(number), *_sensor_row(*pair)) for number, pair in enumerate(outcomes, 1)]
     reasons = [(number, _why_refused(outcome)) for number, (_, outcome) in enumerate(outcomes, 1)]
     said = [Text(f"  {number} {why}") for number, why in reasons if why]
-    basis = f"worst heading error, 1 σ, held level; the target is {target_deg:g}°"
+    basis = f"worst heading error, 1 σ, level vehicle; the target is {target_deg:g}°"
     return page(table(("", name, "readings", "seen", "worst heading", quality), rows), Group(*said, basis))
 
 
@@ -110,7 +110,7 @@ def of_several(together: Together, target_deg: float) -> RenderableType:
         for number, member in enumerate(together.members, 1)
     ]  # fmt: skip
     reasons = [pair for number, member in enumerate(together.members, 1) for pair in _member_notes(number, member)]
-    basis = f"heading: the worst error, 1 σ, held level; the target is {target_deg:g}°"
+    basis = f"heading: the worst error, 1 σ, level vehicle; the target is {target_deg:g}°"
     said = Group(notes(reasons), Text(f"{_agreed(together)}\n{basis}", "dim"))
     return page(table(headings, rows), said)
 
@@ -181,12 +181,12 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
         return _graded(fit.verdict, f"not fit for use, {refused}", basis)
     within = good_to(fit)
     words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
-    return _graded(fit.verdict, words, f"{basis}; held level, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
+    return _graded(fit.verdict, words, f"{basis}; level vehicle, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
     is_surface = not (fit.is_flat or fit.plane or fit.noise > limit_of("noise", "refuses") * fit.ellipsoid.radius)
-    seen = f", {fit.coverage.fraction:.0%} of the sphere seen" if is_surface else ""
+    seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
@@ -370,7 +370,7 @@ def _composed(composed: Fit, after: str | None) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{in_words(turns_of(composed.method))}; held level, dip {error.dip_deg:g}°"
+    basis = f"{in_words(turns_of(composed.method))}; level vehicle, dip {error.dip_deg:g}°"
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))

@@ -50,11 +50,11 @@ def of_headings(
 ) -> RenderableType:
     """Lay out a run of headings, what limits them first.
 
-    `formula` is by which tilt was taken off, or ``level``; `declination_deg` is what true headings were made with;
+    `formula` is by which tilt was removed, or ``level``; `declination_deg` is what true headings were made with;
     `claims` has ``level`` and ``tilted``, a `HeadingError` each or None, for ``dip_deg``, which is from ``dip_from``;
     `said` is from `heading_notes`.
     """
-    how = "from x and y alone, level" if formula == LEVEL else f"tilt taken off ({formula})"
+    how = "from x and y alone, level" if formula == LEVEL else f"tilt-compensated ({formula})"
     known = [
         ("heading", f"of the x axis, {how}; {counted(voyage.readings, 'reading')}"),
         ("good to", _heading_error(claims)),
@@ -72,7 +72,7 @@ def _heading_error(claims: Mapping[str, Any]) -> str:
     if level is None:
         return "the calibration states no uncertainty"
     bound = degrees(claims["bound"])
-    words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), held level"
+    words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), while level"
     if tilted is not None:
         words += f"; {degrees(tilted.worst)} at {tilted.tilt_deg:.0f}° of tilt"
     if claims["tilt_error_deg"] is not None:
@@ -155,7 +155,7 @@ def _tilted_notes(
         yield "note", f"in {share:.0%} of the readings the acceleration was not that of gravity: their tilt is off"
     if voyage.frames.readings:
         yield from _dip_notes(voyage, site, claims, turned)
-    yield "note", "a constant error of mounting is unseen: compare with a known heading"
+    yield "note", "a constant mounting error does not show: compare with a known heading"
 
 
 def _is_z_up(voyage: Voyage, claims: Mapping[str, Any]) -> bool:

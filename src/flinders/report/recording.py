@@ -300,7 +300,7 @@ def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableT
         return _block(title, known, [], doubts=sensor.notes)
     rows = [("readings", _readings(sensor))]
     if sensor.stored:
-        rows.append(("on board", f"{sensor.stored}; {'left on' if sensor.is_as_logged else 'taken off here'}"))
+        rows.append(("on board", f"{sensor.stored}; {'left on' if sensor.is_as_logged else 'removed here'}"))
     ends = zip("xyz", sensor.lowest, sensor.highest, strict=True)
     rows.append(("range", "   ".join(f"{axis} {figures(low, 3)} to {figures(high, 3)}" for axis, low, high in ends)))
     if sensor.coverage is not None:

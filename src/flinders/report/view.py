@@ -54,7 +54,7 @@ WIDEST: Final = 4.0
 """The histogram goes to so many standard deviations; what is beyond is counted in the outermost bins."""
 
 UNSTATED: Final = (
-    "The calibration states no uncertainty, so that nobody knows how good headings are: calibrate from a recording."
+    "The calibration states no uncertainty, so the accuracy of headings is not known: calibrate from a recording."
 )
 
 
@@ -104,7 +104,7 @@ class LevelTurn(Struct, frozen=True):
     """A level turn of a vehicle."""
 
     heading_deg: tuple[float, ...]  # (72,), clockwise from magnetic north
-    before_deg: tuple[float, ...]  # deviation of the raw compass, its mean taken off, −180 to 180
+    before_deg: tuple[float, ...]  # deviation of the raw compass, its mean removed, −180 to 180
     sigma_deg: tuple[float, ...]  # 1 σ of the corrected one
 
 
@@ -275,7 +275,7 @@ def tile_errors_deg(fit: Fit) -> Floats:
     around it. An error δu across u costs the heading its part along the horizontal, over cos I. So at the worst of the
     attitudes which bring the field there the variance is the largest eigenvalue of the transverse covariance of u,
     (1 − uuᵀ) S⁻¹ J P Jᵀ S⁻ᵀ (1 − uuᵀ), over cos² I, with the dip I of the fit. What belongs to the direction is added,
-    as to all headings; no mean is taken off, since no mounting would explain one.
+    as to all headings; no mean is removed, since no mounting would explain one.
     """
     gradients = direction_gradients(fit.ellipsoid, tiles().centres @ rotation_of(fit))
     covariance = gradients @ fit.claimed_covariance @ np.swapaxes(gradients, 1, 2)  # (642, 3, 3), of rank 2
@@ -304,7 +304,7 @@ def sentence(fit: Fit, limit_deg: float | None = None) -> str:
             return f"Headings may be off by {much}. {target}"
         return f"Not fit for use: {first_causes(fit.findings)[0].advice}"
     limit = fit.attitude_limit_deg if limit_deg is None else limit_deg
-    attitudes = "held level" if limit < 1.0 else reach(limit)
+    attitudes = "while level" if limit < 1.0 else reach(limit)
     good = "are good to" if worst <= fit.target_deg else "may be off by"
     return f"Headings {good} {fit.heading_words}, {attitudes}. {target}"
 

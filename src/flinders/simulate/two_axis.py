@@ -121,7 +121,7 @@ class Polar:
     heading_deg: Floats  #: (N,): true headings
     raw_radius: Floats  #: (N,), µT: length of the readings across the ground
     raw_heading_deg: Floats  #: (N,): what the compass shows, 0 to 360
-    #: (N,): by how much that is off, −180 to 180, the mean taken off: how it is mounted, a swing cannot tell
+    #: (N,): by how much that is off, −180 to 180, the mean removed: how it is mounted, a swing cannot tell
     raw_error_deg: Floats
     corrected_radius: Floats  #: (N,), µT
     corrected_heading_deg: Floats  #: (N,)

@@ -73,7 +73,7 @@ def pool(estimates: Sequence[Floats], covariances: Sequence[Floats]) -> Pooled:
 
     With Λᵢ = Pᵢ⁻¹, Λ their mean and dᵢ = θᵢ − θ̄, chi-square is Σ dᵢᵀΛᵢdᵢ, with ν = (n − 1)·K degrees of freedom. The
     scatter is max(0, 1 − ν/χ²) Σ DᵢDᵢᵀ/(n − 1), Dᵢ = Λ⁻¹Λᵢdᵢ: a recording that says nothing of a parameter has no voice
-    in how it scatters, and the share that chance explains is taken off as James and Stein shrink a mean.
+    in how it scatters, and the share that chance explains is removed as James and Stein shrink a mean.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     exact = Affine.of(calibration, COUNTS, who="Betaflight", acts=acting("mapped", calibration)).offset
     zero = in_16_bits(exact, NAMES)
     body = [f"set {SETTING} = {','.join(map(str, zero))}", "save"]
-    # no log tells what was in force, and magADC has it taken off
+    # no log tells what was in force, and magADC has it removed
     notes = ["for readings recorded with mag_calibration = 0,0,0: it replaces what the board holds"]
     return Written(lambda raw: raw - floats(zero), body, {SETTING: zero}, notes)
 
@@ -49,7 +49,7 @@ def write(calibration: Calibration, _asked: ExportOptions) -> Written:
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
     """Read the setting back, out of a dump or diff, for readings in the axes of the board; the matrix is the identity.
 
-    `strength`, counts: length of a reading once the offset is taken off; it has to be given, since no other number
+    `strength`, counts: length of a reading once the offset is removed; it has to be given, since no other number
     tells it.
 
     Raises `DocumentError` where it is missing, stands there with two values, or is not three whole numbers of 16

@@ -102,7 +102,7 @@ class Px4Parameters(CompassParameters):
     off_diagonal : (3,) float
         CAL_MAGn_XODIAG, YODIAG and ZODIAG: entries xy, xz and yz.
     motor : (3,) float, G at full throttle or G/kA
-        CAL_MAGn_XCOMP to ZCOMP, added to a reading before the offset is taken off.
+        CAL_MAGn_XCOMP to ZCOMP, added to a reading before the offset is removed.
     motor_by : int
         CAL_MAG_COMP_TYP, one for all compasses: 0 nothing, 1 throttle, 2 the current of the first battery.
     compass : int
@@ -326,7 +326,7 @@ FLOAT, WHOLE = 9, 6
 """MAV_PARAM_TYPE_REAL32 and INT32, the last column of QGroundControl's file."""
 COMPENSATED: Final = (
     "COMP is in G per kA (CAL_MAG_COMP_TYP 2, current of the first battery) or at full throttle (1), added to a "
-    "reading before OFF is taken off; CAL_MAG_COMP_TYP is one for all compasses"
+    "reading before OFF is removed; CAL_MAG_COMP_TYP is one for all compasses"
 )
 
 

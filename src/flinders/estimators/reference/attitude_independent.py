@@ -451,7 +451,7 @@ class ProductSums:
 
     @property
     def centred(self) -> Floats:
-        """(10, 10) sums of products of L and z − μ with their means taken off."""
+        """(10, 10) sums of products of L and z − μ with their means removed."""
         centred: Floats = self.gram[:10, :10] - np.outer(self.gram[:10, 10], self.means)
         return centred
 
@@ -617,7 +617,7 @@ def estimate_of(
 def widened_by_consistent(estimate: Estimate, reference: Reference) -> Estimate:
     """Add what separates it from the consistent fit of the same readings to its claim, all of it.
 
-    That fit looks at all readings at once, and noise does not pull it. Nothing is taken off for chance: the claim that
+    That fit looks at all readings at once, and noise does not pull it. Nothing is removed for chance: the claim that
     would say what chance explains is the one that is in doubt.
     """
     if reference.alike is None:

@@ -51,7 +51,7 @@ class Constrained:
     move. Turning them turns it for ``"free"`` and ``"sphere"`` only: the others are about the sensor's own axes.
 
     Use it for parity with those two programs, or where the constraint is known to hold: a sensor whose x and y are
-    one coil type and z another, an offset that was taken off before. Not where it is only hoped for: a constraint
+    one coil type and z another, an offset that was subtracted before. Not where it is only hoped for: a constraint
     that is wrong is an error that no reading takes away. What it costs beside `Likelihood` joins the covariance.
 
     Parameters

@@ -70,7 +70,7 @@ function dial(host, { raw_deg, corrected_deg, tilt }) {
     point(host, "raw", raw_deg);
     point(host, "corrected", corrected_deg);
     const words = host.querySelector(".tilt");
-    const level = tilt === null ? "taken as level" : `tilt ${Math.round(tilt)}°, taken off`;
+    const level = tilt === null ? "taken as level" : `tilt ${Math.round(tilt)}°, removed`;
     const off =
         raw_deg === null || corrected_deg === null
             ? ""
