@@ -125,9 +125,14 @@ def ill_conditioned(rng: np.random.Generator, units: int) -> list[Floats]:
     return list(measured(rng, directions, noise=0.1))
 
 
+def corrected_before(rng: np.random.Generator, units: int) -> list[Floats]:
+    return list(measured(rng, spheres(rng, units, 200), offset=1.0))
+
+
 KINDS: dict[Callable[[np.random.Generator, int], list[Floats]], tuple[int, float]] = {
     clean: (200, 0.95), by_hand: (150, 0.5), partial: (150, 0.3), level: (250, 0.05), spiky: (250, 0.02),
     coloured: (150, 0.05), broken: (300, 0.05), unlike: (150, 0.2), far_off: (250, 0.2), ill_conditioned: (250, 0.05),
+    corrected_before: (60, 0.95),
 }  # fmt: skip
 """Kinds of units, how many, and the share that comes through at the least: what never did would prove nothing."""
 

@@ -80,8 +80,11 @@ def test_offset_taken_off_and_iron_left_is_worth_a_calibration() -> None:
 
 
 @pytest.mark.parametrize("sensor", [CORRECTED, UNCORRECTED])
-def test_a_batch_shrinks_the_same_units(sensor: Sensor) -> None:
+def test_a_batch_shrinks_the_same_units_by_their_records(sensor: Sensor) -> None:
     samples = rocked(3, sensor, tilt_deg=35.0)
-    fit, found = judged(samples), fit_batch([samples])
+    fit, found = judged(samples), fit_batch([samples, rocked(4, sensor, tilt_deg=35.0)])
+    assert fit.is_shrunk == (sensor is CORRECTED)
+    assert found.by_record.all()
+    assert ("corrected-before" in found.findings[0]) == fit.is_shrunk
     assert np.allclose(found.offset[0], fit.calibration.offset, atol=1e-9)
-    assert found.by_record[0] == (not fit.is_shrunk)
+    assert found.worst_deg[0] == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)

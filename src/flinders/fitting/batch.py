@@ -26,17 +26,17 @@ from flinders.diagnostics.unmodelled import unmodelled_of
 from flinders.diagnostics.unmoved import was_turned
 from flinders.errors import FitError, FlindersError, UsageError
 from flinders.estimators.auto import FEWEST_LEFT, trimmed_covariance
-from flinders.estimators.base import Estimate
 from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
-from flinders.fitting.shrinkage import may_be_corrected, shrunk
+from flinders.fitting.shrinkage import posteriors
 from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING, halves_matter
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.confidence import bounds_deg, deviation_covariances
+from flinders.heading.error_propagation import level_error, raw_error
 from flinders.native.engine import engine
 from flinders.summary.summary import flat_below
 
@@ -212,7 +212,6 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
         records = engine().fit_many(whole.field, offsets, time=whole.time, dip_deg=dip_deg)
         known = _tells_all(records, whole.unit.inside)
         known &= ~halves_matter(records["drift_deg"], records["drift_by_chance"], target_deg)
-        known &= ~_is_shrunk(records, known)
         for at in np.flatnonzero(known & (records["is_robust"] == 1)).tolist():
             known[at] = not _may_be_level(records[at], whole.field[offsets[at] : offsets[at + 1]])
         table = _Table.of(records[known], _disturbed(units, places[known]), whole.unit.inside, target_deg)
@@ -259,7 +258,7 @@ def _is_plain(one: Samples) -> bool:
 class _Table:
     """What records say of U units, column by column."""
 
-    records: Records  # (U,)
+    records: Records  # (U,) with covariances that are claimed, and shrunk fits of readings that were corrected before
     quantities: dict[str, Any]  # what the rules of the catalogue compare, by name
     covariance: Floats  # (U, 9, 9) with all that widens it, as `Fit.claimed_covariance`
     inside: str  # unit of the readings: ``uT`` or ``counts``
@@ -268,18 +267,21 @@ class _Table:
     def of(cls, records: Records, disturbed: Iterator[tuple[int, Samples]], inside: str, target_deg: float) -> Self:
         """Work out what rules compare, from records and those units that something disturbs."""
         repetition, factor = _repetition(records)
+        changes = _changes(records, disturbed)
+        records = _widened(records, factor)
         quantities = {
             "target_deg": np.full(len(records), target_deg),
             "drift_allowed_deg": np.full(len(records), target_deg),
             "samples": records["used"],
+            "uncorrected_deg": _shrink(records),
             **_of_surface(records, inside),
-            **_of_accuracy(records, np.sqrt(factor)),
+            **_of_accuracy(records),
             **_of_evidence(records, repetition),
             **_of_the_recording(records),
-            **_changes(records, disturbed),
+            **changes,
             **{name: np.full(len(records), value) for name, value in NOT_ASKED.items()},
         }
-        return cls(records, quantities, _claimed(records, factor, quantities["structure_deg"]), inside)
+        return cls(records, quantities, _claimed(records, quantities["structure_deg"]), inside)
 
     @property
     def findings(self) -> dict[tuple[str, Severity], NDArray[np.bool_]]:
@@ -300,7 +302,6 @@ NOT_ASKED: Final = dict.fromkeys(
         "apart_beyond_claim_deg",
         "swap_gain",
         "farthest",
-        "uncorrected_deg",
     ),
     np.nan,
 ) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)
@@ -341,17 +342,29 @@ def _thickness(covariance: Floats) -> float:
     return float(thinnest / widest) if widest > 0.0 else 1.0
 
 
-def _is_shrunk(records: Records, asked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(U,) which of those asked for `flinders.fit` shrinks towards the readings as they are."""
-    is_near = may_be_corrected(records["centre"], records["covariance"][:, :21:10], records["radius"])
-    is_shrunk = np.zeros(len(records), dtype=bool)
-    places = np.flatnonzero(asked & is_near)
-    for place, factor in zip(places.tolist(), _repetition(records[places])[1].tolist(), strict=True):
-        record = records[place]
-        covariance = factor * record["covariance"].reshape(9, 9)
-        fitted = Estimate(_surface(record), covariance, float(record["noise"]), Likelihood.name)
-        is_shrunk[place] = shrunk(fitted) is not None
-    return is_shrunk
+def _widened(records: Records, factor: Floats) -> Records:
+    """The records with covariances (U,) factors wider, and heading errors of these."""
+    wider = records.copy()
+    wider["covariance"] *= factor[:, np.newaxis]
+    for name in ("level_worst_deg", "level_rms_deg"):
+        wider[name] *= np.sqrt(factor)
+    return wider
+
+
+def _shrink(records: Records) -> Floats:
+    """Shrink fits of readings that were corrected before, in place; (U,) heading error of these as they are, or NaN."""
+    uncorrected_deg = np.full(len(records), np.nan)
+    surfaces = np.concatenate([records["centre"], records["shape"]], axis=1)
+    places, surfaces, covariances = posteriors(surfaces, records["covariance"].reshape(-1, 9, 9))
+    records["centre"][places], records["shape"][places] = surfaces[:, :3], surfaces[:, 3:]
+    records["covariance"][places] = covariances.reshape(-1, 81)
+    for place, covariance in zip(places.tolist(), covariances, strict=True):
+        record, dip_deg = records[place], float(records["dip_deg"][place])
+        surface = _surface(record)
+        error = level_error(surface, covariance, dip_deg=dip_deg)
+        record["radius"], record["level_worst_deg"], record["level_rms_deg"] = surface.radius, error.worst, error.rms
+        uncorrected_deg[place] = raw_error(surface, dip_deg=dip_deg).worst
+    return uncorrected_deg
 
 
 def _repetition(records: Records) -> tuple[Floats, Floats]:
@@ -364,9 +377,9 @@ def _repetition(records: Records) -> tuple[Floats, Floats]:
     return repetition, repetition * few
 
 
-def _claimed(records: Records, factor: Floats, structure_deg: Floats) -> Floats:
-    """(U, 9, 9) covariances, a factor wider, with what belongs to the direction, as `Fit.claimed_covariance`."""
-    claimed = (records["covariance"] * factor[:, np.newaxis]).reshape(-1, 9, 9)
+def _claimed(records: Records, structure_deg: Floats) -> Floats:
+    """(U, 9, 9) covariances with what belongs to the direction, as `Fit.claimed_covariance`."""
+    claimed = records["covariance"].reshape(-1, 9, 9).copy()
     sigma = np.deg2rad(structure_deg) * np.cos(np.deg2rad(records["dip_deg"]))
     shapes = _shapes(records)
     claimed[:, :3, :3] += (sigma**2)[:, np.newaxis, np.newaxis] * (shapes @ shapes)
@@ -400,7 +413,7 @@ def _of_surface(records: Records, inside: str) -> dict[str, Floats]:
     }
 
 
-def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
+def _of_accuracy(records: Records) -> dict[str, Floats]:
     """What the covariance says about heading, with what belongs to directions."""
     level = records["radius"] * np.cos(np.deg2rad(records["dip_deg"]))
     across = np.rad2deg(np.nan_to_num(records["distortion"]) / level)
@@ -408,8 +421,8 @@ def _of_accuracy(records: Records, wider: Floats) -> dict[str, Floats]:
     lag_one = np.nan_to_num(records["lag_one"])
     off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
     return {
-        "worst_deg": np.hypot(wider * records["level_worst_deg"], structure_deg),
-        "rms_deg": np.hypot(wider * records["level_rms_deg"], structure_deg),
+        "worst_deg": np.hypot(records["level_worst_deg"], structure_deg),
+        "rms_deg": np.hypot(records["level_rms_deg"], structure_deg),
         "structure_deg": structure_deg,
         "nonlinear_deg": _named_fault(records, "nonlinear", "lag"),
         "lag_deg": _named_fault(records, "lag", "nonlinear"),

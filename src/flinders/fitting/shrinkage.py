@@ -46,6 +46,8 @@ SHAPES: Final = (0.02, 0.05, 0.1)
 """Of the field: what a correction leaves, 1 σ."""
 UNCORRECTED: Final = (0.3, 0.1)
 """Offset and shape of a sensor that was never corrected, 1 σ: small ones, so that little speaks for a correction."""
+PRIORS: Final = np.stack([np.diag(np.square([b] * 3 + [s] * 5)) for b, s in [*product(OFFSETS, SHAPES), UNCORRECTED]])
+"""(10, 8, 8) covariances of departures: nine of corrections, and that of none."""
 PROBABLE: Final = 0.999
 FARTHEST: Final = 6.0
 """Standard deviations of an offset beyond which no other departure can make a correction probable."""
@@ -62,60 +64,82 @@ DEPARTURES: Final = PARAMETERS.T * np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 
 SIZE: Final = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3.0
 
 
-def may_be_corrected(centres: Floats, variances: Floats, sizes: Floats) -> NDArray[np.bool_]:
-    """(…,) whether offsets (…, 3) with their variances are so small, of a size (…,), that a look at the rest is due."""
-    limits = FARTHEST * np.sqrt(variances + np.square(OFFSETS[-1] * np.asarray(sizes)[..., np.newaxis]))
-    small: NDArray[np.bool_] = (np.abs(centres) < limits).all(axis=-1)
+def shrunk(estimate: Estimate) -> Estimate | None:
+    """Shrink an estimate towards the readings as they are; None where these were hardly corrected before."""
+    if not _is_near(estimate):
+        return None
+    parameters, covariance = estimate.ellipsoid.parameters, estimate.covariance
+    places, means, spreads = posteriors(parameters[np.newaxis], covariance[np.newaxis])
+    if not len(places):
+        return None
+    ellipsoid = Ellipsoid(means[0, :3], symmetric(means[0, 3:]))
+    return replace(estimate, ellipsoid=ellipsoid, covariance=spreads[0], textbook=None)
+
+
+def posteriors(parameters: Floats, covariances: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Shrink those of U estimates whose readings were corrected before.
+
+    Parameters
+    ----------
+    parameters : (U, 9) float
+        Of (b, S), as `flinders.geometry.ellipsoid.Ellipsoid.parameters`.
+    covariances : (U, 9, 9) float
+        In the square of their unit.
+
+    Returns
+    -------
+    (K,) int, (K, 9) float, (K, 9, 9) float
+        Which they are, and the posterior mean and covariance of each.
+    """
+    sizes = parameters[:, 3:6].sum(axis=1) / 3.0
+    places = np.flatnonzero(_are_near(parameters, covariances, sizes))
+    sizes, covariances = sizes[places, np.newaxis, np.newaxis], covariances[places]
+    departures = DEPARTURES @ parameters[places, :, np.newaxis] / sizes
+    spreads = DEPARTURES @ covariances @ DEPARTURES.T / sizes**2
+    odds = _odds(departures, spreads)
+    chosen = odds.mean(axis=1) > PROBABLE / (1.0 - PROBABLE)
+    sizes, covariances = sizes[chosen], covariances[chosen]
+    weights = odds[chosen] / odds[chosen].sum(axis=1, keepdims=True)
+    means, spreads = _posterior(departures[chosen], spreads[chosen], weights)
+    shrunken = sizes * (3.0 * SIZE[:, np.newaxis] + PARAMETERS @ means)
+    widths = sizes**2 * (PARAMETERS @ spreads @ PARAMETERS.T)
+    widths += shrunken * shrunken.swapaxes(1, 2) * (SIZE @ covariances @ SIZE)[:, np.newaxis, np.newaxis] / sizes**2
+    return places[chosen], shrunken[:, :, 0], widths
+
+
+def _are_near(parameters: Floats, covariances: Floats, sizes: Floats) -> NDArray[np.bool_]:
+    """(U,) whether offsets are so small that a look at the other departures is due."""
+    variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :3]
+    limits = FARTHEST * np.sqrt(variances + np.square(OFFSETS[-1] * sizes)[:, np.newaxis])
+    small: NDArray[np.bool_] = (np.abs(parameters[:, :3]) < limits).all(axis=1)
     return small
 
 
-def shrunk(estimate: Estimate) -> Estimate | None:
-    """Shrink an estimate towards the readings as they are; None where these were hardly corrected before."""
+def _is_near(estimate: Estimate) -> bool:
+    """The same of one estimate, in plain numbers: most end here."""
     size = float(estimate.ellipsoid.shape.trace()) / 3.0
-    if not _is_near(estimate, size):
-        return None
-    parameters = estimate.ellipsoid.parameters
-    departures = DEPARTURES @ parameters / size
-    covariance = DEPARTURES @ estimate.covariance @ DEPARTURES.T / size**2
-    priors = [_prior(offset, shape) for offset, shape in product(OFFSETS, SHAPES)]
-    *likelihoods, uncorrected = _log_densities(departures, covariance + np.array([*priors, _prior(*UNCORRECTED)]))
-    odds = np.exp(np.array(likelihoods) - uncorrected)
-    if not odds.mean() > PROBABLE / (1.0 - PROBABLE):
-        return None
-    mean, spread = _posterior(departures, covariance, priors, odds / odds.sum())
-    centre_and_shape = size * (3.0 * SIZE + PARAMETERS @ mean)
-    widths = size**2 * PARAMETERS @ spread @ PARAMETERS.T
-    widths += np.outer(centre_and_shape, centre_and_shape) * (SIZE @ estimate.covariance @ SIZE) / size**2
-    ellipsoid = Ellipsoid(centre_and_shape[:3], symmetric(centre_and_shape[3:]))
-    return replace(estimate, ellipsoid=ellipsoid, covariance=widths, textbook=None)
-
-
-def _is_near(estimate: Estimate, size: float) -> bool:
-    """Whether `may_be_corrected` lets one estimate of a size pass, in plain numbers: most end here."""
     least, variances = (OFFSETS[-1] * size) ** 2, estimate.covariance.diagonal()[:3].tolist()
     centre = estimate.ellipsoid.centre.tolist()
     return all(abs(b) < FARTHEST * math.sqrt(v + least) for b, v in zip(centre, variances, strict=True))
 
 
-def _prior(offset: float, shape: float) -> Floats:
-    """(8, 8) covariance of departures."""
-    return np.diag(np.square([offset] * 3 + [shape] * 5))
-
-
-def _log_densities(departures: Floats, covariances: Floats) -> Floats:
-    """(K,) logarithms of normal densities with (K, 8, 8) covariances, but for a constant."""
-    factors = np.linalg.cholesky(covariances)
+def _odds(departures: Floats, spreads: Floats) -> Floats:
+    """(U, 9) how many times as likely each prior of a correction makes (U, 8, 1) departures as none does."""
+    factors = np.linalg.cholesky(spreads[:, np.newaxis] + PRIORS)
     standard = np.linalg.solve(factors, departures[:, np.newaxis])[..., 0]
-    roots = np.diagonal(factors, axis1=1, axis2=2)
-    densities: Floats = -0.5 * np.sum(standard**2, axis=1) - np.sum(np.log(roots), axis=1)
-    return densities
+    roots = np.diagonal(factors, axis1=2, axis2=3)
+    densities = -0.5 * np.sum(standard**2, axis=2) - np.sum(np.log(roots), axis=2)
+    odds: Floats = np.exp(densities[:, :-1] - densities[:, -1:])
+    return odds
 
 
-def _posterior(departures: Floats, covariance: Floats, priors: list[Floats], weights: Floats) -> tuple[Floats, Floats]:
-    """Mean and covariance of departures, averaged over priors of such weights."""
-    gains = np.array([prior @ np.linalg.inv(covariance + prior) for prior in priors])
-    means = gains @ departures
-    mean = weights @ means
-    off = means - mean
-    spread = np.einsum("k,kij->ij", weights, gains @ covariance) + np.einsum("k,ki,kj->ij", weights, off, off)
-    return mean, 0.5 * (spread + spread.T)
+def _posterior(departures: Floats, spreads: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """(U, 8, 1) means and (U, 8, 8) covariances of departures, averaged over priors of (U, 9) weights."""
+    priors = PRIORS[:-1]
+    gains = priors @ np.linalg.inv(spreads[:, np.newaxis] + priors)
+    each = (gains @ departures[:, np.newaxis])[..., 0]  # (U, 9, 8)
+    means = weights[:, np.newaxis] @ each
+    off = each - means
+    within = np.sum(weights[:, :, np.newaxis, np.newaxis] * (gains @ spreads[:, np.newaxis]), axis=1)
+    posterior = within + off.swapaxes(1, 2) @ (weights[:, :, np.newaxis] * off)
+    return means.swapaxes(1, 2), 0.5 * (posterior + posterior.swapaxes(1, 2))
