@@ -33,7 +33,7 @@ from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.attitude import tilt_error_deg
-from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
+from flinders.heading.error_propagation import HeadingError, alignment_error_deg, direction_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
@@ -560,14 +560,17 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
     )
 
 
-def _tilt_error_deg(calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
+def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
     """What the tilt by the accelerometer adds to a heading; NaN where it was shaken, or a fit corrects it."""
     samples = readings.recording
+    if estimate.plane:  # what is not corrected across it bends the dip as well
+        return math.nan
     is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
     if is_corrected or not isinstance(samples, Samples) or samples.acceleration is None or len(samples) < FEWEST_STILL:
         return math.nan
     some = samples[: 10 * LOOKED_AT]
-    added = tilt_error_deg(calibration.apply(some.field), some.acceleration)  # type: ignore[arg-type]
+    corrected, off = calibration.apply(some.field), direction_error_deg(estimate.ellipsoid, estimate.covariance).worst
+    added = tilt_error_deg(corrected, some.acceleration, direction_error_deg=off)  # type: ignore[arg-type]
     if not added > LEAST_TILT_DEG:
         return math.nan
     from flinders.estimators.accelerometer import scatter_at_rest
@@ -638,7 +641,7 @@ def _judged(
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
-        tilt_error_deg=_tilt_error_deg(calibration, readings, aiding),
+        tilt_error_deg=_tilt_error_deg(final, calibration, readings, aiding),
         is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,

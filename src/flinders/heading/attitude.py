@@ -154,16 +154,18 @@ def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     return dip
 
 
-def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike) -> float:
+def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, direction_error_deg: float = 0.0) -> float:
     """Heading error (1 σ) from a vertical that leans as the dip wanders: tan I times its scatter, without its noise.
 
     Noise differs from one reading to the next; a bias of the accelerometer, or axes that sit askew, make the dip follow
-    the attitude. What two readings in a row have in common is theirs.
+    the attitude. What two readings in a row have in common is theirs, but for the error of the calibration.
 
     Parameters
     ----------
     field, specific_force : (N, 3)
         Corrected, in the order of recording; of a body that is hardly accelerated.
+    direction_error_deg : float
+        What the calibration adds to the scatter of the dip, 1 σ.
 
     Returns
     -------
@@ -183,7 +185,7 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike) -> float:
         return float("nan")
     middle = float(np.median(dips))
     common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle)))
-    return max(common, 0.0) ** 0.5 * abs(float(np.tan(np.deg2rad(middle))))
+    return max(common - direction_error_deg**2, 0.0) ** 0.5 * abs(float(np.tan(np.deg2rad(middle))))
 
 
 def _unit(values: ArrayLike, name: str) -> Floats:
