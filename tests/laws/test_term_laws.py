@@ -129,7 +129,8 @@ def test_the_jacobian_of_an_accelerometer_is_how_residuals_change(seed: int) -> 
     q = readings.at(at).seen(at, directions)[0]
     aside = np.cross(q, [0.3, -0.5, 0.8])
     aside /= np.linalg.norm(aside, axis=2, keepdims=True)
-    agreed = replace(readings, down=at.sine * q + np.sqrt(1.0 - at.sine**2) * aside).at(at)
+    down = at.sine * q + np.sqrt(1.0 - at.sine**2) * aside
+    agreed = replace(readings, down=down).at(at)
 
     def residual(step: np.ndarray) -> np.ndarray:
         beside = residuals_of(agreed, at.moved(step, LAYOUT), directions)[1]
@@ -137,9 +138,7 @@ def test_the_jacobian_of_an_accelerometer_is_how_residuals_change(seed: int) -> 
         return beside[..., 0]
 
     jacobian = np.empty((3, 5, LAYOUT.size))
-    fill_dip(
-        jacobian, LAYOUT.columns, agreed.down, q, sine=at.sine, errors=at.accelerometer, of_gyro=slice(0), moved=None
-    )
+    fill_dip(jacobian, LAYOUT.columns, down, q, sine=at.sine, errors=at.accelerometer, of_gyro=slice(0), moved=None)
     columns = LAYOUT.columns["accelerometer"]
     for column in range(columns.start, columns.stop):
         step = STEP * np.eye(LAYOUT.size)[column]

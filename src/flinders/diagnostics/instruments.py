@@ -292,9 +292,8 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     """
     if samples.attitude is None:
         return None
-    if "rate" not in reference.aiding:
-        samples = samples[:: max(1, len(samples) // FOLLOWED)]
-    matrices = attitude.body_to_world(samples.attitude)
+    each = 1 if "rate" in reference.aiding else max(1, len(samples) // FOLLOWED)
+    matrices, samples = attitude.body_to_world(samples.attitude[::each]), samples[::each]
     known = np.isfinite(matrices[:, 0, 0])
     if np.count_nonzero(known) < FEWEST_ATTITUDES:
         return None

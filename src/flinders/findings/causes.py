@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
     from flinders.findings.row import Severity
 
-OF_RESIDUALS: Final = ("unsteady-field", "lasting-noise", "nonlinear-axis", "axis-lag", "structure", "correlated")
+OF_RESIDUALS: Final = (
+    *("unsteady-field", "lasting-noise", "nonlinear-axis", "axis-lag", "structure", "correlated"),
+    "tilt-error",  # a dip that wanders
+)
 """What residuals show, whatever made them."""
 
 OF_A_SURFACE: Final = ("prior", "unobservable-parameters", "axis-ratio", "field-strength")
@@ -51,7 +54,7 @@ CAUSES: Final = (
     Cause("inflation", "limits", ("field-changed", "coverage", *OF_RESIDUALS, *OF_A_SURFACE)),
     Cause("recordings-differ", "limits", ("heading-error", "structure")),
     Cause("field-changed", "refuses", ("heading-error", "noise", *OF_RESIDUALS)),
-    Cause("heading-error", "refuses", ("level-plane", *OF_A_SURFACE)),
+    Cause("heading-error", "refuses", ("level-plane", "tilt-error", *OF_A_SURFACE)),
     Cause("field-changed", "limits", ("noise", *OF_RESIDUALS)),
     Cause("heading-error", "limits", ()),
     Cause("coverage", "limits", ("prior", "unobservable-parameters")),

@@ -36,6 +36,7 @@ from flinders.heading.attitude import tilt_error_deg
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, direction_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
+from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics, is_flat
@@ -569,6 +570,7 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Read
     if is_corrected or not isinstance(samples, Samples) or samples.acceleration is None or len(samples) < FEWEST_STILL:
         return math.nan
     some = samples[: 10 * LOOKED_AT]
+    some = some[np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond]
     corrected, off = calibration.apply(some.field), direction_error_deg(estimate.ellipsoid, estimate.covariance).worst
     added = tilt_error_deg(corrected, some.acceleration, direction_error_deg=off)  # type: ignore[arg-type]
     if not added > LEAST_TILT_DEG:

@@ -16,6 +16,7 @@ long as both sensors have the same right-handed axes.
 
 from __future__ import annotations
 
+import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
@@ -185,7 +186,7 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, direction_err
         return float("nan")
     middle = float(np.median(dips))
     common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle)))
-    return max(common - direction_error_deg**2, 0.0) ** 0.5 * abs(float(np.tan(np.deg2rad(middle))))
+    return math.sqrt(max(common - direction_error_deg**2, 0.0)) * abs(math.tan(math.radians(middle)))
 
 
 def _unit(values: ArrayLike, name: str) -> Floats:
