@@ -352,6 +352,22 @@ def test_a_calibration_that_states_its_accuracy_notices_a_smaller_change_of_iron
         assert (ended.code, "do not suit the calibration" in ended.err) == (3, True)
 
 
+@pytest.mark.parametrize(("share", "code"), [(0.05, 0), (0.2, 3)])
+def test_outliers_do_not_make_a_calibration_unsuitable(home: Path, share: float, code: int) -> None:
+    """A recording with a few of them gives a good calibration, which corrects the rest of its readings."""
+    flinders_("simulate", "three-axis", "-o", "outliers.csv", "--seed", "3", "--outliers", f"{share}")
+    assert flinders_("calibrate", "outliers.csv", "-o", "calibration.json", "--force").code == code
+    assert flinders_("apply", "calibration.json", "outliers.csv").code == code
+
+
+@pytest.mark.parametrize("motion", ["level", "sweep-xy", "tilted", "swayed"])
+def test_a_calibration_suits_the_readings_that_it_was_made_from(home: Path, motion: str) -> None:
+    """Also where what few attitudes leave unknown, as the axis across a level turn, spreads their strength."""
+    flinders_("simulate", "three-axis", "-o", "own.csv", "--motion", motion, "--seed", "6")
+    assert flinders_("calibrate", "own.csv", "-o", "calibration.json", "--force").code == 3
+    assert flinders_("apply", "calibration.json", "own.csv").code == 0
+
+
 # swing
 
 

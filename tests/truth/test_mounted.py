@@ -183,6 +183,14 @@ def test_a_tilt_that_spoils_headings_limits_a_good_compass() -> None:
     assert codes == {"exact": [], "off": ["tilt-error"], "corrected": []}
 
 
+@pytest.mark.parametrize(("motion", "seed"), [("sweep-xy", 1), ("rocked", 1), ("rocked", 17), ("swayed", 5)])
+def test_a_poorly_known_calibration_is_not_blamed_on_the_accelerometer(motion: str, seed: int) -> None:
+    """What a level turn leaves out, and what few attitudes leave unknown, bends the dip of a perfect accelerometer."""
+    samples = simulate.tumble(seed=seed, motion=motion, n=1500).samples
+    assert samples.acceleration is not None
+    assert "tilt-error" not in [finding.code for finding in flinders.fit(samples).findings]
+
+
 def test_a_vertical_that_leans_in_turns_is_left_out() -> None:
     """An aircraft in coordinated turns feels no sideways pull."""
     fit = fitted_anyway(simulate.tumble(seed=1, motion="flight", n=1500).samples)

@@ -29,6 +29,8 @@ ODD, UNEVEN = 1.3, 0.1
 """Strength, as a factor, and spread, as a fraction, from which on a calibration of unknown accuracy does not suit."""
 SUITED, LEAST_UNEVEN = 3.0, 0.02
 """Times what noise and claim make of the spread of one that states them; 2 % bend a heading by 3° and more."""
+OUTLYING, OUTLIERS = 3.0, 0.1
+"""Times that spread from which on a reading is an outlier, and their share up to which a calibration may suit."""
 ENOUGH_TO_JUDGE: Final = 1000
 """Readings of a stream after which the axes are looked at for the first time; at its end fewer will do."""
 ENOUGH_TO_WEIGH: Final = 100
@@ -95,7 +97,8 @@ class Preparation:
 class Corrector:
     """Applies the calibration of a fit block by block, and watches whether the result makes sense.
 
-    `strength` is that of the readings corrected so far, and `spread_limit` what its spread is in readings that suit.
+    `strength` is that of the readings corrected so far, `inliers` that of those that are no outliers of their block,
+    and `spread_limit` what its spread is in readings that suit.
     """
 
     def __init__(self, fit: Fit, source: str) -> None:
@@ -103,6 +106,7 @@ class Corrector:
 
         self._calibration, self._source, self.spread_limit = fit.calibration, source, _spread_limit(fit)
         self.strength: Strength = Strength()
+        self.inliers: Strength = Strength()
 
     def __call__(self, readings: Floats) -> Floats:
         """Correct (N, 3) readings."""
@@ -120,13 +124,16 @@ class Corrector:
                 "range; check --columns, or calibrate this sensor"
             )
         self.strength += Strength.of(strength)
+        self.inliers += Strength.of(strength[np.abs(strength - middle) <= OUTLYING * self.spread_limit])
         return corrected
 
     @property
     def is_plausible(self) -> bool:
-        """The corrected readings are about as long as the calibration's field, and as equally long as it claims."""
-        strength = self.strength
-        return not strength.readings or (1 / ODD < strength.mean < ODD and strength.spread < self.spread_limit)
+        """Corrected readings, but for outliers, are about as long as the field, and as equally long as claimed."""
+        readings, inliers = self.strength.readings, self.inliers
+        if inliers.readings < (1.0 - OUTLIERS) * readings:
+            return False
+        return not readings or (1 / ODD < inliers.mean < ODD and inliers.spread < self.spread_limit)
 
     @property
     def doubt(self) -> str:
@@ -149,8 +156,7 @@ def _spread_limit(fit: Fit) -> float:
     """The spread of lengths from which on readings do not suit, by the noise and the claim of a fit."""
     if not fit.states_uncertainty:
         return UNEVEN
-    error, noise = fit.heading_error_deg, fit.noise / fit.ellipsoid.radius
-    claimed = math.radians(error.worst) * math.cos(math.radians(error.dip_deg))
+    noise, claimed = fit.noise / fit.ellipsoid.radius, math.radians(fit.direction_error_deg.worst)  # at any attitude
     return min(max(SUITED * math.hypot(noise, claimed), LEAST_UNEVEN), UNEVEN)
 
 

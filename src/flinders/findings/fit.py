@@ -409,8 +409,9 @@ ROWS: Final = (
         subject="fit",
         grades="limits",
         number=(
-            "what the accelerometer's tilt adds to a heading, degrees: scatter of the dip without noise, times the"
-            " tangent of the dip; of a sensor that was hardly accelerated (scatter of |g| below 2%)"
+            "what the accelerometer's tilt adds to a heading, degrees: scatter of the dip without noise and without the"
+            " error of the calibration, times the tangent of the dip; of a sensor that was hardly accelerated (scatter"
+            " of |g| below 2%)"
         ),
         limit="the target",
         action="calibrate `--with dip`, which finds bias and gains of the accelerometer, or calibrate that one",

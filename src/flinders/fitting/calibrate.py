@@ -33,7 +33,7 @@ from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.attitude import tilt_error_deg
-from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
+from flinders.heading.error_propagation import HeadingError, alignment_error_deg, direction_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.magnitude import distances
@@ -567,14 +567,14 @@ def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmod
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
     """What the tilt by the accelerometer adds to a heading; NaN where it was shaken, or a fit corrects it."""
     samples = readings.recording
+    if estimate.plane:  # what is not corrected across it bends the dip as well
+        return math.nan
     is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
     if is_corrected or not isinstance(samples, Samples) or samples.acceleration is None or len(samples) < FEWEST_STILL:
         return math.nan
     some = samples[: 10 * LOOKED_AT]
-    is_inlier = np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond
-    some = some[is_inlier]
-    lasting = 0.0 if estimate.correlation is None else max(estimate.correlation.lag_one, 0.0)
-    own_deg = math.degrees(estimate.noise * math.sqrt(lasting) / estimate.ellipsoid.radius)
+    some = some[np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond]
+    own_deg = math.hypot(direction_error_deg(estimate.ellipsoid, estimate.covariance).worst, _lasting_deg(estimate))
     added = tilt_error_deg(calibration.apply(some.field), some.acceleration, own_deg=own_deg)  # type: ignore[arg-type]
     if not TILT_DEG[0] < added < TILT_DEG[1]:
         return math.nan
@@ -582,6 +582,12 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Read
 
     felt = some.acceleration[:: max(1, len(some) // LOOKED_AT)]  # type: ignore[index]
     return added if scatter_at_rest(felt) < STILL else math.nan
+
+
+def _lasting_deg(estimate: Estimate) -> float:
+    """Angle by which residuals that last move a direction, 1 σ."""
+    lasting = 0.0 if estimate.correlation is None else max(estimate.correlation.lag_one, 0.0)
+    return math.degrees(estimate.noise * math.sqrt(lasting) / estimate.ellipsoid.radius)
 
 
 def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
@@ -646,7 +652,7 @@ def _judged(
         axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=None if driving else _unmodelled(estimate, readings, dip),
-        tilt_error_deg=_tilt_error_deg(estimate, calibration, readings, aiding),
+        tilt_error_deg=_tilt_error_deg(final, calibration, readings, aiding),
         is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,

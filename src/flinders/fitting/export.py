@@ -120,7 +120,7 @@ def origin_lines(fit: Fit) -> list[str]:
     lines = [f"from {fit.name}{sensor}"]
     if fit.is_described:
         is_stated = not math.isnan(fit.heading_error_deg.worst)
-        worst = f": worst heading good to {fit.heading_words}" if is_stated else ""
+        worst = f": headings good to {fit.heading_words}" if is_stated else ""
         lines.append(f"the calibration is {fit.verdict}{worst}")
     return [*lines, *limit_lines(fit)]
 

@@ -583,7 +583,7 @@ class Fit(Outcome):
         if self.verdict == "refused":
             return refusal(title, words)
         calibration = self.calibration
-        good = f"worst heading good to {self.heading_words}, while level; the target is {self.target_deg:g}°"
+        good = f"headings good to {self.heading_words}, while level; the target is {self.target_deg:g}°"
         good = "no heading error stated" if math.isnan(self.heading_error_deg.worst) else good
         return correction(
             calibration.matrix.tolist(),

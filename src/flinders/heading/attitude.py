@@ -159,14 +159,14 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: floa
     """Heading error (1 σ) from a vertical that leans as the dip wanders: tan I times its scatter, without its noise.
 
     Noise differs from one reading to the next; a bias of the accelerometer, or axes that sit askew, make the dip follow
-    the attitude. What two readings in a row have in common is theirs.
+    the attitude. What two readings in a row have in common is theirs, but for the error of the calibration.
 
     Parameters
     ----------
     field, specific_force : (N, 3)
         Corrected, in the order of recording; of a body that is hardly accelerated.
     own_deg : float
-        Scatter of the dip that the magnetometer makes by itself from one reading to the next, degrees (1 σ).
+        Scatter of the dip that the magnetometer makes: by errors of its calibration, and by residuals that last; 1 σ.
 
     Returns
     -------

@@ -345,7 +345,7 @@ class Finished:
         """Where the numbers come from and what is claimed of them, for the head of an export."""
         return [
             f"from {self.name}",
-            f"the calibration is {self.fit.verdict}: worst heading good to {self.fit.heading_words}",
+            f"the calibration is {self.fit.verdict}: headings good to {self.fit.heading_words}",
             *(f"limited: {limit}" for limit in self.limits),
         ]
 

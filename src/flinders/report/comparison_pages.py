@@ -197,7 +197,7 @@ def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
     """For which dip a heading error holds, and χ² where there is one."""
-    level = f"level vehicle, dip {abs(error.dip_deg):g}°"
+    level = f"level vehicle, dip {abs(error.dip_deg):.3g}°"
     if square is None:
         return level
     size = f"= {round(square, 6):.3g}" if square < 1000.0 else "> 1000"
@@ -462,7 +462,7 @@ def _remarks(drift: FleetDrift) -> list[str]:
     """What else there is to know, a line each."""
     against = "its first" if drift.against == "first" else "the one before"
     what = f"{counted(drift.calibrations, 'calibration')} of {counted(drift.units, 'unit')}"
-    remarks = [f"{what}; the newest of each against {against}, level vehicle, dip {abs(drift.dip_deg):g}°"]
+    remarks = [f"{what}; the newest of each against {against}, level vehicle, dip {abs(drift.dip_deg):.3g}°"]
     remarks += about_order(drift)
     if drift.session > 1.05:
         remarks.append(f"recordings scatter {figures(drift.session**0.5)} times as far as they claim: allowed for")

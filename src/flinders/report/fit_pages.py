@@ -370,7 +370,7 @@ def _composed(composed: Fit, after: str | None) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{in_words(turns_of(composed.method))}; level vehicle, dip {error.dip_deg:g}°"
+    basis = f"{in_words(turns_of(composed.method))}; level vehicle, dip {error.dip_deg:.3g}°"
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))

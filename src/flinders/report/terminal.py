@@ -3,12 +3,12 @@
 A page is a few blocks of rows with an empty line before each; what is not known is None and leaves no line.
 
 >>> from rich.console import Console
->>> block = verdict("GOOD", "good", "worst heading good to 0.12°", "3,000 readings")
+>>> block = verdict("GOOD", "good", "headings good to 0.12°", "3,000 readings")
 >>> Console(width=60).print(page(lines([("offset", "12.3", "µT")]), block, None), notes([("limits", "few readings")]))
 <BLANKLINE>
 offset   12.3   µT
 <BLANKLINE>
-GOOD  worst heading good to 0.12°
+GOOD  headings good to 0.12°
       3,000 readings
   ! few readings
 
