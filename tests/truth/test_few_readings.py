@@ -58,3 +58,10 @@ def test_the_claim_of_few_readings_is_true(method: str, count: int, trials: Choo
     ratios = [ratio(seed, method, count) for seed in chosen.seeds]
     assert np.median(ratios) < 1.4 ** (1.0 if chosen.widening == 1.0 else 2.0)
     assert np.quantile(ratios, 0.9) < 2.6 ** (1.0 if chosen.widening == 1.0 else 1.5)
+
+
+@pytest.mark.parametrize("seed", [7, 8, 25, 33, 35])
+def test_what_repeats_does_not_last(seed: int) -> None:
+    """A log that is five times faster than its sensor: the noise of the different readings is white."""
+    faster = np.repeat(simulate.tumble(seed=seed, n=300, motion="uniform").samples.field, 5, axis=0)
+    assert flinders.fit(faster).verdict == "good"

@@ -230,7 +230,7 @@ ROWS: Final = (
         rule=Rule(
             "unsteady_deg",
             (Grade("limits", 1.25, "target_deg"),),
-            needs=(*_WITHIN_TARGET, Needs("next_correlation", ">=", 0.5)),
+            needs=(*_WITHIN_TARGET, Needs("unlike_correlation", ">=", 0.5)),
         ),
         said=(
             "from moment to moment the field is off by {unsteady_deg}° of heading, more than the target: iron or "
@@ -255,7 +255,11 @@ ROWS: Final = (
         rule=Rule(
             "noise_lasts",
             (Grade("limits", 0.15),),
-            needs=(*_WITHIN_TARGET, Needs("worst_deg", ">", 0.25, "target_deg"), Needs("next_correlation", ">=", 0.15)),
+            needs=(
+                *_WITHIN_TARGET,
+                Needs("worst_deg", ">", 0.25, "target_deg"),
+                Needs("unlike_correlation", ">=", 0.15),
+            ),
         ),
         said=(
             "noise lasts for more than a third of the recording (probability {noise_lasts:.0%}), so that how large it "

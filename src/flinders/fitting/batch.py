@@ -33,7 +33,15 @@ from flinders.fitting import calibrate
 from flinders.fitting.claim import widening_by_few
 from flinders.fitting.result import ALIKE, Fit, Refused
 from flinders.fitting.shrinkage import posteriors
-from flinders.fitting.verdict import ALTERNATING, ENOUGH, ENOUGH_CORRELATED, OF_CALIBRATION, OF_RECORDING, halves_matter
+from flinders.fitting.verdict import (
+    ALTERNATING,
+    ENOUGH,
+    ENOUGH_CORRELATED,
+    OF_CALIBRATION,
+    OF_RECORDING,
+    halves_matter,
+    unlike_correlation,
+)
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
 from flinders.heading.confidence import bounds_deg, deviation_covariances
 from flinders.heading.error_propagation import level_error, raw_error
@@ -420,6 +428,7 @@ def _of_accuracy(records: Records) -> dict[str, Floats]:
     structure_deg = np.fmax(across, np.fmax(_proven(records, "nonlinear"), _proven(records, "lag")))
     lag_one = np.nan_to_num(records["lag_one"])
     off = np.sqrt(np.maximum(-3.0 * lag_one, 0.0)) * records["noise"]
+    lasting = unlike_correlation(lag_one, records["repeats"] / records["rows"])
     return {
         "worst_deg": np.hypot(records["level_worst_deg"], structure_deg),
         "rms_deg": np.hypot(records["level_rms_deg"], structure_deg),
@@ -428,7 +437,8 @@ def _of_accuracy(records: Records) -> dict[str, Floats]:
         "lag_deg": _named_fault(records, "lag", "nonlinear"),
         "next_correlation": lag_one,
         "noise_lasts": np.nan_to_num(records["noise_lasts"]),
-        "unsteady_deg": np.rad2deg(records["noise"] * np.sqrt(np.maximum(lag_one, 0.0)) / level),
+        "unlike_correlation": lasting,
+        "unsteady_deg": np.rad2deg(records["noise"] * np.sqrt(lasting) / level),
         "alternating_limit": np.minimum(ALTERNATING, -4.0 / np.sqrt(records["used"])),
         "alternating_deg": np.degrees(np.arctan2(off, level)),
     }

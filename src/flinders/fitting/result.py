@@ -437,13 +437,6 @@ class Fit(Outcome):
         return max(math.degrees(across), *(fault.heading_deg for fault in faults), 0.0)
 
     @property
-    def unsteady_deg(self) -> float:
-        """Heading error of a single moment, 1 σ, because of what lasts from one reading to the next."""
-        lasting = self.noise * math.sqrt(max(self.autocorrelation or 0.0, 0.0))
-        level = self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg))
-        return math.degrees(lasting / level)
-
-    @property
     def attitude_limit_deg(self) -> float:
         """Tilt up to which the worst heading error is within the target: 0 where even level it is not, 180 for all."""
         dip, down = self.known_dip_deg, down_of(self.plane)

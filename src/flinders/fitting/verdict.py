@@ -139,6 +139,7 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             **_accuracy(fit),
             **_evidence(fit),
             **_changes(fit),
+            **_lasting(fit, statistics),
             **_outliers(fit, statistics.rows),
             "inflation": math.nan if fit.plane else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / fit.ellipsoid.radius,
@@ -274,8 +275,6 @@ def _changes(fit: Fit) -> dict[str, float]:
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
         "tilt_error_deg": fit.tilt_error_deg,
-        "noise_lasts": fit.noise_lasts,
-        "unsteady_deg": fit.unsteady_deg,
         **_alternation(fit),
     }
 
@@ -317,6 +316,22 @@ def _apart(repeats: Repeats | None, target_deg: float) -> dict[str, float]:
         "apart_by_chance": part.p_value,
         "apart_beyond_claim_deg": part.off_deg if beyond else 0.0,
     }
+
+
+def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
+    """What lasts from one reading to the next different one, and the heading error of a single moment that it makes."""
+    correlation = float(unlike_correlation(fit.autocorrelation or 0.0, statistics.repeats / max(statistics.rows, 1)))
+    level = fit.ellipsoid.radius * math.cos(math.radians(fit.known_dip_deg))
+    return {
+        "noise_lasts": fit.noise_lasts,
+        "unlike_correlation": correlation,
+        "unsteady_deg": math.degrees(fit.noise * math.sqrt(correlation) / level),
+    }
+
+
+def unlike_correlation(next_correlation: Any, repeated: Any) -> Any:  # noqa: ANN401 - numbers, or columns of them
+    """Correlation of a residual with that of the next different reading, where a share repeats the one before."""
+    return np.maximum(next_correlation - repeated, 0.0) / np.maximum(1.0 - repeated, np.finfo(float).eps)
 
 
 def _alternation(fit: Fit) -> dict[str, float]:

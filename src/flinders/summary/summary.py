@@ -119,6 +119,7 @@ class Summary:
         health = self.health
         return Statistics(
             rows=health.rows,
+            repeats=health.repeats,
             distinct=health.distinct,
             path_correlation=health.path.correlation(self.moments.spread),
             extent=float(health.extent.max()),
@@ -215,6 +216,8 @@ class Statistics:
     ----------
     rows : int
         Usable readings.
+    repeats : int
+        Readings equal to the one before in all three axes.
     distinct : int
         Different readings.
     path_correlation : float
@@ -234,6 +237,7 @@ class Statistics:
     """
 
     rows: int
+    repeats: int
     distinct: int
     path_correlation: float
     extent: float
@@ -264,6 +268,7 @@ class Statistics:
         """
         return cls(
             rows=int(record["rows"]),
+            repeats=int(record["repeats"]),
             distinct=int(record["distinct"]),
             path_correlation=float(record["path_correlation"]),
             extent=float((record["highest"] - record["lowest"]).max()),
