@@ -81,7 +81,8 @@ def command(options: Apply) -> int:
     if options.as_json:
         strength = corrector.strength
         skipped = [str(skipped) for skipped in getattr(source, "skipped", ())]
-        print_json({"rows": strength.readings, **strength.as_dict(), "skipped": skipped, **prepared})
+        limits = [corrector.doubt] if corrector.doubt else []
+        print_json({"rows": strength.readings, **strength.as_dict(), "skipped": skipped, "limits": limits, **prepared})
     return LIMITED if corrector.doubt else GOOD
 
 

@@ -334,7 +334,10 @@ def _alternation(fit: Fit) -> dict[str, float]:
 def _leave(fit: Fit) -> str:
     """Whether the readings of a sensor that was corrected before are as good without the calibration."""
     is_needed = fit.uncorrected_heading_error_deg.worst > NOT_BY_CHANCE * fit.heading_error_deg.worst
-    return "the calibration is worth having" if is_needed else "leave them as they are, or turn the sensor further"
+    if is_needed:
+        return "the calibration is worth having"
+    is_covered = fit.coverage.hole_deg <= limit_of("coverage")
+    return "leave them as they are" if is_covered else "leave them as they are, or turn the sensor further"
 
 
 def _swap(fit: Fit) -> str:
