@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the board is a pseudo-terminal")
 
 TUMBLE = simulate.tumble(seed=3, noise=0.3)
-LINES = motioncal(TUMBLE.samples.field)
+TUMBLES = [simulate.tumble(seed=seed, noise=0.3, sensor=TUMBLE.sensor).samples.field for seed in range(4, 34)]
+LINES = motioncal(np.concatenate([TUMBLE.samples.field, *TUMBLES]))  # no reading twice, as a board plays them again
 COUNTS_PER_DPS = 16  # of MotionCal
 
 

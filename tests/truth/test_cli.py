@@ -604,7 +604,7 @@ def test_apply_doubts_a_strength_that_does_not_suit_the_calibration(home: Path) 
         ended = flinders_("apply", "calibration.json", name, "-o", "out.csv", "--force")
         assert ended.code == 3
         assert "! these readings do not suit the calibration" in ended.err
-        assert f"see flinders check calibration.json {name}, or calibrate again" in ended.err
+        assert "see flinders check, or calibrate again" in ended.err
 
 
 def test_apply_reads_standard_input_and_reports_in_json(calibration: Calibration) -> None:

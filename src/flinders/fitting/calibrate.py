@@ -65,9 +65,8 @@ LOOKED_AT: Final = 5_000
 FEWEST_STILL, STILL = 100, 0.02
 """Readings that tell how an accelerometer tilts, and the scatter of |g| up to which they are of a body at rest."""
 
-TILT_DEG: Final = (0.5, 10.0)
-"""Heading error below which the tilt is noise: of a thousand clean accelerometers none came to 0.3°; and beyond which no
-accelerometer of this body is off, as a bias of 0.6 m/s² makes 6°: its axes are others, or it never changes."""
+LEAST_TILT_DEG: Final = 0.5
+"""Heading error below which the tilt is noise: of a thousand clean accelerometers none came to 0.3°."""
 
 SWAP_LAG_ONE: Final = 0.05
 """Correlation of a residual with the next below which no axes were swapped: 1 − 1/1.1² = 17 % of the variance are those
@@ -576,7 +575,7 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Read
     some = some[np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond]
     own_deg = math.hypot(direction_error_deg(estimate.ellipsoid, estimate.covariance).worst, _lasting_deg(estimate))
     added = tilt_error_deg(calibration.apply(some.field), some.acceleration, own_deg=own_deg)  # type: ignore[arg-type]
-    if not TILT_DEG[0] < added < TILT_DEG[1]:
+    if not added > LEAST_TILT_DEG:
         return math.nan
     from flinders.estimators.accelerometer import scatter_at_rest
 

@@ -155,6 +155,11 @@ def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     return dip
 
 
+MOST_SCATTER_DEG: Final = 6.0
+"""Scatter of the dip beyond which an accelerometer is not of this body: its axes are others, or it never changes. A bias of
+0.6 m/s² makes 3.5°."""
+
+
 def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: float = 0.0) -> float:
     """Heading error (1 σ) from a vertical that leans as the dip wanders: tan I times its scatter, without its noise.
 
@@ -171,7 +176,7 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: floa
     Returns
     -------
     float, degrees
-        NaN without two readings in a row.
+        NaN without two readings in a row, and where the accelerometer is not of this body.
 
     Examples
     --------
@@ -186,6 +191,8 @@ def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: floa
         return float("nan")
     middle = float(np.median(dips))
     common = float(np.mean((dips[1:] - middle) * (dips[:-1] - middle))) - own_deg**2
+    if common > MOST_SCATTER_DEG**2:
+        return float("nan")
     return math.sqrt(max(common, 0.0)) * abs(math.tan(math.radians(middle)))
 
 
