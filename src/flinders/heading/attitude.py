@@ -156,8 +156,8 @@ def dip_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
 
 
 MOST_SCATTER_DEG: Final = 6.0
-"""Scatter of the dip beyond which an accelerometer is not of this body: its axes are others, or it never changes. A bias of
-0.6 m/s² makes 3.5°."""
+"""Scatter of the dip beyond which an accelerometer is not of this body: its axes are others, or it never changes.
+A bias of 0.6 m/s² makes 3.5°."""
 
 
 def tilt_error_deg(field: ArrayLike, specific_force: ArrayLike, *, own_deg: float = 0.0) -> float:
