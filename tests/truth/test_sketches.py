@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import subprocess
 import sys
@@ -48,13 +49,24 @@ def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
             content = content[os.write(master, content[:256]) :] or again
 
 
+def terminal() -> tuple[int, int]:
+    """Both ends of a pseudo-terminal that nobody has locked, as one of its number may be by a process that lives on."""
+    master, slave = os.openpty()
+    try:
+        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return terminal()
+    fcntl.flock(slave, fcntl.LOCK_UN)
+    tty.setraw(slave)
+    return master, slave
+
+
 @pytest.mark.parametrize("name", FIVE)
 def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shape = next(shape for shape in SHAPES if shape["name"] == name)
-    master, slave = os.openpty()
-    tty.setraw(slave)
+    master, slave = terminal()
     is_over = Event()
     sender = Thread(target=print_to, args=(master, shape, is_over))
     sender.start()
