@@ -50,14 +50,16 @@ def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
 
 
 def terminal() -> tuple[int, int]:
-    """Both ends of a pseudo-terminal that nobody has locked, as one of its number may be by a process that lives on."""
+    """Both ends of a pseudo-terminal that can be locked: another of its number may still be, elsewhere."""
     master, slave = os.openpty()
+    tty.setraw(slave)
+    again = os.open(os.ttyname(slave), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     try:
-        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(again, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return terminal()
-    fcntl.flock(slave, fcntl.LOCK_UN)
-    tty.setraw(slave)
+    finally:
+        os.close(again)
     return master, slave
 
 
