@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import subprocess
 import sys
@@ -49,18 +48,22 @@ def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
             content = content[os.write(master, content[:256]) :] or again
 
 
-def terminal() -> tuple[int, int]:
-    """Both ends of a pseudo-terminal that can be locked: another of its number may still be, elsewhere."""
+def record(shape: dict[str, Any], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Record what a board prints; on the next terminal where another test has left the first one locked."""
     master, slave = os.openpty()
     tty.setraw(slave)
-    again = os.open(os.ttyname(slave), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    is_over = Event()
+    sender = Thread(target=print_to, args=(master, shape, is_over))
+    sender.start()
+    words = ("record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv")
     try:
-        fcntl.flock(again, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return terminal()
+        recorded = run(*words, folder=folder)
+        return record(shape, folder) if "another program uses it" in recorded.stderr else recorded
     finally:
-        os.close(again)
-    return master, slave
+        is_over.set()
+        sender.join()
+        os.close(slave)
+        os.close(master)
 
 
 @pytest.mark.parametrize("name", FIVE)
@@ -68,19 +71,7 @@ def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shape = next(shape for shape in SHAPES if shape["name"] == name)
-    master, slave = terminal()
-    is_over = Event()
-    sender = Thread(target=print_to, args=(master, shape, is_over))
-    sender.start()
-    try:
-        recorded = run(
-            "record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv", folder=tmp_path
-        )
-    finally:
-        is_over.set()
-        sender.join()
-    os.close(slave)
-    os.close(master)
+    recorded = record(shape, tmp_path)
     assert recorded.returncode == 0, recorded.stderr
     monkeypatch.chdir(tmp_path)
     calibrated = flinders_("calibrate", "tumble.csv", "-o", "calibration.json")
