@@ -276,7 +276,7 @@ class NotTurned(FitError):
         super().__init__(
             f"the sensor was not turned: its readings follow {disturbances} and hardly anything else ({figures(left)} "
             "of their unit is left, 1 σ). That tells what the disturbance does, and no offset or matrix: give the "
-            "calibration that it belongs to with --previous, or turn the sensor while recording",
+            "calibration that it belongs to with previous=, or turn the sensor while recording",
             left=left,
             disturbances=disturbances,
         )
@@ -387,7 +387,7 @@ class OutputExists(OutputError):
 
     def __init__(self, path: object) -> None:
         self.path = path
-        super().__init__(f"{path} exists: give another name, or overwrite it with --force")
+        super().__init__(f"{path} exists: give another name, or overwrite it with force=True")
 
 
 class NotConfirmed(OutputError):

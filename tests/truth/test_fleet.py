@@ -184,7 +184,7 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
         time.sleep(0.002)
     disturbance.kill()
     disturbance.communicate()
-    with pytest.raises(UsageError, match="go on with --resume"):
+    with pytest.raises(UsageError, match="go on with resume=True"):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
     assert told.resumed > 0
@@ -531,7 +531,7 @@ def test_a_scheduler_that_goes_away_is_said_and_the_run_resumed(
         def leave(*_: int | None) -> None:
             cluster.close()
 
-        with pytest.raises(LinkError, match="is gone: start it again, and go on with --resume"):
+        with pytest.raises(LinkError, match="is gone: start it again, and go on with resume=True"):
             run(str(logs), tmp_path / "out.parquet", Options(), scheduler=cluster.scheduler_address, watch=leave)
     assert "Traceback" not in capfd.readouterr().err
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)

@@ -17,6 +17,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
+from flinders.cli._wording import in_options
 from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
@@ -38,9 +39,9 @@ lines are hard to read."""
 
 
 def say(message: str) -> None:
-    """Say something in passing; whoever closed stderr does not want to hear it."""
+    """Say something in passing, in words of the command line; whoever closed stderr does not want to hear it."""
     with contextlib.suppress(OSError, ValueError):
-        click.echo(message, err=True)
+        click.echo(in_options(message), err=True)
 
 
 def print_json(fields: dict[str, Any]) -> None:

@@ -32,7 +32,7 @@ ROWS: Final = (
         rule=Rule("flatness", (Grade("refuses", 1.0, "flatness_limit"),), comparison="<"),
         said=(
             "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. "
-            "Of a turn about the vertical axis of a vehicle that cannot be turned over, map that axis to z with --axes"
+            "Of a turn about the vertical axis of a vehicle that cannot be turned over, map that axis to z (axes)"
         ),
         plain=(
             "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any "

@@ -277,8 +277,8 @@ class Checkpoint:
             checkpoint._refuse_foreign()
             if checkpoint.done and not resume and not force:
                 raise UsageError(
-                    f"{checkpoint.folder} holds what an earlier run has done: go on with --resume, or begin again with "
-                    "--force"
+                    f"{checkpoint.folder} holds what an earlier run has done: go on with resume=True, or begin again "
+                    "with force=True"
                 )
             if checkpoint.folder.exists() and not resume:
                 shutil.rmtree(checkpoint.folder)
@@ -312,7 +312,7 @@ class Checkpoint:
         if self.done:
             raise UsageError(
                 f"{self.folder} is of a run with other files, options or another release: name those again, or begin "
-                "again with --force and without --resume"
+                "again with force=True and without resume=True"
             )
         about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
         write_text(json.dumps(about) + "\n", path, force=True)
@@ -533,7 +533,7 @@ class Progress:
         if not done:
             self._checkpoint.remove()
             return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with --resume"
+        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with resume=True"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Log each recording that could not be read, up to `UNREAD` of them."""

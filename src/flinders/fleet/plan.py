@@ -205,7 +205,7 @@ def _refuse_batch(where: str, tables: Sequence[_TableSlice], logs: Sequence[File
     if not any(part.error or options.batch_column in in_path(part.file.name) for part in slices):
         raise UsageError(
             f"{where}: no file has a column {options.batch_column} or lies in a folder "
-            f"{options.batch_column}=...: name another with --batch-column, or leave that out"
+            f"{options.batch_column}=...: name another with batch_column=, or leave that out"
         )
 
 

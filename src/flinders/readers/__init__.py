@@ -25,7 +25,7 @@ from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
+from flinders.readers._frame import is_frame, open_frame
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
@@ -63,6 +64,8 @@ __all__ = [
 ]
 
 AnyPath: TypeAlias = "str | os.PathLike[str]"
+AnySource: TypeAlias = "AnyPath | IO[bytes] | IO[str] | Any"
+"""What is one recording; frames need no types here, as their packages need not be there."""
 FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
@@ -83,7 +86,7 @@ READERS: Final = _rows()
 
 
 def open_recording(
-    path: AnyPath | Sequence[AnyPath],
+    path: AnySource | Sequence[AnySource],
     *,
     columns: str | None = None,
     pattern: str | None = None,
@@ -103,8 +106,9 @@ def open_recording(
 
     Parameters
     ----------
-    path : str, path or sequence of them
-        A file, ``"-"`` for standard input, or several recordings of one sensor.
+    path : str, path, file object, data frame, or sequence of them
+        A file, ``"-"`` for standard input, an open file, a table in memory (of pandas, polars or pyarrow, or any with
+        ``__arrow_c_stream__``), or several recordings of one sensor.
     columns : str, optional
         Three names, or numbers from 1, of the magnetometer's columns: ``"mx,my,mz"``, ``"4,5,6"``.
     pattern : str, optional
@@ -142,7 +146,7 @@ def open_recording(
         For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
         cannot be used.
     """
-    paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
+    paths = [path] if is_source(path) else list(cast("Sequence[AnySource]", path))
     if not paths:
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
     asked = _Asked(
@@ -158,14 +162,14 @@ def open_recording(
         flat=flat,
         progress=progress,
     )
-    opened = [_open(_found(each, once=once), asked) for each in paths]
+    opened = [_opened(each, asked, once=once) for each in paths]
     if len(opened) == 1:
         return opened[0]
     for other in opened[1:]:
         if other.unit != opened[0].unit:
             raise UnitError(
                 f"{opened[0].source} is in {opened[0].unit.name} and {other.source} in {other.unit.name}: "
-                "recordings of one sensor need one unit; say which with --unit"
+                "recordings of one sensor need one unit; say which with unit="
             )
     return Joined(tuple(opened))
 
@@ -252,7 +256,7 @@ def holds_log(
 
 
 def read(
-    path: AnyPath | Sequence[AnyPath],
+    path: AnySource | Sequence[AnySource],
     *,
     columns: str | None = None,
     pattern: str | None = None,
@@ -314,6 +318,23 @@ class _Asked:
     flat: str | None = None
 
 
+def is_source(source: object) -> bool:
+    """Whether `open_recording` takes it as one recording: a path, an open file, or a table in memory."""
+    return isinstance(source, (str, os.PathLike)) or hasattr(source, "read") or is_frame(source)
+
+
+def _opened(source: AnySource, asked: _Asked, *, once: bool) -> FileRecording:
+    """Open a table in memory, or what a path or an open file holds."""
+    if not is_frame(source):
+        return _open(_found(cast("AnyPath", source), once=once), asked)
+    for option in ("pattern", "topic", "as_logged"):
+        if getattr(asked, option):
+            raise UsageError(f"a table in memory has named columns and nothing else: leave {option}= out")
+    recording = open_frame(source, **{name: getattr(asked, name) for name in OF_TABLES})
+    recording.span = asked.span
+    return recording
+
+
 def _open(file: Source, asked: _Asked) -> FileRecording:
     """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
     reader = _reader_of(file.name, file.head())
@@ -328,7 +349,7 @@ def _is_folder(path: AnyPath) -> bool:
 
 def _found(path: AnyPath, *, once: bool = False) -> Source:
     """Find what a path names; a folder of ROS goes by the description in it, and weighs what all in it does."""
-    if _is_folder(path) and is_bag_folder(Path(path)):
+    if not hasattr(path, "read") and _is_folder(path) and is_bag_folder(Path(path)):
         folder = Path(path)
         size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
         return File(folder.name, folder / METADATA, size)
@@ -349,15 +370,15 @@ def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | Ta
     """Open the columns of one magnetometer; of several, that which is meant."""
     options: dict[str, Any] = {name: getattr(asked, name) for name in OF_TABLES}
     if asked.as_logged:
-        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave --as-logged out")
+        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave as_logged= out")
     if asked.topic is not None:
         if not reader.takes_topic:
-            raise UsageError(f"{file.name} has no topics and no members: leave --topic out")
+            raise UsageError(f"{file.name} has no topics and no members: leave topic= out")
         options["topic"] = asked.topic
     if reader.open is open_text:
         recording: TextRecording | TableRecording = open_text(file, pattern=asked.pattern, **options)
     elif asked.pattern is not None:
-        raise UsageError(f"{file.name} is no text ({reader.title}): leave --pattern out")
+        raise UsageError(f"{file.name} is no text ({reader.title}): leave pattern= out")
     else:
         disk = on_disk(file)
         assert reader.open is not None
@@ -389,7 +410,7 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
         if getattr(asked, option) is not None:
             raise UsageError(
-                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave --{option} out"
+                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave {option}= out"
             )
     disk = on_disk(file)
     assert reader.log is not None
@@ -416,7 +437,7 @@ def _begun(columns: Columns) -> datetime | None:
 def _chosen(log: Log, asked: _Asked) -> Instrument:
     """Take the magnetometer that was asked for, or the first, which then names the others."""
     if asked.choice.sensor is not None and asked.topic is not None:
-        raise UsageError("--sensor and --topic both say which magnetometer of a log it is: leave one of them out")
+        raise UsageError("sensor= and topic= both say which magnetometer of a log it is: leave one of them out")
     choice = asked.choice if asked.topic is None else Choice(asked.topic)
     names = [instrument.name for instrument in log.instruments]
     chosen = log.instruments[choice.among(names, log.source)]

@@ -13,7 +13,7 @@ from rich.text import Text
 from flinders.core.axes import Axes
 from flinders.errors import counted
 from flinders.geometry.angles import folded, shown_heading
-from flinders.heading.axis_consistency import OPPOSITE, remedy
+from flinders.heading.axis_consistency import EVERY, OPPOSITE, after
 from flinders.heading.compass import AS_THEY_ARE, LEVEL
 from flinders.heading.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.heading.stationary import hard_iron
@@ -174,7 +174,7 @@ def _dip_notes(
     if claims["dip_from"] == "seen" and dip < 0.0:
         words = (
             f"the field is seen to point up by {-dip:.0f}°: right in the south; north of the magnetic equator the "
-            f"acceleration has the opposite sign, and headings run backwards: {remedy(Axes.of(OPPOSITE), turned)}; "
+            f"acceleration has the opposite sign, and headings run backwards: {_opposite(turned)}; "
             "--at or --dip tells"
         )
         yield "limits", words
@@ -184,6 +184,12 @@ def _dip_notes(
             "calibrated, or sensors that do not sit square to each other"
         )
         yield "limits", words
+
+
+def _opposite(turned: Axes) -> str:
+    """The option that turns the acceleration round, on top of how it is turned already."""
+    whole = after(Axes.of(OPPOSITE), turned)
+    return "leave --acceleration-axes out" if whole == EVERY[0] else f"give --acceleration-axes={whole}"
 
 
 # -------------------------------------------------------------------------------------------------------------- a swing

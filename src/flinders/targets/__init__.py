@@ -34,6 +34,7 @@ __all__ = [
     "find",
     "read_back",
     "registry",
+    "taking",
 ]
 
 FIRST: Final = (
@@ -67,6 +68,18 @@ def find(name: str) -> Target:
     if known is None:
         raise UsageError(f"target {name!r} is not known: use one of {', '.join(registry())}")
     return known
+
+
+def taking(name: str, *, compass: int | None = None, code_name: str | None = None) -> Target:
+    """Look up a target as `find`, and refuse a compass or a name for code that it does not take: `UsageError`."""
+    target = find(name)
+    if compass is not None and not target.compasses:
+        takes = ", ".join(each.name for each in registry().values() if each.compasses)
+        raise UsageError(f"compass= goes with {takes}: {target.name} holds one compass only")
+    if code_name is not None and not target.named:
+        takes = ", ".join(each.name for each in registry().values() if each.named)
+        raise UsageError(f"name= goes with {takes}: {target.name} has no names to choose, leave it out")
+    return target
 
 
 def read_back(
@@ -110,7 +123,9 @@ def read_back(
     if target is None:
         name = next((name for name, reader in readable.items() if reader.sniff(content[:HEAD])), None)
         if name is None:
-            raise DocumentError(f"{source}: is no file of {', '.join(readable)}: name the target with --from, if it is")
+            raise DocumentError(
+                f"{source}: is no file of {', '.join(readable)}: name the target with target=, if it is"
+            )
     else:
         name = find(target).name
         if name not in readable:
@@ -118,6 +133,6 @@ def read_back(
     reader = readable[name]
     if compass is not None and reader.which is None:
         several = dict.fromkeys(row.family for row in registry().values() if row.compasses)
-        raise UsageError(f"--compass goes with {' and '.join(several)}: {name} holds one compass only")
+        raise UsageError(f"compass= goes with {' and '.join(several)}: {name} holds one compass only")
     more = {"compass": compass} if reader.which is not None else {}
     return name, reader.read(content, source, strength=strength, **more)
