@@ -91,7 +91,7 @@ class NoUnit(InputError):
         self.rows = rows
         super().__init__(
             f"{counted(rows, 'row')} of {where} name no unit: fitted to none; fill the column of units in, or name "
-            "another one with unit_column="
+            "another column of them"
             if rows
             else f"{where} lies in a folder of no unit: give that folder a name"
         )
