@@ -420,6 +420,7 @@ def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
     beginning = np.nan if asked.span.is_all else _beginning(log)
     options: dict[str, Any] = {name: getattr(asked, name) for name in ("axes", "as_logged", "span", "progress")}
     options |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
+    options |= {"position": log.position, "begun": log.begun}
     return replace(log, instruments=tuple(replace(instrument, **options) for instrument in log.instruments))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import NoMagnetometer, UnitError, UsageError
+from flinders.errors import NoMagnetometer, UnitError, UsageError, did_you_mean
 from flinders.geometry import quaternions
 from flinders.readers._likeness import advice, ascends, groups
 from flinders.readers._names import (
@@ -452,7 +452,8 @@ def _place(asked: str, names: list[str], width: int) -> int:
     if asked.isdecimal() and 1 <= int(asked) <= width:
         return int(asked) - 1
     there = f"its columns are {', '.join(names)}" if names else f"it has no header and {width} columns"
-    raise UsageError(f"there is no column {asked!r}: {there}; give three names or numbers from 1 to {width}")
+    meant = did_you_mean(asked, names)
+    raise UsageError(f"there is no column {asked!r}{meant}: {there}; give three names or numbers from 1 to {width}")
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:

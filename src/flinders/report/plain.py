@@ -64,6 +64,20 @@ def page(outcome: Fit | FitError, provenance: Provenance) -> str:
     return filled("plain.txt.j2", given, FILTERS)
 
 
+def summary(fit: Fit) -> str:
+    """How good a calibration is, how far off the compass was and will be, in two sentences."""
+    good = "is good" if fit.verdict == "good" else "can be used, with limits"
+    error = fit.heading_error_deg
+    with_it = f"with it, by {degrees(error.rms)} on average and by {degrees(error.worst)} at the worst heading"
+    return f"The calibration {good}. Without it headings are off by {uncorrected(fit)}; {with_it}."
+
+
+def uncorrected(fit: Fit) -> str:
+    """How far headings are off without the calibration."""
+    worst = fit.uncorrected_heading_error_deg.worst
+    return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
+
+
 def _of_fit(fit: Fit) -> dict[str, Any]:
     """Numbers to copy, and what the words on heading and attitudes need."""
     offsets = on_the_point(offset_entries(fit.calibration, fit.offset_sigma))
@@ -74,6 +88,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
         "offsets": [(axis, value.rstrip()) for axis, value in zip("xyz", offsets, strict=True)],
         "matrix": [(axis, "   ".join(row)) for axis, row in zip("xyz", rows, strict=True)],
         "mounting": mounting(fit).replace(" (1 σ)", ""),
+        "uncorrected": uncorrected(fit),
         "upside_down": UPSIDE_DOWN,
         "tilt": next((tilt for tilt in TILTS if tilt > fit.attitude_limit_deg), UPSIDE_DOWN),
         "side": "" if is_whole else unseen_side(fit.coverage),

@@ -17,7 +17,7 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import DocumentError, UsageError
+from flinders.errors import DocumentError, UsageError, did_you_mean
 from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -66,7 +66,8 @@ def find(name: str) -> Target:
     """
     known = registry().get(name.strip().casefold())
     if known is None:
-        raise UsageError(f"target {name!r} is not known: use one of {', '.join(registry())}")
+        meant = did_you_mean(name, registry())
+        raise UsageError(f"target {name!r} is not known{meant}: use one of {', '.join(registry())}")
     return known
 
 
