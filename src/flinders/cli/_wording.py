@@ -2,8 +2,8 @@
 
 >>> in_options("give unit='mG', or scale= for counts; or write it with force=True")
 'give --unit mG, or --scale for counts; or write it with --force'
->>> in_options("map them with axes='-x,y,z'")
-'map them with --axes=-x,y,z'
+>>> in_options("map them with axes='-x,y,z'"), in_options("give --acceleration-axes=-x,y,z")
+('map them with --axes=-x,y,z', 'give --acceleration-axes=-x,y,z')
 >>> in_options("take it at one value with calibration.at(current=0, temperature=20)")
 'take it at one value with --fix current=0 --fix temperature=20'
 """
@@ -32,7 +32,7 @@ OPTIONS: Final = {
 """Options by the keywords of Python that the library's messages name."""
 
 QUOTED: Final = r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*\""""
-KEYWORD: Final = re.compile(rf"\b({'|'.join(OPTIONS)})=({QUOTED}|True|[-+\d.]*\d)?")
+KEYWORD: Final = re.compile(rf"(?<![-\w])({'|'.join(OPTIONS)})=({QUOTED}|True|[-+\d.]*\d)?")
 """A keyword with a value behind it, or none."""
 
 FIXED: Final = re.compile(r"calibration\.at\((.*?)\)")
@@ -51,4 +51,4 @@ def _option(match: re.Match[str]) -> str:
     if value in (None, "True"):
         return option
     written = shlex.quote(str(ast.literal_eval(value)))
-    return f"{option}{'=' if written.startswith('-') else ' '}{written}"
+    return f"{option}{'=' if option.endswith('axes') else ' '}{written}"  # which may begin with a minus

@@ -414,10 +414,15 @@ def _blame(halves: Sequence[HalfTurn]) -> str:
 def _half_turns_table(halves: Sequence[HalfTurn]) -> Table:
     rows = [
         (shown_heading(half.first.heading_deg, 2), shown_heading(half.second.heading_deg, 2),
-         f"{180.0 + half.off_deg:.2f}°", f"{half.off_deg:+.2f} ± {half.sigma_deg:.2f}°")
+         f"{180.0 + half.off_deg:.2f}°", f"{half.off_deg:+.2f}{_give_or_take(half.sigma_deg)}°")
         for half in halves
     ]  # fmt: skip
     return table((Column("turned by 180°, from", justify="right"), "to", "the heading by", "off by"), rows)
+
+
+def _give_or_take(sigma_deg: float) -> str:
+    """Write an uncertainty; nothing where it is not known."""
+    return f" ± {sigma_deg:.2f}" if math.isfinite(sigma_deg) else ""
 
 
 def _half_turns_verdict(halves: Sequence[HalfTurn], target_deg: float) -> Table:
