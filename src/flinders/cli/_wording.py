@@ -4,6 +4,8 @@
 'give --unit mG, or --scale for counts; or write it with --force'
 >>> in_options("map them with axes='-x,y,z'"), in_options("give --acceleration-axes=-x,y,z")
 ('map them with --axes=-x,y,z', 'give --acceleration-axes=-x,y,z')
+>>> in_options("no reading in fleet/unit=A17/log.parquet")                            # a name of a folder
+'no reading in fleet/unit=A17/log.parquet'
 >>> in_options("take it at one value with calibration.at(current=0, temperature=20)")
 'take it at one value with --fix current=0 --fix temperature=20'
 """
@@ -16,9 +18,9 @@ import shlex
 from typing import Final
 
 SAME: Final = (
-    "acceleration", "acceleration_axes", "as_logged", "axes", "batch_column", "columns", "compass", "error", "field",
-    "field_strength", "force", "level", "lossy", "moment", "name", "pattern", "previous", "remanence", "resume",
-    "scale", "scheduler", "sensor", "stray", "topic", "unit", "unit_column", "volume",
+    "acceleration", "acceleration_axes", "as_logged", "axes", "batch_column", "columns", "compass", "field_strength",
+    "force", "level", "lossy", "name", "pattern", "previous", "resume", "scale", "scheduler", "sensor", "topic", "unit",
+    "unit_column",
 )  # fmt: skip
 """Keywords of Python that are options with the same name."""
 
@@ -32,7 +34,7 @@ OPTIONS: Final = {
 """Options by the keywords of Python that the library's messages name."""
 
 QUOTED: Final = r"""'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*\""""
-KEYWORD: Final = re.compile(rf"(?<![-\w])({'|'.join(OPTIONS)})=({QUOTED}|True|[-+\d.]*\d)?")
+KEYWORD: Final = re.compile(rf"(?<![-\w])({'|'.join(OPTIONS)})=({QUOTED}|True|(?<=scale=)[\d.]*\d)?(?=[\s,;:.)]|$)")
 """A keyword with a value behind it, or none."""
 
 FIXED: Final = re.compile(r"calibration\.at\((.*?)\)")

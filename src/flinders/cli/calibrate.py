@@ -29,6 +29,7 @@ from flinders.errors import FitError, NotTurned, UsageError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Provenance
     from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording
@@ -491,6 +492,14 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
     ).calibrate(options.reading.as_dict(), asked)
 
 
+def _propose_unit(calibration: Calibration) -> None:
+    """Say in which unit counts would have the strength of the earth's field, if in any."""
+    from flinders.report.recording import unit_remark
+
+    if words := unit_remark(calibration.field_strength, calibration.unit):
+        say(f"! {words}")
+
+
 class _Run:
     """A fit of one sensor, from its recordings to its files; `asked` and `own` as `Calibrate.of_fit` gives them."""
 
@@ -538,7 +547,6 @@ class _Run:
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
         from flinders.core.calibration_file import dumps
-        from flinders.report.recording import unit_remark
 
         files, outputs = self.files, self.files.outputs
         if files.output:
@@ -550,9 +558,8 @@ class _Run:
             is_assumed = "site" not in self.asked and not option.is_typed("dip_deg")
             print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose, is_dip_assumed=is_assumed)
         self._report(fit)
-        strength = None if fit.calibration.field_strength_known else fit.calibration.field_strength
-        if words := unit_remark(strength, fit.calibration.unit):
-            say(f"! {words}")
+        if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
+            _propose_unit(fit.calibration)
         if not files.output:
             nothing = "no calibration file" if files.exports or files.convergence else "nothing"
             say(f"{nothing} was written: name a file with -o calibration.json")

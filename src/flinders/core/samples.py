@@ -497,7 +497,7 @@ class TimeSpan:
             if given is not None and not (np.isfinite(given) and given >= 0):
                 raise UsageError(f"--{name} is {given:g}: need seconds from the beginning of the recording, 0 or more")
         if span.end <= span.start:
-            raise UsageError(f"start={span.start:g}, end={span.end:g}: nothing lies between; the end comes second")
+            raise UsageError(f"from {span.start:g} to {span.end:g} s: nothing lies between; the end comes second")
         return span
 
     @property

@@ -325,7 +325,7 @@ def is_source(source: object) -> bool:
 
 def _opened(source: AnySource, asked: _Asked, *, once: bool) -> FileRecording:
     """Open a table in memory, or what a path or an open file holds."""
-    if not is_frame(source):
+    if isinstance(source, (str, os.PathLike)) or hasattr(source, "read"):
         return _open(_found(cast("AnyPath", source), once=once), asked)
     for option in ("pattern", "topic", "as_logged"):
         if getattr(asked, option):

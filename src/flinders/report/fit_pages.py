@@ -41,9 +41,9 @@ from flinders.report.formatting import (
     p_value,
     reach,
     shown_findings,
+    summary,
     written_time,
 )
-from flinders.report.plain import summary
 from flinders.report.terminal import COLOURS, facts, lines, notes, page, styled, table, verdict, whole_columns
 
 if TYPE_CHECKING:

@@ -191,6 +191,20 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 # ------------------------------------------------------------------------------------------------------- words on a fit
 
 
+def summary(fit: Fit) -> str:
+    """How good a calibration is, how far off the compass was and will be, in two sentences."""
+    good = "is good" if fit.verdict == "good" else "can be used, with limits"
+    error = fit.heading_error_deg
+    with_it = f"with it, by {degrees(error.rms)} on average and by {degrees(error.worst)} at the worst heading"
+    return f"The calibration {good}. Without it headings are off by {uncorrected(fit)}; {with_it}."
+
+
+def uncorrected(fit: Fit) -> str:
+    """How far headings are off without the calibration."""
+    worst = fit.uncorrected_heading_error_deg.worst
+    return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
+
+
 def shown_findings(fit: Fit) -> list[Finding]:
     """Findings that a page shows, first causes; of a refused fit no notes but those on the recording."""
     causes = first_causes(fit.findings)

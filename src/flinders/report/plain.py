@@ -33,6 +33,7 @@ from flinders.report.formatting import (
     offset_entries,
     on_the_point,
     shown_findings,
+    uncorrected,
 )
 from flinders.report.html_file import filled
 
@@ -62,20 +63,6 @@ def page(outcome: Fit | FitError, provenance: Provenance) -> str:
         **(_of_fit(outcome) if isinstance(outcome, Fit) else {}),
     }
     return filled("plain.txt.j2", given, FILTERS)
-
-
-def summary(fit: Fit) -> str:
-    """How good a calibration is, how far off the compass was and will be, in two sentences."""
-    good = "is good" if fit.verdict == "good" else "can be used, with limits"
-    error = fit.heading_error_deg
-    with_it = f"with it, by {degrees(error.rms)} on average and by {degrees(error.worst)} at the worst heading"
-    return f"The calibration {good}. Without it headings are off by {uncorrected(fit)}; {with_it}."
-
-
-def uncorrected(fit: Fit) -> str:
-    """How far headings are off without the calibration."""
-    worst = fit.uncorrected_heading_error_deg.worst
-    return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
 
 
 def _of_fit(fit: Fit) -> dict[str, Any]:
