@@ -32,6 +32,8 @@ START: Final = ROOT / "docs" / "start"
 PORT: Final = "/dev/ttyACM0"
 CONSOLE: Final = re.compile(r"(?<=^```console\n)(.*?)(?=^```$)", re.MULTILINE | re.DOTALL)
 SCRIPT: Final = re.compile(r"^```python\n(?!>>>)(.*?)^```$", re.MULTILINE | re.DOTALL)
+LAST_DIGITS: Final = re.compile(r"(\.\d{5})\d+")
+"""Machines agree on five decimals of a fit."""
 ARRIVED: Final = re.compile(r"in [\d.]+ s, [\d,.]+ Hz")
 
 
@@ -39,7 +41,7 @@ def plug_in_board() -> str:
     """The name of a serial port whose board prints lines once the port is open at its speed."""
     board, port = os.openpty()
     tty.setraw(port)
-    field = simulate.tumble(seed=2, motion="hand", n=1300).samples.field
+    field = simulate.tumble(seed=2, motion="hand", n=1200).samples.field
 
     def sketch() -> None:
         while termios.tcgetattr(port)[5] != termios.B115200:
@@ -98,7 +100,10 @@ def test_the_first_minutes_are_as_the_page_shows(
         exec(compile(script, page, "exec"), {})
     if request.config.getoption("--regenerate", default=False):
         path.write_text(renewed, encoding="utf-8")
-    assert renewed == path.read_text(encoding="utf-8"), f"docs/start/{page}: `uv run pytest --regenerate`, then review"
+    shown = path.read_text(encoding="utf-8")
+    assert LAST_DIGITS.sub(r"\1", renewed) == LAST_DIGITS.sub(r"\1", shown), (
+        f"docs/start/{page}: `uv run pytest --regenerate`, then review"
+    )
 
 
 @pytest.mark.parametrize("page", ["maker.md", "pilot.md", "notebook.md", "line.md"])
