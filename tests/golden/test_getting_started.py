@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Final
 
 import pytest
 from click.testing import CliRunner
+from tests.flight_log import dataflash
 from tests.golden.sessions import ROOT, table_text
-from tests.golden.test_info import dataflash
 
 from flinders import simulate
 from flinders.cli import main

@@ -194,10 +194,34 @@ def page(summary: RunSummary) -> RenderableType:
     for verdict, count in summary.verdicts.items():
         verdicts.add_row(verdict, f"{count:,}", percent(count, summary.rows), style=COLOURS[verdict])
     parts = [f"{counted(summary.files, 'file')}: {', '.join(content)}", "", verdicts]
-    for title, counts in (("no calibration because", summary.codes), ("findings", summary.findings)):
+    if summary.rejected:
+        parts += ["", _rejected(summary)]
+    common, others = _findings(summary)
+    for title, counts in (("no calibration because", summary.codes), ("findings", others)):
         if counts:
             parts += ["", _most_frequent(title, counts)]
-    return Group("", *parts, "", *_remarks(summary))
+    remarks = [f"true of each calibration: {', '.join(common)}"] if common else []
+    return Group("", *parts, "", *remarks, *_remarks(summary))
+
+
+def _findings(summary: RunSummary) -> tuple[list[str], dict[str, int]]:
+    """Findings that all calibrations have, and how often the others occur."""
+    calibrations = summary.verdicts.get("good", 0) + summary.verdicts.get("limited", 0)
+    common = [code for code, count in summary.findings.items() if count >= calibrations > 1]
+    return common, {code: count for code, count in summary.findings.items() if code not in common}
+
+
+def _rejected(summary: RunSummary) -> RenderableType:
+    """Table of the first recordings without a calibration."""
+    table = _table("refused or failed")
+    table.add_column("recording")
+    table.add_column("because")
+    for row in summary.rejected[:SHOWN]:
+        table.add_row(row["unit"], row["recording"], row["code"], style="red")
+    more = summary.verdicts.get("refused", 0) + summary.verdicts.get("failed", 0) - SHOWN
+    if more > 0:
+        table.add_row(f"and {more:,} more", "", "")
+    return table  # type: ignore[no-any-return]
 
 
 def _table(first: str, *numbers: str) -> Any:  # noqa: ANN401 - rich is imported late
