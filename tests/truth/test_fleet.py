@@ -332,13 +332,13 @@ def test_a_start_that_came_to_nothing_is_no_earlier_run(
     assert run(str(logs), out, Options(), workers=0).units == 6
 
 
-@pytest.mark.parametrize("options", [{}, {"resume": True}, {"force": True}])
-def test_a_second_run_into_one_table_is_refused(logs: Path, tmp_path: Path, options: dict[str, bool]) -> None:
+@pytest.mark.parametrize(("resume", "force"), [(False, False), (True, False), (False, True)])
+def test_a_second_run_into_one_table_is_refused(logs: Path, tmp_path: Path, *, resume: bool, force: bool) -> None:
     out = tmp_path / "out.parquet"
     first = Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False)
     part = first.commit(0, b"rows")
     with pytest.raises(OutputError, match=r"out\.parquet\.parts: another run is writing into it"):
-        run(str(logs), out, Options(), workers=0, **options)
+        run(str(logs), out, Options(), workers=0, resume=resume, force=force)
     assert part.exists()
     first.close()
     run(str(logs), out, Options(), workers=0, force=True)

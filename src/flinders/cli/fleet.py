@@ -41,7 +41,9 @@ class FleetReading(option.Group):
     scale: float | None = option.same_as(option.ReadingOptions, "scale")
     axes: str = option.same_as(option.ReadingOptions, "axes")
     as_logged: bool = option.same_as(option.ReadingOptions, "as_logged")
-    sensor: str | None = option.sensor()
+    sensor: str | None = option.sensor(
+        "Which magnetometer of several, by number or name [default: all, as units of their own]."
+    )
     target_deg: float = option.target()
     dip_deg: float = option.dip(default=60.0)
 
@@ -189,6 +191,8 @@ def page(summary: RunSummary) -> RenderableType:
     """Lay out a run: what was read, verdicts, why rows have no calibration, and findings."""
     from rich.console import Group
 
+    from flinders.fleet.results import common_findings
+
     content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
     verdicts = _table("verdict", "recordings", "share")
     for verdict, count in summary.verdicts.items():
@@ -196,19 +200,13 @@ def page(summary: RunSummary) -> RenderableType:
     parts = [f"{counted(summary.files, 'file')}: {', '.join(content)}", "", verdicts]
     if summary.rejected:
         parts += ["", _rejected(summary)]
-    common, others = _findings(summary)
+    common = common_findings(summary.findings, summary.verdicts)
+    others = {code: count for code, count in summary.findings.items() if code not in common}
     for title, counts in (("no calibration because", summary.codes), ("findings", others)):
         if counts:
             parts += ["", _most_frequent(title, counts)]
     remarks = [f"true of each calibration: {', '.join(common)}"] if common else []
     return Group("", *parts, "", *remarks, *_remarks(summary))
-
-
-def _findings(summary: RunSummary) -> tuple[list[str], dict[str, int]]:
-    """Findings that all calibrations have, and how often the others occur."""
-    calibrations = summary.verdicts.get("good", 0) + summary.verdicts.get("limited", 0)
-    common = [code for code, count in summary.findings.items() if count >= calibrations > 1]
-    return common, {code: count for code, count in summary.findings.items() if code not in common}
 
 
 def _rejected(summary: RunSummary) -> RenderableType:

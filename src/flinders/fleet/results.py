@@ -35,7 +35,7 @@ from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -538,6 +538,16 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
         "worst_deg": _spread(errors),
         "rejected": rejected,
     }
+
+
+def common_findings(findings: Mapping[str, int], verdicts: Mapping[str, int]) -> list[str]:
+    """Findings that all calibrations of a fleet have, by the rows with each finding and verdict; none of one alone.
+
+    >>> common_findings({"scale-unknown": 6, "outliers": 2}, {"good": 5, "limited": 1, "refused": 2})
+    ['scale-unknown']
+    """
+    calibrations = sum(verdicts.get(verdict, 0) for verdict in VERDICTS[:2])
+    return [code for code, count in findings.items() if count >= calibrations > 1]
 
 
 def _spread(errors: Sequence[Floats]) -> dict[str, float]:
