@@ -358,7 +358,7 @@ def test_each_compass_of_a_log_is_a_unit(tmp_path: Path) -> None:
 
 
 def test_a_column_of_units_in_text_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--unit-column is for Parquet and Arrow tables, and there is none"):
+    with pytest.raises(UsageError, match="unit_column= is for Parquet and Arrow tables, and there is none"):
         run(str(logs), tmp_path / "out.parquet", Options(unit_column="serial"), workers=0)
 
 

@@ -562,19 +562,25 @@ class _Run:
         self._report(fit)
         if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
             _propose_unit(fit.calibration)
-        if not files.output:
-            nothing = "no calibration file" if files.exports or files.convergence else "nothing"
-            say(f"{nothing} was written: name a file with -o calibration.json")
-        elif files.output != "-":
-            say(f"written to {files.output}")
-            if not files.exports:
-                say(f"next: flinders export --to arduino {files.output}, or to another of flinders targets")
+        self._say_written()
         if files.exports:
             from flinders.cli.export import write_exports
 
             write_exports(fit, files.exports, outputs, files=self.provenance.files, calibration=files.output)
         if files.as_json:
             print_json(fit.as_dict())
+
+    def _say_written(self) -> None:
+        """Say where the calibration is, and what to do with it."""
+        files = self.files
+        if not files.output:
+            nothing = "no calibration file" if files.exports or files.convergence else "nothing"
+            say(f"{nothing} was written: name a file with -o calibration.json")
+        elif files.output != "-":
+            say(f"written to {files.output}")
+            if not files.exports:
+                target = next(filter(None, (file.autopilot for file in self.provenance.files)), "arduino")
+                say(f"next: flinders export --to {target} {files.output}, or to another of flinders targets")
 
     def _trace(self) -> None:
         """Write how the estimate converges, where that was asked for."""
