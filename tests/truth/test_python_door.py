@@ -7,6 +7,7 @@ import copy
 import io
 import pickle
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,6 +117,7 @@ def test_a_path_reads_as_read_reads_it(samples: Samples, tmp_path: Path) -> None
         sources = [tmp_path / "log.csv", str(tmp_path / "log.csv"), file, io.StringIO(text), [tmp_path / "log.csv"]]
         for source in sources:
             assert flinders.fit(source).calibration == expected
+    assert flinders.fit(tmp_path / "log.csv", sensor="A17").calibration == replace(expected, sensor="A17")
 
 
 def test_a_fit_of_many_takes_files_and_frames(samples: Samples, tmp_path: Path) -> None:
@@ -224,3 +226,7 @@ def test_a_session_says_why_there_is_no_calibration() -> None:
         session.finish()
     with pytest.raises(UsageError, match="target is -1°"):
         flinders.Session(target_deg=-1.0)
+    with pytest.raises(UsageError, match="goal is 'height': need heading or attitude"):
+        flinders.Session(goal="height")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="rate_hz is 0"):
+        flinders.Session(rate_hz=0.0)

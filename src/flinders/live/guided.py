@@ -21,15 +21,16 @@ True
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, get_args
 
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
+from flinders.errors import UsageError
 from flinders.fitting.calibrate import Request
 from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate, finished
-from flinders.live.messages import SourceState
+from flinders.live.messages import Goal, SourceState
 from flinders.live.page_state import session_state
 from flinders.live.session import SHARE, Arrived, FitDone, Series, begin_fit, step, wants_fit
 from flinders.live.session import Session as Reduced
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.fitting.result import Fit
-    from flinders.heading.guidance import Goal
     from flinders.live.messages import Phase, Reason, SessionState
     from flinders.report.view import Triple, View
 
@@ -133,7 +133,7 @@ class Session:
     Raises
     ------
     UsageError
-        For a target, unit or axes that cannot be used.
+        For a target, goal, unit or axes that cannot be used, and times that are not positive.
     """
 
     def __init__(
@@ -147,6 +147,10 @@ class Session:
         rate_hz: float = 50.0,
         every_s: float = 0.5,
     ) -> None:
+        if goal not in get_args(Goal):
+            raise UsageError(f"goal is {goal!r}: need {' or '.join(get_args(Goal))}")
+        if not (rate_hz > 0.0 and every_s > 0.0):
+            raise UsageError(f"rate_hz is {rate_hz:g} and every_s {every_s:g}: need positive numbers")
         request = Request(target_deg, dip_deg)
         self._unit, self._axes, self._rate_hz, self._every_s = Unit.of(unit), Axes.of(axes), rate_hz, every_s
         series = Series(unit=self._unit, axes=self._axes)
@@ -161,8 +165,8 @@ class Session:
 
         Parameters
         ----------
-        readings : (N, 3) or (3,), in the session's unit and axes
-            The newest readings of the magnetometer.
+        readings : (N, 3) or (3,), in the session's unit
+            The newest readings of the magnetometer, in its own axes.
         time : (N,) float, s, optional
             Of any clock; by default readings follow each other at ``rate_hz``.
         acceleration : (N, 3) float, optional
