@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.golden.test_info import dataflash
+from tests.flight_log import dataflash
 
 from flinders.cli import main
 from flinders.errors import UsageError
