@@ -9,7 +9,6 @@ import click
 
 from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
 
-
 main = Program(
     name="flinders",
     help="Calibrate a three-axis magnetometer, and know what heading error to expect.",
