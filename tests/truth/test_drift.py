@@ -218,7 +218,7 @@ def test_an_offset_that_wanders_slowly_below_the_noise_widens_the_claim(
     allowing = float(np.mean([weighed(field, Likelihood()) for field in fields]))
     monkeypatch.setattr(covariance.Residuals, "excess_variance", lambda *_: 1.0)
     missing = float(np.mean([weighed(field, NumpyLikelihood()) for field in fields]))
-    low, high = claim.ratios(0.5, 1.6)
+    low, high = claim.ratios(0.4, 1.6)
     assert low < allowing < high
     assert missing > 2.0
 
