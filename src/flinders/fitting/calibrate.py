@@ -296,7 +296,9 @@ def fit(
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
     source, driving, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
-    evidence = _estimated(Readings.of(source), estimator, request, frame.unit)._replace(driving=driving)
+    evidence = _estimated(Readings.of(source), estimator, request, frame.unit)
+    if driving is not None:
+        evidence = evidence._replace(driving=driving)
     if evidence.aiding is not None:
         evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
     claim = _claimed(evidence, estimator, request)
