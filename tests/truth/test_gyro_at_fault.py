@@ -46,12 +46,12 @@ def test_scales_that_run_away_are_held(seed: int) -> None:
     assert np.all(error < 4.0 * np.sqrt(np.diag(found.covariance)[:3]))
 
 
-def test_an_aid_that_goes_against_a_sound_gyro_is_named_whatever_their_order() -> None:
+def test_a_vertical_that_leans_is_named_beside_a_sound_gyro_whatever_their_order() -> None:
     flight = simulate.tumble(seed=1, motion="flight", n=1500).samples
     for aiding in (("rate", "dip"), ("dip", "rate")):
         found, told = aided_by(flight, aiding)
         assert found.aiding == ("rate",)
-        assert [(one.code, one.aid, one.drops) for one in told.mistakes] == [("aids-disagree", "dip", True)]
+        assert [(one.code, one.aid, one.drops) for one in told.mistakes] == [("leans-in-turns", "dip", True)]
 
 
 def test_a_gyro_a_fifth_too_strong_is_named_and_the_fit_made_without_it() -> None:

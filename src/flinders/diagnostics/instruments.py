@@ -70,6 +70,9 @@ FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
 """A dip that is off by more, and by more of what both are known to, is another place's."""
 
 
+LEAN_DEG, LEAN_SIGMAS = 1.5, 1.0
+"""A vertical that leans by more, and by more of what a fit claims of headings, is none in turns."""
+
 STEEP_DEG: Final = 10.0
 """A steeper dip has a sign that no iron near it turns round."""
 
@@ -181,16 +184,31 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
     return _certain("aids-disagree", aid, {"scales_off": off}, why=why)
 
 
-def of_turns(samples: Samples, aided: Aided) -> Mistake | None:
-    """Whether the vertical of an accelerometer leans in turns.
+def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistake | None:
+    """Whether the vertical of an accelerometer leans in turns, by more than what a fit claims explains.
+
+    A fit without the accelerometer shows it best: one with it bends until little of the lean is left.
 
     >>> from flinders import simulate
     >>> flown = simulate.tumble(seed=1, motion="flight", n=1500).samples
-    >>> mistake = of_turns(flown, solve(flown, ("dip",)))
+    >>> mistake = of_turns(flown, solve(flown, ()))
     >>> mistake is not None and mistake.code
     'leans-in-turns'
     """
-    return _mistake("leans-in-turns", "dip", {"lean_deg": lean_in_turns_deg(samples, aided)})
+    limit = max(LEAN_DEG, LEAN_SIGMAS * claimed_deg)
+    numbers = {"lean_deg": lean_in_turns_deg(samples, aided), "lean_limit_deg": limit}
+    return _mistake("leans-in-turns", "dip", numbers)
+
+
+def is_diverged(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
+    """Whether a fit has gone astray with an aid: it claims many times the heading error of the fit without it.
+
+    >>> mistake = is_diverged("dip", 2.1, 180.0)
+    >>> mistake is not None and mistake.words[:75]
+    "the fit claims a heading error of 180° with 'dip', 2.1° without: what it me"
+    """
+    numbers = {"times_claim": after_deg / max(before_deg, 1e-9), "with_deg": after_deg, "without_deg": before_deg}
+    return _mistake("aid-diverged", aid, numbers)
 
 
 def is_implausible(aided: Aided, aid: str) -> Mistake | None:
