@@ -70,7 +70,7 @@ FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
 """A dip that is off by more, and by more of what both are known to, is another place's."""
 
 
-LEAN_DEG, LEAN_SIGMAS = 1.5, 1.0
+LEAN_DEG, LEAN_SIGMAS = 1.5, 3.0
 """A vertical that leans by more, and by more of what a fit claims of headings, is none in turns."""
 
 STEEP_DEG: Final = 10.0
@@ -173,7 +173,8 @@ def of_scales(off: float) -> Mistake:
     >>> of_scales(0.2).words[:76]
     "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
     """
-    return _certain("gyro-scales", "rate", {"scales_off": off, "usual": SCALE_SIGMA})
+    numbers = {"scales_off": min(off, 1.0), "usual": SCALE_SIGMA}
+    return _certain("gyro-scales", "rate", numbers, amount=_share(off))
 
 
 def of_aid_and_gyro(aid: str, off: float) -> Mistake:
@@ -181,7 +182,12 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
     why = (
         "it leans, as an accelerometer does in steady turns" if aid == "dip" else "it lags, or is that of another body"
     )
-    return _certain("aids-disagree", aid, {"scales_off": off}, why=why)
+    return _certain("aids-disagree", aid, {"scales_off": min(off, 1.0)}, amount=_share(off), why=why)
+
+
+def _share(off: float) -> str:
+    """An error of a scale; of a fit that went astray no more than that it is absurd."""
+    return f"{off:.0%}" if off <= 1.0 else "more than 100%"
 
 
 def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistake | None:

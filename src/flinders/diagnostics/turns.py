@@ -2,9 +2,9 @@
 
 A vehicle that turns at the rate ω at speed s is accelerated by sω to one side of its body, and its vertical v leans to
 the other, by ωw, with w at rest in the body. In the dip of a fit, |v| sin I − vᵀq, that leaves ω wᵀq: means over a
-second are regressed on the three products, and |w| times the rms rate is the lean. A rotation of the magnetometer
-against the accelerometer leaves a multiple of each of v × q, and a bias of the accelerometer one of each of q − (vᵀq)v:
-both are regressed on as well.
+second are regressed on the three products, and |w| times the rms rate is the lean. Where a fit knows
+nothing of the accelerometer, its rotation against the magnetometer leaves a multiple of each of v × q, and its bias one
+of each of q − (vᵀq)v: both are regressed on as well.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.aiding import solve
@@ -62,7 +62,7 @@ def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
     turning = np.gradient(np.unwrap(np.deg2rad(np.nan_to_num(magnetic_heading_deg(q, -vertical)))), time)
     left = dip.residuals(vertical[np.newaxis], q[np.newaxis], aided.parameters.sine)[0]
     across = q - np.einsum("ni,ni->n", vertical, q)[:, np.newaxis] * vertical
-    others = np.cross(vertical, q), across
+    others = () if "sine" in aided.layout else (np.cross(vertical, q), across)
     rows = _means(np.column_stack([left, turning, turning[:, np.newaxis] * q, *others]), time)
     if len(rows) < FEWEST:
         return 0.0

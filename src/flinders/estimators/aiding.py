@@ -48,7 +48,7 @@ from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, Acceleromete
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.joint import JointProblem, deviance, initial, misfits, without_outliers
 from flinders.likelihood.parameters import ROTATION_SIGMA, TERMS
-from flinders.likelihood.solver import EASED, STEPS, bias_corrected, levenberg_marquardt
+from flinders.likelihood.solver import CORRECTED, EASED, STEPS, bias_corrected, levenberg_marquardt
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -85,10 +85,10 @@ SEARCHED: Final = 2000
 """Readings that starts are tried on; all of them from where the best leads."""
 
 SEARCH_STEPS, APPROACH_STEPS = 20, 4
-"""From each start where some readings stand for all, and from there with all: the steps of the correction follow."""
+"""Of a long recording, from each start with some readings, and from there with all: those of the correction follow."""
 
 GLANCE: Final = 2
-"""Steps of the correction before verticals are looked at: correlated ones get another weight."""
+"""Steps of the correction, of a long recording, before verticals are looked at: correlated ones get another weight."""
 
 FEWEST: Final = 12
 """Readings that are needed."""
@@ -345,10 +345,10 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    is_long = len(put.samples) >= 2 * SEARCHED
-    best = _searched(problem.thinned(SEARCHED), _begins(problem, put, start, near), SEARCH_STEPS if is_long else STEPS)
-    if is_long:
-        best = levenberg_marquardt(problem, initial(problem, best.at), APPROACH_STEPS)
+    search_steps, approach_steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
+    best = _searched(problem.thinned(SEARCHED), _begins(problem, put, start, near), search_steps)
+    if len(put.samples) >= 2 * SEARCHED:
+        best = levenberg_marquardt(problem, initial(problem, best.at), approach_steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
         return _Solved(problem, best, 0.0)
@@ -451,12 +451,12 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 
 def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    iterate, equations = _spanned(problem, *bias_corrected(problem, iterate, steps=GLANCE))
+    iterate, equations = _spanned(problem, *bias_corrected(problem, iterate, steps=GLANCE if problem.is_long else CORRECTED))
     inverse = _inverse(equations)
     walk = random_walk_of(problem, iterate, inverse)
     for _ in range(WALKED):
         iterate = replace(iterate, weights=iterate.weights._replace(own=walk.own))
-        if walk.variance == 0.0 or _left(equations, walk.bent) < STILL:
+        if (problem.is_long and walk.variance == 0.0) or _left(equations, walk.bent) < STILL:
             break
         iterate, equations = bias_corrected(problem, iterate, walk.bent)
         inverse = _inverse(equations)
@@ -496,7 +496,7 @@ def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations)
     for _ in range(SPANNED):
         span = span_of(problem, iterate)
         is_same = abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN
-        if is_same and _left(equations) < EASED:
+        if is_same and (not problem.is_long or _left(equations) < EASED):
             break
         if not is_same:
             iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))

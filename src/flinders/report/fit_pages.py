@@ -80,7 +80,7 @@ def of_fit(fit: Fit) -> RenderableType:
 
 def of_extremes(extremes: Extremes) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
-    said = _graded(extremes.verdict, "accuracy not known, with these limits:", "six typed numbers; minmax")
+    said = _graded(extremes.verdict, "accuracy not known, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
@@ -181,7 +181,7 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
         return _graded(fit.verdict, f"not fit for use, {refused}", basis)
     within = good_to(fit)
     words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
-    return _graded(fit.verdict, words, f"{basis}; level vehicle, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
+    return _graded(fit.verdict, words, f"{basis}; level, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
 
 
 def _fit_verdict(fit: Fit) -> Table:
@@ -370,7 +370,7 @@ def _composed(composed: Fit, after: str | None) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{in_words(turns_of(composed.method))}; level vehicle, dip {error.dip_deg:.3g}°"
+    basis = f"{in_words(turns_of(composed.method))}; level, dip {error.dip_deg:.3g}°"
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))
