@@ -179,10 +179,10 @@ class Board:
     def unplug(self) -> None:
         """Pull the plug; it goes on measuring, and nobody hears it."""
         with self._lock:
+            self.port.unlink(missing_ok=True)
             for end in self._ends or ():
                 os.close(end)
             self._ends = None
-            self.port.unlink(missing_ok=True)
 
     def send(self, content: bytes) -> None:
         """Print something; waits for room, and what it prints while it is unplugged is lost."""

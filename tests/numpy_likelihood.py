@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 STRETCHES, STRETCH = 12, 1024
 """Stretches of consecutive readings, and readings in each, that tell how residuals are correlated."""
 
-ENOUGH: Final = 20_000
-"""Readings on which the fit is iterated; the whole of a longer recording is gone through once, from there."""
+ENOUGH, SOME = 20_000, 5_000
+"""Readings up to which the fit is iterated on all; a longer recording is gone through once, from a fit to some."""
 
 PASSES: Final = 3
 """Through the whole of a long recording: one takes up what its part has left, and another is seldom needed."""
@@ -54,8 +54,8 @@ NOTHING: Final = 1e-3
 SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 """Of the radius: steps shorter than this are not taken. The corrected equation is solved by one more step anyway."""
 
-GLANCE: Final = 2_000
-"""Readings from which noise-induced information is computed, an average over their directions."""
+FEW_POINTS, MANY_POINTS, NEXT_TO_NOTHING = 200, 2_000, 0.005
+"""Readings from which noise-induced information is computed, and the share of it below which the fewer will do."""
 
 NO_WORSE: Final = 0.01
 """In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
@@ -87,7 +87,7 @@ class NumpyLikelihood:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit readings in memory."""
         ellipsoid = start(readings)
-        some = _Some.of(readings.thinned(ENOUGH, ""))
+        some = _Some.of(readings.thinned(SOME if len(readings) > ENOUGH else ENOUGH, ""))
         if not some.spread:  # all alike, as what the rails of a sensor leave of a turn can be
             raise NotAnEllipsoid(method="")
         estimate = self._settled(some, ellipsoid)
@@ -259,12 +259,15 @@ class _Posterior:
     def support(self) -> Support:
         """Which directions the readings see."""
 
-        def spurious() -> Floats:
-            points = self.some.field[:: max(1, len(self.some) // GLANCE)]
+        def spurious(most: int) -> Floats:
+            points = self.some.field[:: max(1, len(self.some) // most)]
             share = self.likelihood.count / len(points)
             return share * spurious_information(directions_of(points, self.ellipsoid), self.ellipsoid)
 
-        return Support.of(self.weighed.matrix, spurious)
+        support = Support.of(self.weighed.matrix, lambda: spurious(FEW_POINTS))
+        if support.share.max() <= NEXT_TO_NOTHING:
+            return support
+        return Support.of(self.weighed.matrix, lambda: spurious(MANY_POINTS))
 
     def combined(self, weighed: NormalEquations) -> NormalEquations:
         """What the readings say of what they see, and the prior."""

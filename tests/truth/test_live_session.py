@@ -288,10 +288,12 @@ def test_who_turned_it_level_is_told_to_tilt_it_and_not_to_keep_it_level() -> No
 
 def test_a_broken_sensor_is_called_wrong_however_far_from_its_target_it_is() -> None:
     """Two sensors that are far apart, in turn: no calibration is near, and more turning would not help."""
-    one, other = (simulate.tumble(seed=3, sensor=simulate.Sensor.random(np.random.default_rng(k))) for k in (5, 77))
+    one, other = (
+        simulate.tumble(seed=3, n=5000, sensor=simulate.Sensor.random(np.random.default_rng(k))) for k in (5, 77)
+    )
     rows = rows_of(one.samples)
     rows[1::2, 1:4] = other.samples.field[1::2]
-    shown = list(growing(rows[:2200], 21.0))
+    shown = list(growing(rows, 21.0))
     assert shown[-1].phase == "wrong", shown[-1].words
 
 

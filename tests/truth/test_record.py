@@ -262,9 +262,9 @@ class Board:
         self.port.symlink_to(os.ttyname(self._slave))
 
     def unplug(self) -> None:
+        self.port.unlink()
         os.close(self._slave)
         os.close(self.master)
-        self.port.unlink()
 
 
 def program(*words: str) -> subprocess.Popen[str]:

@@ -79,7 +79,6 @@ class Board:
     ) -> None:
         self.name = Path("board")
         self._plug()
-        self.port = os.ttyname(self._slave) if resets is None else str(self.name)
         self.resets, self.falls_mute, self.wakes = resets, falls_mute, wakes
         self.floods, self.swaps = floods, swaps
         self.digits, self.drops, self.garbles = digits, drops, garbles
@@ -96,6 +95,12 @@ class Board:
         self.name.unlink(missing_ok=True)
         self.name.symlink_to(os.ttyname(self._slave))
 
+    def _unplug(self) -> None:
+        """Its name goes first: the number of its terminal may be that of another board at once."""
+        self.name.unlink()
+        os.close(self._slave)
+        os.close(self.master)
+
     def _live(self) -> None:
         buffer = b""
         while not self._ended.is_set():
@@ -104,9 +109,7 @@ class Board:
             if select.select([self.master], [], [], 0.02)[0]:
                 arrived = os.read(self.master, 4096)
                 if self.unplugs or self.resets is not None:
-                    os.close(self._slave)
-                    os.close(self.master)
-                    self.name.unlink()
+                    self._unplug()
                     if self.resets is None:
                         return
                     time.sleep(self.resets)
@@ -152,8 +155,7 @@ class Board:
         self._ended.set()
         self._thread.join()
         if not self.unplugs:
-            os.close(self._slave)
-            os.close(self.master)
+            self._unplug()
 
 
 def crc(content: bytes) -> int:
@@ -178,7 +180,7 @@ def board(**more: object) -> Iterator[Board]:
 
 
 def sent(one: Board, **more: float) -> motioncal.Confirmed:
-    source = Serial(one.port)
+    source = Serial(str(one.name))
     try:
         return motioncal.send(source, PACKET, answer=more.get("answer", 1.0), boot=1.0, tries=int(more.get("tries", 3)))
     finally:
@@ -324,7 +326,7 @@ def send(*words: str) -> Result:
 
 def test_the_command_sends_and_says_that_it_is_confirmed() -> None:
     with board() as one:
-        ended = send("--port", one.port, "cal.json", "--json")
+        ended = send("--port", str(one.name), "cal.json", "--json")
     assert ended.exit_code == 0, ended.output
     told = json.loads(ended.stdout)
     assert told["sent"] is True
@@ -335,7 +337,7 @@ def test_the_command_sends_and_says_that_it_is_confirmed() -> None:
 def test_ctrl_c_says_what_the_board_may_hold() -> None:
     code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
     with board(is_deaf=True) as one:
-        words = [sys.executable, "-c", code, "send", "--port", one.port, "cal.json"]
+        words = [sys.executable, "-c", code, "send", "--port", str(one.name), "cal.json"]
         running = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
         until = time.monotonic() + PATIENCE_S
         while not one.accepted and time.monotonic() < until:

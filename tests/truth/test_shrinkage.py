@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +12,10 @@ from benchmarks import adversary
 import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
+from flinders.estimators import METHODS, Readings
 from flinders.fitting.batch import fit_batch
 from flinders.fitting.result import Refused
+from flinders.fitting.shrinkage import shrunk
 from flinders.simulate import Sensor
 
 if TYPE_CHECKING:
@@ -88,3 +91,12 @@ def test_a_batch_shrinks_the_same_units_by_their_records(sensor: Sensor) -> None
     assert ("corrected-before" in found.findings[0]) == fit.is_shrunk
     assert np.allclose(found.offset[0], fit.calibration.offset, atol=1e-9)
     assert found.worst_deg[0] == pytest.approx(fit.heading_error_deg.worst, rel=1e-9)
+
+
+def test_an_estimate_that_is_hardly_known_is_left_alone() -> None:
+    """Seconds of a real recording that leave two directions unknown by 10¹² times the field ended in a traceback."""
+    fitted = METHODS["auto"]().estimate(Readings.of(50.0 * simulate.uniform(np.random.default_rng(1), 300)))
+    unknown = np.zeros((9, 9))
+    unknown[[0, 3], [0, 3]] = 1e28
+    unknown[0, 3] = unknown[3, 0] = -1e28
+    assert shrunk(replace(fitted, covariance=fitted.covariance + unknown)) is None

@@ -49,7 +49,7 @@ def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
 
 
 def record(shape: dict[str, Any], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Record what a board prints; on the next terminal where another test has left the first one locked."""
+    """Record what a board prints."""
     master, slave = os.openpty()
     tty.setraw(slave)
     is_over = Event()
@@ -57,8 +57,7 @@ def record(shape: dict[str, Any], folder: Path) -> subprocess.CompletedProcess[s
     sender.start()
     words = ("record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv")
     try:
-        recorded = run(*words, folder=folder)
-        return record(shape, folder) if "another program uses it" in recorded.stderr else recorded
+        return run(*words, folder=folder)
     finally:
         is_over.set()
         sender.join()

@@ -9,6 +9,16 @@ import click
 
 from flinders.cli._program import EXIT_CODES, Commands, Program
 
+
+def _show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
+    """Print the versions and end the program."""
+    if is_asked and not context.resilient_parsing:
+        from flinders.cli._version import versions
+
+        click.echo(versions())
+        context.exit()
+
+
 main = Program(
     name="flinders",
     help="Calibrate a three-axis magnetometer, and know what heading error to expect.",
@@ -46,4 +56,11 @@ main = Program(
         "compare_methods",
     ),
 )
-main = click.version_option(package_name="flinders", message="flinders %(version)s")(main)
+main = click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_versions,
+    help="Show the version, and those of Python, NumPy, the engine and optional packages.",
+)(main)

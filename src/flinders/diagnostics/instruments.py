@@ -17,6 +17,7 @@ each is named, and how often wrongly, is measured by ``python -m benchmarks.wron
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -24,6 +25,7 @@ import numpy as np
 
 from flinders.core.samples import Samples
 from flinders.diagnostics.turns import lean_in_turns_deg
+from flinders.estimators.accelerometer import scatter_at_rest
 from flinders.estimators.aiding import Aided, solve
 from flinders.estimators.mounting import (
     EXPLAINED,
@@ -35,9 +37,11 @@ from flinders.estimators.mounting import (
     second_axis,
 )
 from flinders.findings import CATALOGUE, Finding, Record
-from flinders.heading.error_propagation import level_error
+from flinders.heading.attitude import tilt_error_deg
+from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import attitude, dip, gyro
 from flinders.likelihood.gyro import SCALE_SIGMA
+from flinders.likelihood.magnitude import distances
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
@@ -45,6 +49,8 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
+    from flinders.core.calibration import Calibration
+    from flinders.estimators import Estimate
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.site_field import Site
 
@@ -55,7 +61,7 @@ FEWEST_ATTITUDES: Final = 12
 """Known ones; fewer tell nothing of where a yaw comes from."""
 
 FOLLOWED: Final = 5000
-"""Readings that tell where a yaw comes from."""
+"""Readings that tell where a yaw comes from, or whether an accelerometer was shaken."""
 
 ROUNDS: Final = 3
 """Of finding an offset and where the rest points."""
@@ -65,6 +71,12 @@ UPRIGHT: Final = ("dip", "tilt", "attitude")
 
 JUST_BEFORE, MANY_MORE = 0.05, 1.0
 """Of the range of a gyro's axis, what is just before its end; and how many times as many readings are at a limit."""
+
+FEWEST_STILL, STILL = 100, 0.02
+"""Readings that tell how an accelerometer tilts, and the scatter of |g| up to which they are of a body at rest."""
+
+LEAST_TILT_DEG: Final = 0.5
+"""Heading error below which the tilt is noise: of a thousand clean accelerometers none came to 0.3°."""
 
 FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
 """A dip that is off by more, and by more of what both are known to, is another place's."""
@@ -340,6 +352,29 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     else:
         return None
     return _mistake("circular-attitude", "attitude", {"deviation_deg": amount, "deviation_limit_deg": limit})
+
+
+def vertical_error_deg(samples: Samples, calibration: Calibration, estimate: Estimate) -> float:
+    """Heading error (1 σ) by a vertical that leans with the attitude, as the dip shows it.
+
+    NaN where the accelerometer was shaken, and below `LEAST_TILT_DEG`.
+    """
+    if samples.acceleration is None or len(samples) < FEWEST_STILL:
+        return math.nan
+    some = samples[: 10 * FOLLOWED]
+    some = some[np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond]
+    own_deg = math.hypot(direction_error_deg(estimate.ellipsoid, estimate.covariance).worst, _lasting_deg(estimate))
+    added = tilt_error_deg(calibration.apply(some.field), some.acceleration, own_deg=own_deg)  # type: ignore[arg-type]
+    if not added > LEAST_TILT_DEG:
+        return math.nan
+    felt = some.acceleration[:: max(1, len(some) // FOLLOWED)]  # type: ignore[index]
+    return added if scatter_at_rest(felt) < STILL else math.nan
+
+
+def _lasting_deg(estimate: Estimate) -> float:
+    """Angle by which residuals that last move a direction, 1 σ."""
+    lasting = 0.0 if estimate.correlation is None else max(estimate.correlation.lag_one, 0.0)
+    return math.degrees(estimate.noise * math.sqrt(lasting) / estimate.ellipsoid.radius)
 
 
 def _empty(samples: Samples, aid: str) -> Mistake | None:

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
 
 import numpy as np
 
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
-from flinders.diagnostics.instruments import UPRIGHT
+from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
@@ -32,11 +32,9 @@ from flinders.fitting.result import Fit, Refused
 from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
-from flinders.heading.attitude import tilt_error_deg
-from flinders.heading.error_propagation import HeadingError, alignment_error_deg, direction_error_deg, level_error
+from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
-from flinders.likelihood.magnitude import distances
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics, is_flat
@@ -62,43 +60,18 @@ if TYPE_CHECKING:
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
 
-FEWEST_STILL, STILL = 100, 0.02
-"""Readings that tell how an accelerometer tilts, and the scatter of |g| up to which they are of a body at rest."""
-
-LEAST_TILT_DEG: Final = 0.5
-"""Heading error below which the tilt is noise: of a thousand clean accelerometers none came to 0.3°."""
-
 SWAP_LAG_ONE: Final = 0.05
 """Correlation of a residual with the next below which no axes were swapped: 1 − 1/1.1² = 17 % of the variance are those
 of the swap, which follow each other, where undoing it takes a tenth off the noise, as `AxisSwap.gain` has to."""
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
-    """What a fit is asked for, whatever the method; as the parameters of `fit`."""
-
-    target_deg: float = 1.0
-    dip_deg: float = 60.0
-    field_strength: float | None = None
-    alignment_sigma_deg: float | None = None
-    site: Site | None = None
-    prior: float | None = SPREAD
-
-    def __post_init__(self) -> None:
-        """Check the numbers."""
-        if self.alignment_sigma_deg is not None and not 0.0 <= self.alignment_sigma_deg <= 180.0:
-            raise UsageError(f"alignment sigma is {self.alignment_sigma_deg:g}°: need an angle from 0° to 180°")
-        if not self.target_deg > 0.0:
-            raise UsageError(f"target is {self.target_deg:g}°: need a positive angle")
-
-
-@dataclass(frozen=True, slots=True)
 class _Instruments:
     """What a gyro and an accelerometer may be off by, 1 σ."""
 
-    gyro_scale: float
-    acceleration_bias: float
-    acceleration_gain: float
+    gyro_scale: float = SCALE_SIGMA
+    acceleration_bias: float = ACCELERATION_SIGMA
+    acceleration_gain: float = GAIN_SIGMA
 
     def __post_init__(self) -> None:
         """Refuse what none is off by."""
@@ -112,6 +85,32 @@ class _Instruments:
             raise UsageError(
                 f"acceleration bias is {self.acceleration_bias:g} m/s²: need 0 to 2, such as {ACCELERATION_SIGMA:g}"
             )
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a fit is asked for, whatever the method; as the parameters of `fit`."""
+
+    target_deg: float = 1.0
+    dip_deg: float = 60.0
+    field_strength: float | None = None
+    alignment_sigma_deg: float | None = None
+    site: Site | None = None
+    prior: float | None = SPREAD
+    aiding: str | Sequence[str] = ()
+    instruments: _Instruments = field(default_factory=_Instruments)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.alignment_sigma_deg is not None and not 0.0 <= self.alignment_sigma_deg <= 180.0:
+            raise UsageError(f"alignment sigma is {self.alignment_sigma_deg:g}°: need an angle from 0° to 180°")
+        if not self.target_deg > 0.0:
+            raise UsageError(f"target is {self.target_deg:g}°: need a positive angle")
+
+    @property
+    def likelihood(self) -> Auto:
+        """The estimator that claims of others are compared with."""
+        return Auto(self.prior, dip_deg=self.dip_deg)
 
 
 class _Frame(NamedTuple):
@@ -152,6 +151,11 @@ class _Evidence(NamedTuple):
     coverage : Coverage
     record : Records, optional
         Of the engine, where the other attributes were taken from it.
+    driving : Driving, optional
+        The disturbances that the readings were compensated for.
+    aiding : Aiding, optional
+    is_joint : bool
+        The estimate is of the magnetometer and its aiding sensors.
     """
 
     estimate: Estimate
@@ -159,13 +163,16 @@ class _Evidence(NamedTuple):
     statistics: Statistics
     coverage: Coverage
     record: Records | None = None
+    driving: Driving | None = None
+    aiding: Aiding | None = None
+    is_joint: bool = False
 
     @classmethod
-    def of(cls, estimate: Estimate, readings: Readings) -> Self:
+    def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:
         """Take it from the summary of the readings."""
         summary = readings.summary
         coverage = Coverage.through(summary.cloud, estimate.ellipsoid, within=estimate.rejected_beyond)
-        return cls(estimate, readings, summary.statistics, coverage)
+        return cls(estimate, readings, summary.statistics, coverage, aiding=aiding)
 
     @classmethod
     def of_record(cls, estimator: Estimator, readings: Readings, unit: Unit | None) -> Self | None:
@@ -275,55 +282,90 @@ def fit(
     if dip_deg is None:
         dip_deg = 60.0 if site is None or site.inclination_deg is None else site.inclination_deg
     request = Request(
-        target_deg, dip_deg, field_strength, alignment_sigma_deg, site, prior=options.get("prior", SPREAD)
+        target_deg=target_deg,
+        dip_deg=dip_deg,
+        field_strength=field_strength,
+        alignment_sigma_deg=alignment_sigma_deg,
+        site=site,
+        prior=options.get("prior", SPREAD),
+        aiding=aiding,
+        instruments=_Instruments(gyro_scale, acceleration_bias, acceleration_gain),
     )
+    if aiding and (method != "auto" or set(options) - {"prior"}):
+        raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
-    driving, tried = None, cast("tuple[AidingSensor, ...]", ())
-    if aiding == AUTO and not disturbances and hasattr(source, "blocks"):
+    source, driving, tried = _compensated(source, disturbances, request)
+    frame = _Frame.of(source, unit, axes)
+    evidence = _estimated(Readings.of(source), estimator, request, frame.unit)._replace(driving=driving)
+    if evidence.aiding is not None:
+        evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
+    claim = _claimed(evidence, estimator, request)
+    nearer = _shrunk(claim.estimate, evidence, estimator, request)
+    calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), evidence.aiding)
+    return _accepted(_mounted(_judged(claim, evidence, calibration, request, nearer), alignment_sigma_deg))
+
+
+class _Compensated(NamedTuple):
+    """Readings less their disturbances, those disturbances, and what there is to say of each column."""
+
+    source: Recording | Summary | ArrayLike
+    driving: Driving | None = None
+    tried: tuple[AidingSensor, ...] = ()
+
+
+def _compensated(
+    source: Recording | Summary | ArrayLike, disturbances: Sequence[str], request: Request
+) -> _Compensated:
+    """Compensate readings for disturbances: those that are named, else with all aiding sensors those that help."""
+    tried: tuple[AidingSensor, ...] = ()
+    if request.aiding == AUTO and not disturbances and hasattr(source, "blocks"):
         from flinders.fitting.disturbance_selection import earned
 
         disturbances, tried = earned(cast("Recording", source), spread=request.prior, dip_deg=request.dip_deg)
-    if disturbances:
-        from flinders.estimators.disturbance import with_disturbances
+    if not disturbances:
+        return _Compensated(source, tried=tried)
+    from flinders.estimators.disturbance import with_disturbances
 
-        driving, source = with_disturbances(source, disturbances, spread=request.prior)
-    frame = _Frame.of(source, unit, axes)
-    readings = Readings.of(source)
-    evidence = None if aiding or site else _Evidence.of_record(estimator, readings, frame.unit)
-    if evidence is None:
-        readings = within_range(_moved(readings, method, estimator, frame.unit))
-    instruments = _Instruments(gyro_scale, acceleration_bias, acceleration_gain)
-    if aiding and (method != "auto" or set(options) - {"prior"}):
-        raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
-    joint, aiding_result = _aided(readings, aiding, request, instruments)
-    if aiding_result is not None:
-        aiding_result = replace(aiding_result, each=(*tried, *aiding_result.each))
-    if evidence is None:
-        estimate = joint or _at_site(estimator.estimate(readings), readings, request)
-        from flinders.estimators.reference.attitude_independent import at_one_strength
+    driving, recording = with_disturbances(source, disturbances, spread=request.prior)
+    return _Compensated(recording, driving, tried)
 
-        evidence = _Evidence.of(estimate, readings if joint else at_one_strength(readings, estimate))
-    likelihood = Auto(request.prior, dip_deg=request.dip_deg)
+
+def _estimated(readings: Readings, estimator: Estimator, request: Request, unit: Unit | None) -> _Evidence:
+    """Estimate by the engine's record where it is enough, else by aiding sensors or the method, and the site."""
+    if not request.aiding and not request.site:
+        recorded = _Evidence.of_record(estimator, readings, unit)
+        if recorded is not None:
+            return recorded
+    readings = within_range(_moved(readings, estimator, unit))
+    joint, aiding = _aided(readings, request)
+    if joint is not None:
+        return _Evidence.of(joint, readings, aiding)._replace(is_joint=True)
+    from flinders.estimators.reference.attitude_independent import at_one_strength
+
+    estimate = _at_site(estimator.estimate(readings), readings, request)
+    return _Evidence.of(estimate, at_one_strength(readings, estimate), aiding)
+
+
+def _claimed(evidence: _Evidence, estimator: Estimator, request: Request) -> Claim:
+    """Widen the covariance of an estimate by what its method does not know of, and by its disturbances."""
     claim = claimed(
         evidence.estimate,
         evidence.readings,
-        likelihood,
+        request.likelihood,
         evidence.statistics,
         is_biased=estimator.is_biased,
-        is_joint=joint is not None,
+        is_joint=evidence.is_joint,
     )
-    if driving is not None:
-        covariance = driving.widened(claim.estimate.covariance)
-        claim = claim._replace(estimate=replace(claim.estimate, covariance=covariance))
-    nearer = shrunk(claim.estimate) if _may_be_shrunk(claim.estimate, estimator, request, joint or driving) else None
-    calibration = _turned(_calibration(nearer or evidence.estimate, request, frame, sensor), aiding_result)
-    result = _judged(claim, evidence, calibration, request, driving=driving, aiding=aiding_result, nearer=nearer)
-    return _accepted(_mounted(result, alignment_sigma_deg))
+    if evidence.driving is None:
+        return claim
+    covariance = evidence.driving.widened(claim.estimate.covariance)
+    return claim._replace(estimate=replace(claim.estimate, covariance=covariance))
 
 
-def _may_be_shrunk(estimate: Estimate, estimator: Estimator, request: Request, other: object) -> bool:
-    """Whether it is an ellipsoid of `auto` by the magnitude alone, with a prior."""
-    return isinstance(estimator, Auto) and request.prior is not None and not estimate.plane and other is None
+def _shrunk(estimate: Estimate, evidence: _Evidence, estimator: Estimator, request: Request) -> Estimate | None:
+    """The ellipsoid of `auto` by the magnitude alone, with a prior, where its readings were corrected before."""
+    is_plain = isinstance(estimator, Auto) and not estimate.plane and not evidence.is_joint and not evidence.driving
+    return shrunk(estimate) if is_plain and request.prior is not None else None
 
 
 def judged_as(
@@ -355,10 +397,10 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request(target_deg, dip_deg, field_strength)
-    evidence = _Evidence.of(estimate, within_range(Readings.of(source)))
+    evidence = _Evidence.of(estimate, within_range(Readings.of(source)), aiding_result)
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
     claim = repeated(estimate, evidence.statistics)
-    return _accepted(_judged(claim, evidence, calibration, request, aiding=aiding_result))
+    return _accepted(_judged(claim, evidence, calibration, request))
 
 
 def _accepted(result: Fit) -> Fit:
@@ -374,7 +416,7 @@ def _accepted(result: Fit) -> Fit:
     return result
 
 
-def _moved(readings: Readings, method: str, estimator: Estimator, unit: Unit | None) -> Readings:
+def _moved(readings: Readings, estimator: Estimator, unit: Unit | None) -> Readings:
     """The readings of a sensor that was turned.
 
     Raises
@@ -382,7 +424,7 @@ def _moved(readings: Readings, method: str, estimator: Estimator, unit: Unit | N
     Unmoved
         For any other.
     """
-    plane = getattr(estimator, "plane", "xy" if method == Level.name else None)
+    plane = getattr(estimator, "plane", "xy" if isinstance(estimator, Level) else None)
     how = "through all directions" if plane is None else f"all the way round in the plane {plane}"
     require_moved(readings.summary, (unit or UNSTATED).inside, how)
     return readings
@@ -421,9 +463,7 @@ def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> 
         raise UsageError(f"{method} takes {', '.join(own) or 'no options'}; got {', '.join(unknown)}") from None
 
 
-def _aided(
-    readings: Readings, aiding: str | Sequence[str], request: Request, instruments: _Instruments
-) -> tuple[Estimate | None, Aiding | None]:
+def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aiding | None]:
     """Fit with aiding sensors; no estimate where none was asked for, or none was used.
 
     Raises
@@ -431,26 +471,26 @@ def _aided(
     UsageError
         Where only sums are left.
     """
-    if not aiding:
+    if not request.aiding:
         return None, None
     if readings.recording is None:
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
     recording = readings.recording
     samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
     if len(samples) >= Level.unknowns and turned_level(samples.field):
-        return None, _of_no_use(samples, aiding)
+        return None, _of_no_use(samples, request.aiding)
     from flinders.fitting.aid_selection import aided_by
 
     aided, result = aided_by(
         samples,
-        aiding,
+        request.aiding,
         site=request.site,
         dip_deg=request.dip_deg,
         spread=request.prior or SPREAD,
-        **dataclasses.asdict(instruments),
+        **dataclasses.asdict(request.instruments),
     )
     if is_flat(readings.summary.moments.principal_variances, aided.noise):
-        return None, _of_no_use(samples, aiding)
+        return None, _of_no_use(samples, request.aiding)
     return aided.estimate() if aided.aiding else None, result
 
 
@@ -526,12 +566,12 @@ def _with_halves(drift: Drift | None, estimate: Estimate, readings: Readings, re
         return drift
     if not halves_matter(drift.heading_deg, drift.p_value, request.target_deg):
         return drift
-    return replace(drift, halves_apart=halves_apart(samples, Auto(request.prior, dip_deg=request.dip_deg), estimate))
+    return replace(drift, halves_apart=halves_apart(samples, request.likelihood, estimate))
 
 
 def _faults_of_axes(estimate: Estimate, evidence: _Evidence) -> tuple[Nonlinearity | None, AxisLag | None]:
     """Whether axes answer along a curve, or late, by an ellipsoid that was fitted to the readings as recorded."""
-    if evidence.record is None or estimate.plane or estimate.unobserved or estimate.bias.any():
+    if evidence.record is None or evidence.driving or estimate.plane or estimate.unobserved or estimate.bias.any():
         return None, None
     return nonlinearity_in(evidence.record), lag_in(evidence.record)
 
@@ -551,42 +591,24 @@ def _axis_swap(estimate: Estimate, readings: Readings) -> AxisSwap | None:
     return axis_swap_of(readings.recording.field, estimate.noise)
 
 
-def _unmodelled(estimate: Estimate, readings: Readings, dip_deg: float) -> Unmodelled | None:
+def _unmodelled(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Unmodelled | None:
     """Test whether a recorded disturbance moves the readings of one recording in memory while none is modelled."""
-    if estimate.unobserved or not isinstance(readings.recording, Samples) or not readings.recording.disturbances:
+    samples = evidence.readings.recording
+    if estimate.unobserved or evidence.driving or not isinstance(samples, Samples) or not samples.disturbances:
         return None
     from flinders.diagnostics.unmodelled import unmodelled_of
 
     time = 1.0 if estimate.correlation is None else estimate.correlation.time
-    return unmodelled_of(
-        readings.recording, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond
-    )
+    return unmodelled_of(samples, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond)
 
 
-def _tilt_error_deg(estimate: Estimate, calibration: Calibration, readings: Readings, aiding: Aiding | None) -> float:
-    """What the tilt by the accelerometer adds to a heading; NaN where it was shaken, or a fit corrects it."""
-    samples = readings.recording
-    if estimate.plane:  # what is not corrected across it bends the dip as well
-        return math.nan
+def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evidence) -> float:
+    """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
+    samples, aiding = evidence.readings.recording, evidence.aiding
     is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
-    if is_corrected or not isinstance(samples, Samples) or samples.acceleration is None or len(samples) < FEWEST_STILL:
+    if estimate.plane or is_corrected or not isinstance(samples, Samples):
         return math.nan
-    some = samples[: 10 * LOOKED_AT]
-    some = some[np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond]
-    own_deg = math.hypot(direction_error_deg(estimate.ellipsoid, estimate.covariance).worst, _lasting_deg(estimate))
-    added = tilt_error_deg(calibration.apply(some.field), some.acceleration, own_deg=own_deg)  # type: ignore[arg-type]
-    if not added > LEAST_TILT_DEG:
-        return math.nan
-    from flinders.estimators.accelerometer import scatter_at_rest
-
-    felt = some.acceleration[:: max(1, len(some) // LOOKED_AT)]  # type: ignore[index]
-    return added if scatter_at_rest(felt) < STILL else math.nan
-
-
-def _lasting_deg(estimate: Estimate) -> float:
-    """Angle by which residuals that last move a direction, 1 σ."""
-    lasting = 0.0 if estimate.correlation is None else max(estimate.correlation.lag_one, 0.0)
-    return math.degrees(estimate.noise * math.sqrt(lasting) / estimate.ellipsoid.radius)
+    return vertical_error_deg(samples, calibration, estimate)
 
 
 def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
@@ -612,27 +634,30 @@ def _bias_deg(estimate: Estimate, dip_deg: float) -> float:
 
 
 def _judged(
-    claim: Claim,
-    evidence: _Evidence,
-    calibration: Calibration,
-    request: Request,
-    *,
-    driving: Driving | None = None,
-    aiding: Aiding | None = None,
-    nearer: Estimate | None = None,
+    claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None = None
 ) -> Fit:
     """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
-    estimate, readings, statistics = claim.estimate, evidence.readings, evidence.statistics
-    final = nearer or estimate
-    error = evidence.heading_error(final, request.dip_deg, is_scaled=driving is None and nearer is None)
-    dip = error.dip_deg
-    nonlinearity, axis_lag = (None, None) if driving else _faults_of_axes(estimate, evidence)
-    result = Fit(
+    result = _stated(claim, evidence, calibration, request, nearer)
+    result = _diagnosed(result, claim.estimate, nearer or claim.estimate, evidence, request)
+    if evidence.driving is not None:
+        result = _with_disturbances(result, evidence.driving)
+    findings = judge(result, evidence.statistics)
+    return replace(result, findings=findings, conditions=conditions(result, findings))
+
+
+def _stated(
+    claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None
+) -> Fit:
+    """Everything that the estimate itself says: its claim, its noise, its coverage."""
+    estimate, aiding = claim.estimate, evidence.aiding
+    final, correlation = nearer or estimate, estimate.correlation
+    error = evidence.heading_error(final, request.dip_deg, is_scaled=evidence.driving is None and nearer is None)
+    return Fit(
         calibration=calibration,
         method=estimate.method,
         covariance=final.covariance,
         noise=estimate.noise,
-        samples=estimate.used or statistics.rows,
+        samples=estimate.used or evidence.statistics.rows,
         coverage=evidence.coverage,
         heading_error_deg=error,
         distortion=_distortion(estimate),
@@ -641,29 +666,34 @@ def _judged(
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
         textbook_covariance=final.textbook,
-        independent_samples=_independent(estimate, statistics, claim.repetition),
-        autocorrelation=None if estimate.correlation is None else estimate.correlation.lag_one,
-        noise_lasts=0.0 if estimate.correlation is None else estimate.correlation.lasting,
+        independent_samples=_independent(estimate, evidence.statistics, claim.repetition),
+        autocorrelation=None if correlation is None else correlation.lag_one,
+        noise_lasts=0.0 if correlation is None else correlation.lasting,
         outliers=estimate.outliers,
-        bias_deg=_bias_deg(estimate, dip),
-        drift=_with_halves(_drift(estimate, evidence, dip), estimate, readings, request),
-        nonlinearity=nonlinearity,
-        axis_lag=axis_lag,
-        axis_swap=_axis_swap(estimate, readings),
-        unmodelled=None if driving else _unmodelled(estimate, readings, dip),
-        tilt_error_deg=_tilt_error_deg(final, calibration, readings, aiding),
+        bias_deg=_bias_deg(estimate, error.dip_deg),
         is_shrunk=nearer is not None,
         repeats=claim.repeats,
         plane=estimate.plane,
         z_down=estimate.z_down,
         aiding=aiding,
-        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(dip),
+        alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(error.dip_deg),
     )
-    result = replace(result, heading_error_deg=error.combined(result.structure_deg))
-    if driving is not None:
-        result = _with_disturbances(result, driving)
-    findings = judge(result, statistics)
-    return replace(result, findings=findings, conditions=conditions(result, findings))
+
+
+def _diagnosed(result: Fit, estimate: Estimate, final: Estimate, evidence: _Evidence, request: Request) -> Fit:
+    """Add what was tested for: structure over direction, drift, faults of axes, disturbances, the accelerometer."""
+    readings, dip = evidence.readings, result.heading_error_deg.dip_deg
+    nonlinearity, axis_lag = _faults_of_axes(estimate, evidence)
+    return replace(
+        result,
+        heading_error_deg=result.heading_error_deg.combined(result.structure_deg),
+        drift=_with_halves(_drift(estimate, evidence, dip), estimate, readings, request),
+        nonlinearity=nonlinearity,
+        axis_lag=axis_lag,
+        axis_swap=_axis_swap(estimate, readings),
+        unmodelled=_unmodelled(estimate, evidence, dip),
+        tilt_error_deg=_tilt_error_deg(final, result.calibration, evidence),
+    )
 
 
 def _with_disturbances(result: Fit, driving: Driving) -> Fit:

@@ -51,6 +51,8 @@ PRIORS: Final = np.stack([np.diag(np.square([b] * 3 + [s] * 5)) for b, s in [*pr
 PROBABLE: Final = 0.999
 FARTHEST: Final = 6.0
 """Standard deviations of an offset beyond which no other departure can make a correction probable."""
+UNKNOWN: Final = 100.0
+"""Root of the summed variances, over the field, from which on a correction cannot be told, and rounding decides."""
 
 DEVIATOR: Final = np.zeros((6, 5))
 """Entries 11, 22, 33, 12, 13, 23 of an orthonormal basis of symmetric matrices without trace."""
@@ -108,11 +110,12 @@ def posteriors(parameters: Floats, covariances: Floats) -> tuple[NDArray[np.intp
 
 
 def _are_near(parameters: Floats, covariances: Floats, sizes: Floats) -> NDArray[np.bool_]:
-    """(U,) whether offsets are so small that a look at the other departures is due."""
+    """(U,) whether estimates are so certain, and offsets so small, that a look at the other departures is due."""
     variances = np.diagonal(covariances, axis1=1, axis2=2)[:, :3]
     limits = FARTHEST * np.sqrt(variances + np.square(OFFSETS[-1] * sizes)[:, np.newaxis])
-    small: NDArray[np.bool_] = (np.abs(parameters[:, :3]) < limits).all(axis=1)
-    return small
+    is_known = covariances.trace(axis1=1, axis2=2) < (UNKNOWN * sizes) ** 2
+    near: NDArray[np.bool_] = (np.abs(parameters[:, :3]) < limits).all(axis=1) & is_known
+    return near
 
 
 def _is_near(estimate: Estimate) -> bool:
@@ -120,6 +123,8 @@ def _is_near(estimate: Estimate) -> bool:
     size = float(estimate.ellipsoid.shape.trace()) / 3.0
     least, variances = (OFFSETS[-1] * size) ** 2, estimate.covariance.diagonal()[:3].tolist()
     centre = estimate.ellipsoid.centre.tolist()
+    if not float(estimate.covariance.trace()) < (UNKNOWN * size) ** 2:
+        return False
     return all(abs(b) < FARTHEST * math.sqrt(v + least) for b, v in zip(centre, variances, strict=True))
 
 

@@ -21,6 +21,7 @@ are fewer in a long one.
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -65,6 +66,8 @@ MOVING: Final = 0.1  # Of their range so far, that the other axes move by meanwh
 CONVERGED: Final = 5.0  # A fit has converged, and its findings are shown, once its error is below so many targets, …
 CONVERGED_FRACTION: Final = 0.7  # … or so much of the sphere has been seen, …
 CONVERGED_S: Final = 30.0  # … or so many seconds of readings are there: more of the same would not help
+AT_ONCE: Final = frozenset({"saturated"})
+"""Alarms that no more turning ends."""
 STILL_S: Final = 6.0  # Seconds without a turn after which somebody is reminded
 STILL_DEG: Final = 5.0
 LEAST_DEG: Final = 0.001  # A smaller difference is not shown as a number
@@ -83,7 +86,9 @@ def evaluate(session: Session) -> Evaluated:
         if session.is_followed:
             page_view = guided(page_view, fit, samples, goal=goal, frame=frame)
         page_view = _beyond_level(page_view, fit)
-    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, fit), *_of_fit(fit, samples)]
+    of_fit = list(_of_fit(fit, samples))
+    alarms = frozenset(reason.code for reason in of_fit if reason.severity == "warning") - AT_ONCE
+    reasons = [*_of_refusal(code, refusal), *_of_motion(samples, fit), *of_fit]
     used = 0 if page_view is None else sum(page_view.tiles_seen) or len(samples)
     return Evaluated(
         key=session.shown.key,
@@ -94,6 +99,8 @@ def evaluate(session: Session) -> Evaluated:
         used=used,
         rejected=0 if page_view is None else len(samples) - used,
         previous=_compared(fit, session),
+        alarms=alarms,
+        alarmed_at=_alarmed_at(session, alarms),
     )
 
 
@@ -134,12 +141,22 @@ def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
         or _seconds(samples) >= CONVERGED_S
     )
     for finding in fit.findings:
-        if CATALOGUE[finding.code].alarm and finding.severity != "note" and (converged or finding.code == "saturated"):
+        if CATALOGUE[finding.code].alarm and finding.severity != "note" and (converged or finding.code in AT_ONCE):
             yield Reason(finding.code, finding.advice)
         elif finding.code in ("stale-repeats", "mirrored-axes"):
             yield Reason(finding.code, finding.advice, "info")
     if converged and not fit.is_flat:
         yield from _of_unit(fit)
+
+
+def _alarmed_at(session: Session, alarms: frozenset[str]) -> float | None:
+    """When the first of the fits in a row was made that have alarms; what has become one remains it."""
+    before = session.shown.evaluated
+    if not alarms:
+        return None
+    if before.is_alarmed(session.at):
+        return -math.inf
+    return session.at if before.alarmed_at is None else before.alarmed_at
 
 
 def _seconds(samples: Samples) -> float:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.live.messages import Reason, SessionState, points_frame
-from flinders.live.session import ENOUGH_FITS, RATE_S, SURE_S, worst_deg
+from flinders.live.session import ENOUGH_FITS, RATE_S, SURE_S, is_over, is_settled, worst_deg
 
 if TYPE_CHECKING:
     from flinders.live.messages import Phase
@@ -75,12 +75,21 @@ def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
     """Phase of the session, a sentence about it, and the reasons against it."""
     link = [] if session.opened is not None else _of_link(session)
     unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
-    reasons = (*link, *session.shown.evaluated.reasons, *unrecorded)
+    reasons = (*link, *_settled(session), *unrecorded)
     wrong = next((reason for reason in reasons if reason.severity == "warning"), None)
     if wrong is not None:
         return "wrong", _sentence(wrong.advice), reasons
     phase, words = _of_view(session)
     return phase, words, reasons
+
+
+def _settled(session: Session) -> tuple[Reason, ...]:
+    """Reasons of the newest fit; a finding that more turning may end is no warning yet."""
+    reasons = [
+        reason if is_settled(session, reason.code) else Reason(reason.code, f"so far {reason.advice}", "info")
+        for reason in session.shown.evaluated.reasons
+    ]
+    return tuple(sorted(reasons, key=lambda reason: reason.severity != "warning"))
 
 
 def _of_view(session: Session) -> tuple[Phase, str]:
@@ -92,10 +101,12 @@ def _of_view(session: Session) -> tuple[Phase, str]:
     if worst is None:
         return "collecting", view.sentence
     if worst > session.target_deg:
-        error = f"{figures(worst)}° (1 σ)" if worst < 90.0 else "any angle"
-        return "collecting", f"Keep turning: the worst error to expect is {error}, {target}."
+        known = f"the worst error to expect is {figures(worst)}° (1 σ)" if worst < 90.0 else "no heading is known yet"
+        return "collecting", f"Keep turning: {known}, {target}."
     what = "heading error" if session.goal == "heading" else "error at any attitude"
     done = f"the worst {what} to expect is {figures(worst)}° ({_bound(session, view)}), {target}"
+    if not all(is_settled(session, code) for code in session.shown.evaluated.alarms):
+        return "collecting", f"Keep turning: {done}, but a fault was found that more readings may disprove."
     if view.verdict != "refused" and not _is_sure(session):
         return "collecting", f"Almost: {done}; hold on a little."
     by_verdict: dict[str, tuple[Phase, str]] = {
@@ -130,14 +141,9 @@ def _as_far_as(view: View) -> str:
 
 def _is_sure(session: Session) -> bool:
     """Whether it takes no further fit to say that the target is reached: several did, or there will be no other."""
-    # what grows gets further fits; a log, a pause and a silent sensor do not
-    shown, within = session.shown, session.shown.within
-    if len(within) >= ENOUGH_FITS or (within and within[-1] - within[0] >= SURE_S):
-        return True
-    is_of_all = shown.evaluated.key == shown.key
-    is_over = shown.paused_at is not None or session.source.link in ("ended", "gone")
-    is_still = is_over or session.at - session.arrived_at >= SURE_S
-    return is_of_all and (session.opened is not None or is_still)
+    within = session.shown.within
+    is_repeated = len(within) >= ENOUGH_FITS or (len(within) > 0 and within[-1] - within[0] >= SURE_S)
+    return is_repeated or is_over(session)
 
 
 def _before_a_fit(session: Session) -> str:

@@ -72,6 +72,10 @@ RATE_S: Final = 2.0
 ENOUGH_FITS: Final = 3
 """Fits in a row that have to be within the target before that is said: the first may be so by chance."""
 SURE_S: Final = 1.0  # Or two of them, so many seconds apart; or one, after which nothing has come for as long
+WHOLE: Final = 0.95
+SETTLED_S, LASTING_S = 5.0, 75.0
+"""Share of the sphere beyond which findings that last so many seconds are an alarm, and seconds after which any are:
+until then more turning may end them (``python -m benchmarks.alarms``)."""
 NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
 
 
@@ -79,7 +83,9 @@ NO_SOURCE: Final = SourceState("no source", "simulated", "waiting", "")
 class Evaluated:
     """Result of a fit, and what a page shows of it; where there is none, `refusal` says why.
 
-    `used` and `rejected` count readings, `key` is that of the series that was fitted.
+    `used` and `rejected` count readings, `key` is that of the series that was fitted. `alarms` has the codes of reasons
+    that more turning may end, `alarmed_at` is when the first of the fits in a row was made that have any: -inf where
+    these lasted long enough.
     """
 
     key: int
@@ -90,11 +96,20 @@ class Evaluated:
     used: int = 0
     rejected: int = 0
     previous: PreviousState | None = None
+    alarms: frozenset[str] = frozenset()
+    alarmed_at: float | None = None
 
     @property
     def is_usable(self) -> bool:
         """Whether it gives a calibration."""
         return self.fit is not None and self.fit.verdict != "refused"
+
+    def is_alarmed(self, at: float) -> bool:
+        """Whether its alarms have lasted long enough, so that more turning would not end them."""
+        if self.alarmed_at is None:
+            return False
+        is_whole = self.fit is not None and self.fit.coverage.fraction >= WHOLE
+        return at - self.alarmed_at >= (SETTLED_S if is_whole else LASTING_S)
 
 
 NO_FIT: Final = Evaluated(key=-1)
@@ -516,6 +531,20 @@ def worst_deg(session: Session, view: View) -> float | None:
     if error is None or view.guidance is None:
         return None
     return error.worst if session.goal == "heading" else max(error.worst, view.guidance.worst_deg)
+
+
+def is_over(session: Session) -> bool:
+    """Whether the newest fit is of all readings, and no more come: of a log, in a pause, of a silent sensor."""
+    shown = session.shown
+    has_ended = shown.paused_at is not None or session.source.link in ("ended", "gone")
+    is_silent = has_ended or session.at - session.arrived_at >= SURE_S
+    return shown.evaluated.key == shown.key and (session.opened is not None or is_silent)
+
+
+def is_settled(session: Session, code: str) -> bool:
+    """Whether more turning would not end what a reason says."""
+    evaluated = session.shown.evaluated
+    return code not in evaluated.alarms or is_over(session) or evaluated.is_alarmed(session.at)
 
 
 def _is_within(session: Session, evaluated: Evaluated) -> bool:

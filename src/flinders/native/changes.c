@@ -15,7 +15,7 @@ static const unsigned char FROM[6][3] = {{0, 1, 2}, {0, 1, 2}, {0, 1, 2}, {1, 0,
 static void distribution(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, const fl_room *room,
                          flinders_record *record)
 {
-    const size_t n = fit->used, stride = (n + FL_ENOUGH - 1) / FL_ENOUGH;
+    const size_t n = fit->used, stride = (n + FL_SOME - 1) / FL_SOME;
     real squares[FL_LANES] = {0}, fourths[FL_LANES] = {0}, most[FL_LANES] = {0}, square = 0, fourth = 0, farthest = 0;
     kernels->distances(view, &fit->surface, room->distances);
     for (size_t i = 0; i < n; i += FL_LANES) {
@@ -115,7 +115,7 @@ static void confirm_swaps(const fl_kernels *kernels, const fl_view *view, const 
 /* Steps from one reading to the next: the largest over the median that is one, and how alike neighbours are. */
 static void jump(const fl_kernels *kernels, const real *field, size_t rows, const fl_room *room, flinders_record *record)
 {
-    const size_t stride = (rows + FL_ENOUGH - 1) / FL_ENOUGH;
+    const size_t stride = (rows + FL_SOME - 1) / FL_SOME;
     size_t n = 0, looked = 0;
     real sum = 0;
     const real largest = kernels->steps(field, rows - 1, room->distances + 1);

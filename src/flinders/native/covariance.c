@@ -1,17 +1,10 @@
 /* What readings say of the parameters, what noise alone adds to that, and the covariance that follows. */
 #include "internal.h"
 
-#define WELL_CONDITIONED ((real)0.1)        /* smallest scaled eigenvalue from which on nothing needs a closer look */
+enum { FEW = 200, MANY = 2000 }; /* readings that what noise adds is averaged over */
 
-/* Direction of a reading after correction; zero for one right in the centre. */
-void fl_direction(const fl_surface *surface, const real reading[3], real direction[3])
-{
-    const real local[3] = {reading[0] - surface->centre[0], reading[1] - surface->centre[1],
-                           reading[2] - surface->centre[2]};
-    fl_sym3_apply(surface->inverse, local, direction);
-    const real length = fl_sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
-    for (int axis = 0; axis < 3 && length > 0; axis++) direction[axis] /= length;
-}
+#define WELL_CONDITIONED ((real)0.1)        /* smallest scaled eigenvalue from which on nothing needs a closer look */
+#define NEXT_TO_NOTHING ((real)0.005)       /* share of noise below which a few readings tell it well enough */
 
 /* Coefficients of vᵀδb + vᵀ δS u. */
 static void gathered(const real v[3], const real u[3], real row[9])
@@ -72,7 +65,32 @@ void fl_turning(const fl_surface *surface, const real direction[3], real rows[2]
     }
 }
 
-/* Directions of parameter space in the scale in which the matrix has ones on its diagonal. */
+/* What share of the information about each direction noise alone adds; returns the largest. */
+static real shares_of(const real *matrix, int n, real nothing, const real *noise, fl_support *support)
+{
+    const real floor = FL_ROUNDING * support->values[n - 1] > FL_TINY ? FL_ROUNDING * support->values[n - 1] : FL_TINY;
+    real most = 0;
+    for (int k = 0; k < n; k++) {
+        real sum = 0, share = 1;
+        for (int i = 0; i < n; i++)
+            for (int j = 0; j < n; j++) {
+                const int mute = !(matrix[i * n + i] > nothing) || !(matrix[j * n + j] > nothing);
+                if (!mute)
+                    sum += support->vectors[i * n + k] * support->vectors[j * n + k] * noise[i * n + j] /
+                           (support->scale[i] * support->scale[j]);
+            }
+        if (support->values[k] > floor && isfinite(sum)) {
+            share = sum / support->values[k];
+            share = share < 0 ? 0 : share > 1 ? 1 : share;
+        }
+        support->share[k] = share;
+        most = share > most ? share : most;
+    }
+    return most;
+}
+
+/* Directions of parameter space in the scale in which the matrix has ones on its diagonal. A few readings tell where noise
+ * adds next to nothing. */
 void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *context, fl_support *support)
 {
     real largest = 0, noise[FL_WIDEST * FL_WIDEST];
@@ -91,24 +109,10 @@ void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *contex
     support->is_whole = !fl_cholesky(noise, n);
     if (support->is_whole) return;
     fl_eigen(support->vectors, n, support->values);
-    spurious(context, noise);
-    const real floor = FL_ROUNDING * support->values[n - 1] > FL_TINY ? FL_ROUNDING * support->values[n - 1] : FL_TINY;
-    for (int k = 0; k < n; k++) {
-        real sum = 0;
-        for (int i = 0; i < n; i++)
-            for (int j = 0; j < n; j++) {
-                const int mute = !(matrix[i * n + i] > nothing) || !(matrix[j * n + j] > nothing);
-                if (!mute)
-                    sum += support->vectors[i * n + k] * support->vectors[j * n + k] * noise[i * n + j] /
-                           (support->scale[i] * support->scale[j]);
-            }
-        real share = 1;
-        if (support->values[k] > floor && isfinite(sum)) {
-            share = sum / support->values[k];
-            share = share < 0 ? 0 : share > 1 ? 1 : share;
-        }
-        support->share[k] = share;
-    }
+    spurious(context, FEW, noise);
+    if (!(shares_of(matrix, n, nothing, noise, support) > NEXT_TO_NOTHING)) return;
+    spurious(context, MANY, noise);
+    shares_of(matrix, n, nothing, noise, support);
 }
 
 /* How many directions readings say nothing of. */

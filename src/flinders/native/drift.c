@@ -30,14 +30,16 @@ static real time_of(const fl_residuals *residuals, size_t i)
     return residuals->n > 1 ? (real)i / (real)(residuals->n - 1) - (real)0.5 : 0;
 }
 
-/* What noise alone adds to the information, for each unit of its variance. */
-static void spurious(void *context, real *matrix)
+/* What noise alone adds to the information, for each unit of its variance, from so many of the readings. */
+static void spurious(void *context, size_t most, real *matrix)
 {
     const scattered *from = context;
     const fl_residuals *residuals = from->residuals;
+    const size_t every = residuals->n / most > 1 ? residuals->n / most : 1;
+    const real share = (real)residuals->n / (real)((residuals->n + every - 1) / every);
     real turned[2][9], row[PARAMETERS];
     memset(matrix, 0, PARAMETERS * PARAMETERS * sizeof(real));
-    for (size_t i = 0; i < residuals->n; i++) {
+    for (size_t i = 0; i < residuals->n; i += every) {
         real direction[3];
         for (int axis = 0; axis < 3; axis++) direction[axis] = residuals->directions[axis * FL_LOOKED + i];
         fl_turning(from->surface, direction, turned);
@@ -49,7 +51,7 @@ static void spurious(void *context, real *matrix)
         }
     }
     for (int a = 0; a < PARAMETERS; a++)
-        for (int b = 0; b < a; b++) matrix[PARAMETERS * b + a] = matrix[PARAMETERS * a + b];
+        for (int b = 0; b <= a; b++) matrix[PARAMETERS * b + a] = matrix[PARAMETERS * a + b] *= share;
 }
 
 /* Inverse of the information (13, 13) over the directions that are observed. */

@@ -124,7 +124,7 @@ typedef struct flinders_record {
     flinders_real upright;        /* mean height of the directions, -1 to 1 */
     flinders_real hole_deg;       /* angle from the middle of the largest gap to the nearest direction */
     flinders_real hole[3];        /* middle of that gap, a unit vector in corrected axes */
-    flinders_real median_distance; /* of the readings from the surface, or of 20,000 spread over them, unit */
+    flinders_real median_distance; /* of the readings from the surface, or of 5,000 spread over them, unit */
     flinders_real farthest;       /* largest distance from the surface, unit */
     flinders_real kurtosis;       /* of the distances; 3 for normal noise */
     flinders_real lag_one;        /* correlation of one distance with the next */
@@ -144,8 +144,8 @@ typedef struct flinders_record {
                                      is known */
     flinders_real lag_deg;        /* what they do to a level heading of a vehicle at rest, at the worst one */
     flinders_real lag_by_chance;  /* how often chance alone makes as much */
-    flinders_real largest_jump;   /* largest step from one reading to the next, over the median of 20,000 that are one */
-    flinders_real path_correlation; /* of one reading with the next, of 20,000: 1 of a slow turn, 0 without any order */
+    flinders_real largest_jump;   /* largest step from one reading to the next, over the median of 5,000 that are one */
+    flinders_real path_correlation; /* of one reading with the next, of 5,000: 1 of a slow turn, 0 without any order */
     flinders_real sums[35];       /* sums of powers about `sums_origin`, see flinders_sums */
     flinders_real sums_origin[3]; /* unit */
     flinders_real sums_scale;     /* unit */

@@ -55,8 +55,10 @@ typedef flinders_real real;
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
-enum { FL_BLOCK = 64, FL_LANES = 8, FL_ENOUGH = 20000, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_COLUMNS = 18,
-       FL_STEPS = 50, FL_REACH = 1 << 20 }; /* cells on either side of zero */
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_COLUMNS = 18, FL_STEPS = 50,
+       FL_SOME = 5000,    /* readings of a longer recording that it is looked at by */
+       FL_ENOUGH = 20000, /* those of a longer one that a majority is found among; beyond these a fit is iterated on some */
+       FL_REACH = 1 << 20 }; /* cells on either side of zero */
 
 /* Readings of a recording: every `stride`-th of those that are not rejected. */
 typedef struct {
@@ -87,6 +89,7 @@ typedef struct {
     size_t (*powers)(const fl_view *view, const real origin[3], real unit, real sums[35]);
     size_t (*products)(const fl_view *view, const fl_surface *surface, int exact, real sums[55]);
     void (*curvature)(const fl_view *view, const fl_surface *surface, real gradient[9]);
+    size_t (*spurious)(const fl_view *view, const fl_surface *surface, real sums[45]);
     void (*distances)(const fl_view *view, const fl_surface *surface, real *out);
     int (*has_closer)(const fl_view *view, const fl_surface *surface, real limit, size_t fewest);
     real (*cost)(const fl_view *view, const fl_surface *surface);
@@ -144,7 +147,7 @@ typedef struct {
     real share[FL_WIDEST];
 } fl_support;
 
-typedef void (*fl_spurious)(void *context, real *matrix);
+typedef void (*fl_spurious)(void *context, size_t most, real *matrix);
 void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *context, fl_support *support);
 int fl_support_unseen(const fl_support *support);
 void fl_support_keep(const fl_support *support, real *matrix, real *gradient);
@@ -152,7 +155,6 @@ void fl_support_information(const fl_support *support, const real *matrix, real 
 void fl_inverse(const real *matrix, int n, real *inverse);
 void fl_jacobian(const fl_surface *surface, const real direction[3], real row[9]);
 void fl_turning(const fl_surface *surface, const real direction[3], real rows[2][9]);
-void fl_direction(const fl_surface *surface, const real reading[3], real direction[3]);
 
 /* heading.c */
 void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg);

@@ -214,6 +214,61 @@ static void curvature(const fl_view *view, const fl_surface *surface, real gradi
     for (int row = 0; row < 9; row++) gradient[row] = total(lanes[row]);
 }
 
+/* Derivatives of the Jacobian along a tangent t of the surface, of one reading: Jacobian of A A t less its part along the
+ * normal, over |A u|, and of the normal with A t instead of u. */
+static inline void turned(const real a[6], const real n[3], const real u[3], real steepness, const real t[3],
+                          real rows[9][FL_BLOCK], int i)
+{
+    const real wx = a[0] * t[0] + a[3] * t[1] + a[4] * t[2], wy = a[3] * t[0] + a[1] * t[1] + a[5] * t[2],
+               wz = a[4] * t[0] + a[5] * t[1] + a[2] * t[2];
+    real vx = a[0] * wx + a[3] * wy + a[4] * wz, vy = a[3] * wx + a[1] * wy + a[5] * wz,
+         vz = a[4] * wx + a[5] * wy + a[2] * wz;
+    const real along = n[0] * vx + n[1] * vy + n[2] * vz;
+    vx = (vx - n[0] * along) / steepness, vy = (vy - n[1] * along) / steepness, vz = (vz - n[2] * along) / steepness;
+    rows[0][i] = vx, rows[1][i] = vy, rows[2][i] = vz;
+    rows[3][i] = vx * u[0] + n[0] * wx, rows[4][i] = vy * u[1] + n[1] * wy, rows[5][i] = vz * u[2] + n[2] * wz;
+    rows[6][i] = vx * u[1] + vy * u[0] + n[0] * wy + n[1] * wx;
+    rows[7][i] = vx * u[2] + vz * u[0] + n[0] * wz + n[2] * wx;
+    rows[8][i] = vy * u[2] + vz * u[1] + n[1] * wz + n[2] * wy;
+}
+
+/* Lower triangle of what noise alone adds to Σ J Jᵀ, for each unit of its variance; returns the readings. Tangents as in
+ * T. Duff et al., JCGT 6 (2017). */
+static size_t spurious(const fl_view *view, const fl_surface *surface, real sums[45])
+{
+    const real *const a = surface->inverse;
+    real lanes[45][FL_LANES] = {{0}}, rows[2][9][FL_BLOCK], block[3][FL_BLOCK];
+    size_t count = 0, m;
+    cursor at = {0, 0};
+    while ((m = gather(view, &at, block)) > 0) {
+        for (int i = 0; i < FL_BLOCK; i++) {
+            const real dx = block[0][i] - surface->centre[0], dy = block[1][i] - surface->centre[1],
+                       dz = block[2][i] - surface->centre[2];
+            const real px = a[0] * dx + a[3] * dy + a[4] * dz, py = a[3] * dx + a[1] * dy + a[5] * dz,
+                       pz = a[4] * dx + a[5] * dy + a[2] * dz;
+            const real size = fl_sqrt(px * px + py * py + pz * pz), length = size > FL_SHORT ? size : FL_SHORT;
+            const real u[3] = {px / length, py / length, pz / length};
+            const real qx = a[0] * u[0] + a[3] * u[1] + a[4] * u[2], qy = a[3] * u[0] + a[1] * u[1] + a[5] * u[2],
+                       qz = a[4] * u[0] + a[5] * u[1] + a[2] * u[2];
+            const real steep = fl_sqrt(qx * qx + qy * qy + qz * qz), steepness = steep > FL_SHORT ? steep : FL_SHORT;
+            const real n[3] = {qx / steepness, qy / steepness, qz / steepness};
+            const real side = n[2] < 0 ? -1 : 1, over = -1 / (side + n[2]), both = n[0] * n[1] * over;
+            const real is_off = size > FL_SHORT ? 1 : 0; /* not right in the centre */
+            const real first[3] = {is_off * (1 + side * n[0] * n[0] * over), is_off * side * both, -is_off * side * n[0]};
+            const real second[3] = {is_off * both, is_off * (side + n[1] * n[1] * over), -is_off * n[1]};
+            turned(a, n, u, steepness, first, rows[0], i);
+            turned(a, n, u, steepness, second, rows[1], i);
+        }
+        if (m < FL_BLOCK) clear_rest(rows[0][0], 18, m);
+        for (int t = 0; t < 2; t++)
+            for (int i = 0, sum = 0; i < 9; i++)
+                for (int j = 0; j <= i; j++) add_product(rows[t][i], rows[t][j], lanes[sum++]);
+        count += m;
+    }
+    for (int sum = 0; sum < 45; sum++) sums[sum] = total(lanes[sum]);
+    return count;
+}
+
 /* Sampson distances of one block, outside positive, in the unit of the readings. */
 static inline void sampson(const real block[3][FL_BLOCK], const fl_surface *surface, real s[FL_BLOCK])
 {
@@ -685,5 +740,5 @@ static size_t ordinary(const real *field, size_t rows, const real lowest[3], con
 
 extern const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT);
 const fl_kernels FL_JOIN(fl_kernels, FL_VARIANT) = {
-    powers, products, curvature, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares,
+    powers, products, curvature, spurious, distances, has_closer, cost, information, nonlinear, take_off, gram, lagged, squares,
     cells, filter, keys, breaks, steps, ends, ordinary};

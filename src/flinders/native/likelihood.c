@@ -4,7 +4,7 @@
  */
 #include "internal.h"
 
-enum { HALVINGS = 30, PASSES = 3, GLANCE = 2000, LANES = 12 /* of three axes */ };
+enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 
 #define LONGEST_STEP ((real)0.3)  /* of the radius */
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
@@ -127,29 +127,17 @@ typedef struct {
     const fl_posterior *at;
 } scattered;
 
-/* What noise alone adds to the information, per unit of noise variance, from a part of the readings. */
-static void spurious(void *context, real *matrix)
+/* What noise alone adds to the information, per unit of noise variance, from so many of the readings. */
+static void spurious(void *context, size_t most, real *matrix)
 {
     const scattered *from = context;
-    const fl_view *some = &from->task->some;
-    const size_t every = from->task->count / GLANCE > 1 ? from->task->count / GLANCE : 1;
-    size_t free = 0, used = 0, points = 0;
-    real direction[3], rows[2][9];
-    memset(matrix, 0, 81 * sizeof(real));
-    for (size_t row = 0; row < some->rows; row++) {
-        if (some->rejected && some->rejected[row]) continue;
-        if (free++ % some->stride || used++ % every) continue;
-        points++;
-        fl_direction(&from->at->surface, some->field + 3 * row, direction);
-        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0) continue;
-        fl_turning(&from->at->surface, direction, rows);
-        for (int t = 0; t < 2; t++)
-            for (int i = 0; i < 9; i++)
-                for (int j = 0; j <= i; j++) matrix[9 * i + j] += rows[t][i] * rows[t][j];
-    }
+    fl_view some = from->task->some;
+    real sums[45];
+    some.stride *= from->task->count / most > 1 ? from->task->count / most : 1;
+    const size_t points = from->task->kernels->spurious(&some, &from->at->surface, sums);
     const real share = (real)from->at->count / (real)(points ? points : 1);
-    for (int i = 0; i < 9; i++)
-        for (int j = 0; j <= i; j++) matrix[9 * j + i] = matrix[9 * i + j] *= share;
+    for (int i = 0, sum = 0; i < 9; i++)
+        for (int j = 0; j <= i; j++, sum++) matrix[9 * j + i] = matrix[9 * i + j] = sums[sum] * share;
 }
 
 /* Which directions the readings observe, looked at once. */
@@ -291,10 +279,10 @@ static int prepare(const fl_kernels *kernels, const fl_view *view, const flinder
 {
     fl_view some = {view->field, view->rows, view->rejected, 1};
     const size_t free = fl_view_count(&some);
-    const size_t stride = (free + FL_ENOUGH - 1) / FL_ENOUGH;
+    const size_t stride = free > FL_ENOUGH ? (free + FL_SOME - 1) / FL_SOME : 1;
     real sums[LANES] = {0}, squares[LANES] = {0};
     memset(task, 0, sizeof *task);
-    some.stride = stride > 1 ? stride : 1;
+    some.stride = stride;
     *is_part = stride > 1;
     task->kernels = kernels, task->options = options, task->some = compact(&some, copy);
     task->count = task->some.rows;

@@ -20,7 +20,7 @@ typedef struct {
     real *distances;         /* (rows,) */
     real *scratch;           /* (rows,) */
     real *rows;              /* (FL_COLUMNS * min(rows, FL_LOOKED),) Jacobian and distance of each */
-    uint32_t *order;         /* (2 * min(rows, 20000),) places in random order, and rows of a sample; cells of the sphere */
+    uint32_t *order;         /* (2 * min(rows, FL_ENOUGH),) places in random order, and rows of a sample; cells of the sphere */
     size_t *begins;          /* (min(rows, 12 * 1024) + 2,) */
     unsigned char *rejected; /* (rows,) */
     unsigned char *far;      /* (rows,) */
@@ -29,7 +29,7 @@ typedef struct {
     real *cells;             /* (4 * FL_SLOTS,) counts and sums */
     unsigned char *counters; /* (FL_TABLE,) */
     real *directions;        /* (3, FL_LOOKED) of the readings whose rows there are */
-    real *some;              /* (3 * min(rows, 20000),) readings that a fit is iterated on */
+    real *some;              /* (3 * min(rows, FL_ENOUGH),) readings that a fit is iterated on */
     real *matrices;          /* (2 * 100 * 100,) covariance of a distortion, cell by cell */
     real *series;            /* (12 * min(rows, FL_LOOKED),) averages of successive residuals */
     const real *time;        /* (rows,) or NULL; not of the workspace */

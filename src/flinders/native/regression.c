@@ -20,11 +20,11 @@ static void places_of(const fl_view *view, uint32_t *out)
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                         int before, int width, fl_residuals *out)
 {
-    enum { MOST = 5000, FEWEST = 100 };
+    enum { FEWEST = 100 };
     const fl_view all = {view->field, view->rows, view->rejected, 1};
     const size_t stride = (size_t)width + 1;
     fl_view some = all;
-    some.stride = (fl_view_count(&all) + MOST - 1) / MOST;
+    some.stride = (fl_view_count(&all) + FL_SOME - 1) / FL_SOME;
     const size_t count = some.stride ? fl_view_count(&some) : 0;
     out->n = 0, out->stretches = 1, out->width = width, out->stride = stride;
     out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;

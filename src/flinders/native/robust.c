@@ -16,13 +16,13 @@ enum { POINTS = 12, DRAWS = 256, SCORED = 600, FEW_DRAWS = 24, FEW_SCORED = 150,
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
-/* Leave all but a few readings of each cell out of a sample of at most 20,000; returns how many are in it. */
-static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, fl_random *random,
+/* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. */
+static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, size_t most, fl_random *random,
                          const fl_room *room)
 {
     uint64_t keys[FL_BLOCK];
     uint32_t *const slots = room->order + (rows < FL_ENOUGH ? rows : FL_ENOUGH);
-    const size_t stride = (rows + FL_ENOUGH - 1) / FL_ENOUGH > 1 ? (rows + FL_ENOUGH - 1) / FL_ENOUGH : 1;
+    const size_t stride = (rows + most - 1) / most > 1 ? (rows + most - 1) / most : 1;
     const size_t n = (rows + stride - 1) / stride;
     size_t taken = 0;
     memset(room->passed, 1, rows);
@@ -183,7 +183,7 @@ static int suspects_a_load(const fl_kernels *kernels, const fl_view *spread, siz
 int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room)
 {
     fl_random random = fl_random_begin();
-    const size_t n = spread_out(kernels, view->field, view->rows, &random, room);
+    const size_t n = spread_out(kernels, view->field, view->rows, FL_SOME, &random, room);
     const fl_view spread = {view->field, view->rows, room->passed, 1};
     real farthest = 0, square = 0, fourth = 0;
     absolute(kernels, &spread, surface, room->distances);
@@ -334,7 +334,7 @@ int fl_robust(const fl_kernels *kernels, fl_view *view, const flinders_options *
               const fl_room *room, fl_fit *fit, flinders_record *record)
 {
     fl_random random = fl_random_begin();
-    const size_t rows = view->rows, n = spread_out(kernels, view->field, rows, &random, room);
+    const size_t rows = view->rows, n = spread_out(kernels, view->field, rows, FL_ENOUGH, &random, room);
     const fl_view spread = {view->field, rows, room->passed, 1};
     const fl_view every = {view->field, rows, NULL, 1};
     const fl_view part = {view->field, rows, NULL, (rows + FL_ENOUGH - 1) / FL_ENOUGH};

@@ -13,7 +13,8 @@ tumble.csv: columns mag_x_mG, mag_y_mG, mag_z_mG in mG, time in t_s; comma-separ
 array([ 21.7,   0.4, -58.6])
 
 A reader is a module of this package with its row in ``READERS`` at the end, by which it is found here. It needs a
-sample in tests/samples.py; its line in docs/formats.md is made from the row.
+sample in tests/samples.py; its line in docs/formats.md is made from the row. Other packages add rows through the entry
+points ``flinders.readers``, and are asked first.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import contextlib
 import os
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -30,13 +32,14 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.plugins import plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
-from flinders.readers._table import TableRecording
+from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text
 
@@ -54,11 +57,13 @@ __all__ = [
     "Position",
     "Reader",
     "Stored",
+    "Table",
     "TableRecording",
     "TextRecording",
     "holds_log",
     "open_log",
     "open_recording",
+    "open_table",
     "read",
 ]
 
@@ -335,9 +340,15 @@ def _found(path: AnyPath, *, once: bool = False) -> Source:
     return find(path, once=once, check=_reader_of)
 
 
+@cache
+def _plugins() -> tuple[Reader, ...]:
+    """Rows of other packages, loaded when a file is read: they import this one."""
+    return plugin_rows("flinders.readers", Reader)
+
+
 def _reader_of(name: str, head: bytes) -> Reader:
     """Find the reader of what starts with these bytes."""
-    for reader in READERS:
+    for reader in (*_plugins(), *READERS):
         if reader.accepts(head):
             return reader
     kind = foreign_kind(head)

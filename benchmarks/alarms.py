@@ -1,0 +1,135 @@
+"""What the live page says while a recording grows, and whether its end confirms it. Prints Markdown.
+
+    python -m benchmarks.alarms                  # recordings of the shared data, and sensors that lie still
+    python -m benchmarks.alarms "lies still"     # one of them
+
+Each recording is played into a session in steps of half a second, with a fit after each. An alarm is a state in which
+the page is *wrong*; it is confirmed where the page is wrong in the end, too. Recordings
+without an alarm have no row.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from benchmarks.fits import recordings
+from benchmarks.recordings import FOLDER
+from flinders import simulate
+from flinders.core.units import Unit
+from flinders.live.buffer import rows_of
+from flinders.live.evaluation import evaluate
+from flinders.live.messages import SourceState
+from flinders.live.page_state import session_state
+from flinders.live.session import Arrived, FitDone, Linked, Session, Ticked, begin_fit, step
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.core.samples import Samples
+    from flinders.live.session import Event
+
+STEP_S: Final = 0.5
+LONGEST_S: Final = 180.0
+"""Of a recording: fits of the same readings have said before what is said later."""
+RATE_HZ: Final = 50.0
+"""Of recordings without times."""
+FINISHED: Final = {"good", "limited"}
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What the page says at a time: its phase, the codes of its warnings, and the sentence."""
+
+    at: float
+    phase: str
+    codes: tuple[str, ...]
+    words: str
+
+
+def states(samples: Samples) -> Iterator[State]:
+    """What the page says while a recording grows, and when it has ended."""
+    session = Session(source=SourceState("the recording", "replay", "connected", ""))
+    time = np.arange(len(samples)) / RATE_HZ if samples.time is None else samples.time - samples.time[0]
+    rows = rows_of(replace(samples, time=time))
+    last = min(float(time[-1]), LONGEST_S)
+    ends = np.searchsorted(time, np.arange(STEP_S, last + STEP_S, STEP_S))
+    for begin, end in pairwise([0, *ends.tolist()]):
+        if end > begin:
+            session = _after(session, Arrived(float(time[end - 1]), rows[begin:end], samples.unit))
+            yield _state(session)
+    session = _after(session, Linked(last, "ended", ""))
+    yield _state(step(session, Ticked(last + 2.0))[0])
+
+
+def _after(session: Session, event: Event) -> Session:
+    """A session after an event, and a fit of all that has come."""
+    session = begin_fit(step(session, event)[0])
+    return step(session, FitDone(event.at, evaluate(session), seconds=0.01))[0]
+
+
+def _state(session: Session) -> State:
+    """What the page says of a session."""
+    shown = session_state(session)
+    codes = tuple(reason.code for reason in shown.reasons if reason.severity == "warning")
+    return State(session.at, shown.phase, codes, shown.words)
+
+
+def row(name: str, said: list[State]) -> str | None:
+    """A row of the table; None for a recording without an alarm."""
+    alarms = [state for state in said if state.phase == "wrong"]
+    last = said[-1]
+    unconfirmed = alarms if last.phase != "wrong" else []
+    back = sum(one.phase in FINISHED and two.phase == "wrong" for one, two in pairwise(said))
+    if not alarms:
+        return None
+    codes = ", ".join(sorted({code for state in unconfirmed for code in state.codes}))
+    first = f"{unconfirmed[0].at:.0f} s: {unconfirmed[0].words}" if unconfirmed else ""
+    return f"| {name} | {len(said)} | {last.phase} | {len(alarms)} | {len(unconfirmed)} | {codes} | {back} | {first} |"
+
+
+def still(seed: int, *, quantum: float = 0.0, then_turned: bool = False) -> Samples:
+    """A sensor that lies still for 30 s, with noise of 0.5 µT; and is then turned."""
+    rng = np.random.default_rng(seed)
+    field = np.array([22.0, -8.0, 41.0]) + rng.normal(scale=0.5, size=(1500, 3))
+    if then_turned:
+        turned = simulate.tumble(seed=seed, noise=0.5).samples.field
+        field = np.concatenate([field - field.mean(axis=0) + turned[0], turned])
+    if quantum:
+        field = np.round(field / quantum) * quantum
+    return flinders.Samples.of(field, unit=Unit.of("uT"))
+
+
+STILL: Final[dict[str, Callable[[], Samples]]] = {
+    "lies still": lambda: still(1),
+    "lies still, steps of 0.3 µT": lambda: still(2, quantum=0.3),
+    "lies still, then is turned": lambda: still(3, then_turned=True),
+}
+
+
+def of_recording(name: str) -> str | None:
+    """The row of a recording, or of a sensor that lies still."""
+    samples = STILL[name]() if name in STILL else flinders.read(FOLDER / name)
+    return row(name, list(states(samples)))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("names", nargs="*", help="recordings below the folder, or all")
+    names = parser.parse_args().names or [*STILL, *recordings()]
+    print("| recording | states | at the end | alarms | not confirmed | of these | good, then wrong | first |")
+    print("|---|---:|---|---:|---:|---|---:|---|")
+    with ProcessPoolExecutor() as pool:
+        for line in filter(None, pool.map(of_recording, names)):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
