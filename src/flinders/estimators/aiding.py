@@ -451,7 +451,8 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 
 def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    iterate, equations = _spanned(problem, *bias_corrected(problem, iterate, steps=GLANCE if problem.is_long else CORRECTED))
+    steps = GLANCE if problem.is_long else CORRECTED
+    iterate, equations = _spanned(problem, *bias_corrected(problem, iterate, steps=steps))
     inverse = _inverse(equations)
     walk = random_walk_of(problem, iterate, inverse)
     for _ in range(WALKED):
