@@ -52,7 +52,8 @@ def slow(rng: np.random.Generator, readings: Floats) -> Floats:
     if rng.random() > 0.1:
         return readings
     wandering = np.cumsum(rng.normal(size=readings.shape), axis=0)
-    return readings + 0.5 * (wandering - wandering.mean(axis=0)) / wandering.std()
+    slowed: Floats = readings + 0.5 * (wandering - wandering.mean(axis=0)) / wandering.std()
+    return slowed
 
 
 def calibrated(rng: np.random.Generator, sensor: Sensor) -> Fit | None:

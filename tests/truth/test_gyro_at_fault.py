@@ -11,7 +11,7 @@ import pytest
 
 import flinders
 from flinders import simulate
-from flinders.diagnostics.instruments import wrong_dip
+from flinders.diagnostics.instruments import of_aid_and_gyro, of_scales, wrong_dip
 from flinders.errors import FitError, UsageError
 from flinders.estimators.aiding import FAR_SCALES, parameters_of, solve
 from flinders.fitting.aid_selection import aided_by
@@ -174,3 +174,10 @@ def test_a_gyro_as_seldom_as_the_compass_is_left_as_it_is() -> None:
     beside = TimeSeries.of(times, np.sin(times)[:, np.newaxis])
     assert beside is not None
     npt.assert_array_equal(beside.until_next(times), beside.at(times))
+
+
+@pytest.mark.parametrize(("off", "words"), [(0.23, "23%"), (43.2, "more than 100%")])
+def test_scales_of_a_fit_that_went_astray_are_no_absurd_number(off: float, words: str) -> None:
+    for code, mistake in (("gyro-scales", of_scales(off)), ("aids-disagree", of_aid_and_gyro("dip", off))):
+        assert mistake.code == code
+        assert f"scales would be off by {words}," in mistake.words
