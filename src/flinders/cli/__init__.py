@@ -7,17 +7,7 @@ from __future__ import annotations
 
 import click
 
-from flinders.cli._program import EXIT_CODES, Commands, Program
-
-
-def _show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
-    """Print the versions and end the program."""
-    if is_asked and not context.resilient_parsing:
-        from flinders.cli._version import versions
-
-        click.echo(versions())
-        context.exit()
-
+from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
 
 main = Program(
     name="flinders",
@@ -61,6 +51,6 @@ main = click.option(
     is_flag=True,
     is_eager=True,
     expose_value=False,
-    callback=_show_versions,
+    callback=show_versions,
     help="Show the version, and those of Python, NumPy, the engine and optional packages.",
 )(main)

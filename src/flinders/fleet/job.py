@@ -120,39 +120,32 @@ def run(
     begun = time.monotonic()
     progress = Progress(watch, notice)
     with progress.ending(), contextlib.ExitStack() as ending:
-        needs_arrow()
-        options.check()
-        refuse_output(out, force=force)
-        if scheduler is not None:
-            reach(scheduler)
-        plan = plan_of(where, options)
+        plan = _planned(where, out, options, scheduler, force=force)
         checkpoint = Checkpoint.of(out, plan, resume=resume, force=force)
         ending.callback(checkpoint.close)
         files = checkpoint.finished()
         resumed = len(files)
         progress.planned(plan, checkpoint, set(files), input=where, output=os.fspath(out))
+        do = partial(worker.calibrate_partition, options=options)
         over = partial(_map, progress=progress, workers=workers, scheduler=scheduler)
         missing = [place for place in range(len(plan.partitions)) if place not in files]
-        for place, content, was_lost in _results(
-            plan, missing, partial(worker.calibrate_partition, options=options), over
-        ):
+        for place, content, was_lost in _results(plan, missing, do, over):
             files[place] = checkpoint.commit(place, content)
             progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
         counts = _write_table([files[place] for place in range(len(plan.partitions))], checkpoint, out)
         checkpoint.remove()
-    summary = RunSummary(
-        output=os.fspath(out),
-        files=plan.files,
-        partitions=len(plan.partitions),
-        **counts,
-        left_out=plan.left_out,
-        resumed=resumed,
-        workers_lost=progress.workers_lost,
-        retried=len(progress.retried),
-        seconds=time.monotonic() - begun,
-    )
-    progress.finished(summary)
-    return summary
+    seconds = time.monotonic() - begun
+    return progress.finished(plan, counts, output=os.fspath(out), resumed=resumed, seconds=seconds)
+
+
+def _planned(where: str, out: str | os.PathLike[str], options: Options, scheduler: str | None, *, force: bool) -> Plan:
+    """Plan partitions, after everything that can be refused before a recording is opened."""
+    needs_arrow()
+    options.check()
+    refuse_output(out, force=force)
+    if scheduler is not None:
+        reach(scheduler)
+    return plan_of(where, options)
 
 
 def refuse_output(out: str | os.PathLike[str], *, force: bool) -> None:
@@ -520,11 +513,23 @@ class Progress:
         if self.watch is not None:
             self.watch(self._done, self._total, self._rows, self._units_with(rows))
 
-    def finished(self, summary: RunSummary) -> None:
-        """Log that the table is written."""
+    def finished(self, plan: Plan, counts: dict[str, Any], *, output: str, resumed: int, seconds: float) -> RunSummary:
+        """Sum up a run whose table is written, and log it."""
+        summary = RunSummary(
+            output=output,
+            files=plan.files,
+            partitions=len(plan.partitions),
+            **counts,
+            left_out=plan.left_out,
+            resumed=resumed,
+            workers_lost=self.workers_lost,
+            retried=len(self.retried),
+            seconds=seconds,
+        )
         names = ("output", "units", "rows", "readings", "verdicts", "codes", "workers_lost", "retried")
         fields = {name: getattr(summary, name) for name in names}
-        log_event("done", **fields, unread=self.unread, seconds=round(summary.seconds, 3))
+        log_event("done", **fields, unread=self.unread, seconds=round(seconds, 3))
+        return summary
 
     @contextlib.contextmanager
     def ending(self) -> Iterator[None]:
