@@ -28,7 +28,10 @@ FOREIGN: Final = 3.0
 ODD, UNEVEN = 1.3, 0.1
 """Strength, as a factor, and spread, as a fraction, from which on a calibration of unknown accuracy does not suit."""
 SUITED, LEAST_UNEVEN = 3.0, 0.02
-"""Times what noise and claim make of the spread of one that states them; 2 % bend a heading by 3° and more."""
+"""Times what noise and claim make of the spread of one that states them; 2 % bend a heading by 3° and more.
+
+Of 992 recordings that suit none is doubted (``python -m benchmarks.suitability``).
+"""
 OUTLYING, OUTLIERS = 3.0, 0.1
 """Times that spread from which on a reading is an outlier, and their share up to which a calibration may suit."""
 ENOUGH_TO_JUDGE: Final = 1000

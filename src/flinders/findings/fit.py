@@ -81,9 +81,9 @@ ROWS: Final = (
         action="leave the readings as they are, where the advice says so: the calibration hardly improves on them",
         rule=Rule("uncorrected_deg", (Grade("note", -1.0),), limit=Limit(1.0, "worst_deg")),
         said=(
-            "the readings were corrected before: as recorded they give headings to {uncorrected_deg:angle} (worst "
-            "heading), and with this calibration, which is shrunk towards leaving them as they are, to "
-            "{worst_deg:angle}: {leave}"
+            "the readings were corrected before: as recorded they give headings to {uncorrected_deg:angle} ± "
+            "{worst_deg:angle} (worst heading), and with this calibration, which is shrunk towards leaving them as "
+            "they are, to {worst_deg:angle}: {leave}"
         ),
         plain="The readings were corrected before, and are off by {angle} of heading as they are.",
         remedy="If they are good enough, leave them as they are.",

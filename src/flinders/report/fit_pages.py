@@ -82,7 +82,7 @@ def of_fit(fit: Fit, *, is_verbose: bool = False, is_dip_assumed: bool = False) 
         return Group(page(*blocks), findings(shown_findings(fit)))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit))
     turn = "" if fit.verdict == "good" else movement(fit)
-    said = _fit_verdict(fit, is_verbose=is_verbose, is_dip_assumed=is_dip_assumed)
+    said = _fit_verdict(fit, is_dip_assumed=is_dip_assumed)
     return Group(page(*tops, result, said), findings(_shown(fit, is_verbose=is_verbose), turn))
 
 
@@ -126,7 +126,7 @@ def of_file(fit: Fit, *, is_verbose: bool) -> RenderableType:
 
 def of_extremes(extremes: Extremes) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
-    said = _graded(extremes.verdict, "accuracy not known, with these limits:", "six typed numbers; minmax")
+    said = _graded(extremes.verdict, "accuracy not known, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
@@ -231,16 +231,16 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str, is_dip_a
     within = good_to(fit)
     words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
     dip = f"dip {fit.heading_error_deg.dip_deg:.3g}°{' (assumed)' if is_dip_assumed else ''}"
-    return _graded(fit.verdict, words, f"{basis}; level vehicle, {dip}", *more)
+    return _graded(fit.verdict, words, f"{basis}; level, {dip}", *more)
 
 
-def _fit_verdict(fit: Fit, *, is_verbose: bool, is_dip_assumed: bool) -> Table:
+def _fit_verdict(fit: Fit, *, is_dip_assumed: bool) -> Table:
     is_surface = not (fit.is_flat or fit.plane or fit.noise > limit_of("noise", "refuses") * fit.ellipsoid.radius)
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
-    more = filter(None, (adds, condition(fit) if is_verbose else ""))
+    more = filter(None, (adds, condition(fit)))
     return _quality(fit, good, "no calibration was written", basis, *more, is_dip_assumed=is_dip_assumed)
 
 
@@ -421,7 +421,7 @@ def _composed(composed: Fit, after: str | None) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{in_words(turns_of(composed.method))}; level vehicle, dip {error.dip_deg:.3g}°"
+    basis = f"{in_words(turns_of(composed.method))}; level, dip {error.dip_deg:.3g}°"
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))

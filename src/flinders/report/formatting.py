@@ -16,6 +16,7 @@ import numpy as np
 
 from flinders.errors import figures
 from flinders.findings import first_causes
+from flinders.findings.conditions import stated
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.verdict import OF_THE_RECORDING
@@ -28,24 +29,13 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
-    from flinders.findings import Condition, Finding
+    from flinders.findings import Finding
     from flinders.fitting.result import Fit
 
 FINEST: Final = 2e-4
 """Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 """What each aiding sensor is called."""
-CONDITIONS: Final[dict[Condition, str]] = {
-    "uniform-field": "no iron is near",
-    "constant-iron": "currents are constant",
-}
-"""What a good verdict rests on, in words."""
-
-CERTAINTY: Final[dict[Condition, str]] = {
-    "uniform-field": "record elsewhere too",
-    "constant-iron": "record the currents",
-}
-"""What would show it."""
 DECIMALS: Final = 6
 """Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
@@ -259,7 +249,4 @@ def condition(fit: Fit) -> str:
     >>> condition(fit(simulate.tumble(seed=1).samples))
     'holds if no iron is near and currents are constant: record elsewhere too'
     """
-    if not fit.conditions:
-        return ""
-    words = " and ".join(CONDITIONS[code] for code in fit.conditions)
-    return f"holds if {words}: {CERTAINTY[fit.conditions[0]]}"
+    return stated(fit.conditions)

@@ -70,7 +70,7 @@ def of_headings(
 def _heading_error(claims: Mapping[str, Any]) -> str:
     level, tilted = claims["level"], claims["tilted"]
     if level is None:
-        return "the calibration states no uncertainty"
+        return "an unknown accuracy: the calibration states no uncertainty"
     bound = degrees(claims["bound"])
     words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), while level"
     if tilted is not None:
@@ -173,9 +173,9 @@ def _dip_notes(
     dip, scatter = voyage.frames.dip_deg
     if claims["dip_from"] == "seen" and dip < 0.0:
         words = (
-            f"the field is seen to point up by {-dip:.0f}°: right in the south; north of the magnetic equator the "
-            f"acceleration has the opposite sign, and headings run backwards: {_opposite(turned)}; "
-            "--at or --dip tells"
+            f"the field is seen to point up by {-dip:.0f}°. South of the magnetic equator that is right: say so with "
+            f"--at LATITUDE,LONGITUDE or --dip {dip:.0f}. North of it the acceleration has the opposite sign, and "
+            f"headings run backwards: {_opposite(turned)}"
         )
         yield "limits", words
     if site is not None and abs(dip - site.inclination_deg) > max(OFF_DEG, 2.0 * scatter):
