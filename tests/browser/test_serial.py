@@ -57,6 +57,12 @@ def is_near(offset: object, within: float) -> bool:
 def test_a_good_board_becomes_good_and_its_calibration_is_true(bench: Bench, tmp_path: Path) -> None:
     page = bench.page()
     expect(page.locator("#empty-lead")).to_have_text("Waiting for readings")
+    until(page, "flinders.store.state.source.link === 'waiting'")  # nothing has come for three seconds
+    expect(page.locator(".status")).to_have_attribute("data-phase", "waiting")
+    expect(page.locator("#empty-from")).to_have_text(f"from {bench.board.port}")
+    expect(page.locator("#empty-example")).to_contain_text("Serial.println")
+    expect(page.locator("#advice")).to_be_hidden()
+    expect(page.locator("#notices li")).to_have_count(0)
     bench.board.play(LINES, 1000)
     until(page, "flinders.store.state.phase === 'good' && flinders.store.state.used > 2000")
     assert page.evaluate("flinders.store.state.unit") == "µT"

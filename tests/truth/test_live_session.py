@@ -77,12 +77,22 @@ def test_the_first_seconds_are_collecting_and_nothing_is_wrong() -> None:
         assert not [reason for reason in shown.reasons if reason.severity == "warning"]
 
 
-def test_before_the_first_reading_it_waits_and_then_says_so() -> None:
-    session, _ = step(Session(source=SENSOR), Ticked(1.0))
-    assert session_state(session).words == "Waiting for the first reading."
-    session, _ = step(session, Ticked(4.0))
-    assert (session_state(session).phase, codes(session_state(session))) == ("wrong", ["nothing-arrives"])
-    assert "baud" in session_state(session).words
+def test_a_source_that_has_sent_nothing_yet_is_waited_for_and_one_that_stops_is_wrong() -> None:
+    session, notices = step(Session(source=SENSOR), Linked(3.0, "waiting", ""))
+    for at in (1.0, 4.0, 4000.0):
+        shown = session_state(step(session, Ticked(at))[0])
+        assert (shown.phase, shown.words, codes(shown)) == ("waiting", "Waiting for readings from /dev/ttyACM0.", [])
+    assert notices == []
+    session, _ = step(session, Arrived(10.0, np.zeros((1, 7)), Unit.of("uT")))
+    shown = session_state(step(session, Ticked(14.0))[0])
+    assert (shown.phase, codes(shown)) == ("wrong", ["nothing-arrives"])
+    assert "baud" in shown.words
+
+
+def test_a_resumed_session_whose_sensor_is_not_on_yet_is_not_wrong() -> None:
+    live = after(simulate.tumble(seed=1).samples).live
+    shown = session_state(step(Session(source=SENSOR, live=live), Ticked(10.0))[0])
+    assert (shown.phase, codes(shown), shown.reasons[0].severity) == ("good", ["nothing-arrives"], "info")
 
 
 def test_what_the_feed_says_of_silence_goes_before_what_is_guessed() -> None:

@@ -40,10 +40,12 @@ ASSUMED_HZ: Final = 50.0  # Readings a second of a recording without times
 LONGEST_GAP_S: Final = 2.0  # Seconds that a pause of a recording takes when it is played back, at most
 SHORTEST_S: Final = 1e-4  # Least wait
 
-Kind: TypeAlias = Literal["connected", "settled", "unclear", "nothing", "garbage", "lost", "gone", "back", "ended"]
-"""It is there; how its lines are written is known; which of their numbers are the field is not; nothing usable has come
-for a while; lines that are not like the first ones; this machine was too busy to take all; it went away; it is there
-again; nothing more will come."""
+Kind: TypeAlias = Literal[
+    "connected", "settled", "unclear", "silent", "nothing", "garbage", "lost", "gone", "back", "ended"
+]
+"""It is there; how its lines are written is known; which of their numbers are the field is not; nothing has come yet;
+nothing usable has; lines that are not like the first ones; this machine was too busy to take all; it went away; it is
+there again; nothing more will come."""
 
 
 @dataclass(frozen=True, slots=True)

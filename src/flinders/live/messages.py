@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "file"]
 Link = Literal["connected", "waiting", "gone", "ended"]
-Phase = Literal["collecting", "good", "limited", "wrong"]
+Phase = Literal["waiting", "collecting", "good", "limited", "wrong"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 

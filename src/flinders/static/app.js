@@ -183,7 +183,8 @@ function drawPhase(state) {
     const phaseTitle = state.paused ? "Paused" : phase;
     const words = phaseTitle === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
     if (strong) setText(strong, phaseTitle);
-    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : words);
+    const shown = state.phase === "waiting" ? "" : words; // which the middle of the page says
+    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
     const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
     setList(byId("reasons", HTMLElement), others, (reason) => {
         const row = element("li", sentence(reason.advice));
@@ -206,18 +207,17 @@ function gravest({ reasons, words }) {
 }
 
 /** @param {State} state */
-function drawSource({ source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
+function drawSource({ phase, source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
     byId("source", HTMLElement).dataset.link = opened === null ? source.link : "ended";
     setText(byId("source-name", HTMLElement), opened ?? source.name);
     const links = { connected: "", waiting: "waiting", gone: "gone", ended: "ended" };
     const counts = [
-        opened === null ? links[source.link] : "a log",
+        phase === "waiting" ? "waiting" : opened === null ? links[source.link] : "a log",
         opened === null ? frequency(rate_hz ?? 0) : "",
         readings > 0 ? duration(seconds) : "",
         readings > 0 ? things(readings, "reading") : "",
         rejected > 0 ? `${counted(rejected)} left out` : "",
         excluded_readings > 0 ? `${counted(excluded_readings)} taken out` : "",
-        readings > 0 ? "" : source.words,
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
@@ -229,12 +229,9 @@ function drawSource({ source, readings, rejected, excluded_readings, rate_hz, se
  * @param {View | null} view
  */
 function drawAdvice(state, view) {
-    const nothing = state.readings === 0;
-    byId("empty", HTMLElement).hidden = !nothing;
-    byId("stage", HTMLElement).toggleAttribute("data-empty", nothing);
-    setText(byId("empty-lead", HTMLElement), state.source.link === "gone" ? "The sensor is gone" : `Waiting for readings`);
-    setText(byId("empty-words", HTMLElement), state.source.words);
+    drawEmpty(state);
     const words = advice(state, view);
+    byId("advice", HTMLElement).hidden = words === "";
     const wrong = state.phase === "wrong";
     const stands = ["good", "wrong"].includes(state.phase) || (state.phase === "limited" && !goesOn(state));
     setIcon(byId("advice", HTMLElement), stands ? ICONS[state.phase] : "next");
@@ -242,6 +239,30 @@ function drawAdvice(state, view) {
     byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
     setText(byId("advice-words", HTMLElement), words);
     say("advice", wrong ? "" : words); // what is wrong is said with the phase
+}
+
+/**
+ * What sends a reading that each source takes.
+ * @type {Readonly<Record<string, string>>}
+ */
+const EXAMPLES = Object.freeze({
+    serial: 'Serial.println(String(mx) + "," + my + "," + mz);',
+    udp: "12.3,-45.6,7.8",
+    tcp: "12.3,-45.6,7.8",
+});
+
+/**
+ * Where readings are waited for, and what sends them.
+ * @param {State} state
+ */
+function drawEmpty({ phase, readings, source }) {
+    const nothing = readings === 0;
+    byId("empty", HTMLElement).hidden = !nothing;
+    byId("stage", HTMLElement).toggleAttribute("data-empty", nothing);
+    setText(byId("empty-lead", HTMLElement), phase === "waiting" ? "Waiting for readings" : "No readings");
+    setText(byId("empty-from", HTMLElement), `from ${source.name}`);
+    byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
+    setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
 }
 
 /**
@@ -258,7 +279,7 @@ function advice(state, view) {
         const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
         return `This one has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
-    if (state.readings === 0) return "Plug the sensor in, then turn it slowly through all directions.";
+    if (state.phase === "waiting") return "";
     if (state.phase === "good") return "Done: press Finish. Going on makes it better still.";
     return guidance ? sentence(guidance.words) : "Turn the sensor slowly through all directions.";
 }

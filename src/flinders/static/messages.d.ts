@@ -52,7 +52,7 @@ export interface SessionState {
   excluded_readings: number;
   rate_hz: number | null;
   seconds: number;
-  phase: "collecting" | "good" | "limited" | "wrong";
+  phase: "waiting" | "collecting" | "good" | "limited" | "wrong";
   words: string;
   reasons: Array<Reason>;
   target_deg: number;

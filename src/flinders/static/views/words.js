@@ -163,6 +163,7 @@ export function frequency(rate) {
  * @type {Readonly<Record<string, string>>}
  */
 export const PHASES = Object.freeze({
+    waiting: "Waiting",
     collecting: "Collecting",
     good: "Good",
     limited: "Limited",
@@ -205,6 +206,7 @@ export const VERDICTS = Object.freeze({
  * @type {Readonly<Record<string, string>>}
  */
 export const ICONS = Object.freeze({
+    waiting: "waiting",
     collecting: "collecting",
     good: "good",
     limited: "limited",
