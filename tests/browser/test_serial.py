@@ -74,6 +74,17 @@ def test_a_good_board_becomes_good_and_its_calibration_is_true(bench: Bench, tmp
     assert is_near(calibration_file.read(tmp_path / "cal.json").calibration.offset, 0.1)
 
 
+def test_a_board_that_lies_still_is_asked_to_be_turned(bench: Bench) -> None:
+    still = np.array([22.0, -8.0, 41.0]) + 0.5 * np.random.default_rng(1).normal(size=(2000, 3))
+    bench.board.play(motioncal(still), 100)
+    page = bench.page()
+    expect(page.locator("#empty-lead")).to_have_text("Start turning")
+    expect(page.locator("#turning")).to_be_visible()
+    expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
+    bench.board.play(LINES, 1000)
+    expect(page.locator("#empty")).to_be_hidden()
+
+
 def test_a_noisy_board_is_said_to_be_noisy(bench: Bench) -> None:
     noisy = simulate.tumble(seed=3, noise=6.0).samples.field
     bench.board.play(motioncal(noisy), 500)

@@ -160,6 +160,14 @@ def test_a_sensor_that_lies_still_is_reminded_of_and_not_called_wrong() -> None:
     assert (shown.phase, codes(shown)) == ("good", ["no-rotation"])
 
 
+@pytest.mark.parametrize("noise", [0.02, 0.5, 3.0])
+def test_a_sensor_that_has_never_been_turned_is_asked_to_start(noise: float) -> None:
+    field = np.array([22.0, -8.0, 41.0]) + noise * np.random.default_rng(1).normal(size=(800, 3))
+    shown = session_state(after(Samples.of(field, unit="uT", time=np.arange(800) / 50.0)))
+    assert (shown.phase, codes(shown)) == ("collecting", ["no-rotation"])
+    assert shown.words.startswith("Start turning")
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("mG", 10.0), ("G", 0.01), ("nT", 1000.0), ("mT", 0.001)])
 def test_readings_in_another_unit_are_recognised(unit: str, factor: float) -> None:
     samples = simulate.tumble(seed=1).samples

@@ -152,6 +152,8 @@ def _before_a_fit(session: Session) -> str:
     """What to say while there are no numbers."""
     if not session.shown.buffer.total:
         return f"{session.source.name} has ended without a reading."
+    if any(reason.code == "no-rotation" for reason in session.shown.evaluated.reasons):
+        return "Start turning: turn the sensor slowly through all directions."
     if not session.shown.evaluated.refusal:
         return "Looking at the first readings. Turn the sensor slowly through all directions."
     return _sentence(session.shown.evaluated.refusal)

@@ -183,7 +183,7 @@ function drawPhase(state) {
     const phaseTitle = state.paused ? "Paused" : phase;
     const words = phaseTitle === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
     if (strong) setText(strong, phaseTitle);
-    const shown = state.phase === "waiting" ? "" : words; // which the middle of the page says
+    const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
     setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
     const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
     setList(byId("reasons", HTMLElement), others, (reason) => {
@@ -229,7 +229,7 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, rate
  * @param {View | null} view
  */
 function drawAdvice(state, view) {
-    drawEmpty(state);
+    drawEmpty(state, view);
     const words = advice(state, view);
     byId("advice", HTMLElement).hidden = words === "";
     const wrong = state.phase === "wrong";
@@ -252,15 +252,31 @@ const EXAMPLES = Object.freeze({
 });
 
 /**
- * Where readings are waited for, and what sends them.
+ * Whether a sensor that somebody may turn has not been turned yet.
  * @param {State} state
+ * @param {View | null} view
+ * @returns {boolean}
  */
-function drawEmpty({ phase, readings, source }) {
-    const nothing = readings === 0;
-    byId("empty", HTMLElement).hidden = !nothing;
-    byId("stage", HTMLElement).toggleAttribute("data-empty", nothing);
-    setText(byId("empty-lead", HTMLElement), phase === "waiting" ? "Waiting for readings" : "No readings");
-    setText(byId("empty-from", HTMLElement), `from ${source.name}`);
+function isStill(state, view) {
+    return view === null && goesOn(state) && state.readings > 0 && state.reasons.some(({ code }) => code === "no-rotation");
+}
+
+/**
+ * In place of the sphere: where readings are waited for, and what sends them; or how to begin.
+ * @param {State} state
+ * @param {View | null} view
+ */
+function drawEmpty(state, view) {
+    const { phase, readings, source } = state;
+    const still = isStill(state, view);
+    const isEmpty = readings === 0 || still;
+    byId("empty", HTMLElement).hidden = !isEmpty;
+    byId("stage", HTMLElement).toggleAttribute("data-empty", isEmpty);
+    byId("turning", HTMLElement).hidden = !still;
+    const lead = phase === "waiting" ? "Waiting for readings" : "No readings";
+    setText(byId("empty-lead", HTMLElement), still ? "Start turning" : lead);
+    setText(byId("empty-from", HTMLElement), still ? "Turn the sensor slowly through all directions." : `from ${source.name}`);
+    byId("empty-drop", HTMLElement).hidden = still;
     byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
     setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
 }
@@ -273,13 +289,13 @@ function drawEmpty({ phase, readings, source }) {
  */
 function advice(state, view) {
     const guidance = view?.guidance ?? null;
+    if (state.phase === "waiting" || isStill(state, view)) return "";
     if (state.phase === "wrong") return sentence(brief(state.words)[0]);
     if (!goesOn(state) && state.readings > 0) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
         const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
         return `This one has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
-    if (state.phase === "waiting") return "";
     if (state.phase === "good") return "Done: press Finish. Going on makes it better still.";
     return guidance ? sentence(guidance.words) : "Turn the sensor slowly through all directions.";
 }
