@@ -232,6 +232,32 @@ def test_a_stretch_that_is_none_is_refused_with_words(visitor: Visitor) -> None:
     assert state(page, "excluded") == []
 
 
+def test_what_stood_beside_the_sensor_is_left_out_by_a_button(visitor: Visitor, tumble: Path) -> None:
+    page = done(visitor.page())
+    head, *rows = tumble.read_text(encoding="utf-8").splitlines()
+    readings = np.array([[float(cell) for cell in row.split(",")] for row in rows[:2200]])
+    readings[1400:, 1:] += (14.0, -9.0, 6.0)
+    table = "\n".join([head, *(",".join(f"{number:.4f}" for number in reading) for reading in readings)])
+    dropped(page, "disturbed.csv", table.encode())
+    button = page.get_by_role("button", name=re.compile(r"Leave out 2[78]\.\d–4[34]\.\d s"))
+    button.click()
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good", timeout=GOOD_MS)
+    expect(button).to_be_hidden()
+    page.get_by_role("button", name="Undo").click()
+    expect(button).to_be_visible()
+
+
+def test_the_dip_is_set_from_a_place(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.get_by_role("button", name="Set dip from place").click()
+    page.locator("#latitude").fill("-33.9")
+    page.locator("#longitude").fill("151.2")
+    page.keyboard.press("Enter")
+    expect(page.locator("#place-panel")).to_be_hidden()
+    until(page, "flinders.store.state.dip_deg < -63 && flinders.store.state.dip_deg > -66")
+    expect(page.locator("#notices")).to_contain_text("The dip at")
+
+
 # one state
 
 
@@ -530,7 +556,21 @@ def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(visitor:
     places = tabbed(page)
     names = [place["id"] for place in places]
     assert names[0] == "Skip to the sphere"
-    order = ["open", "pause", "clear", "theme", "help", "finish", "target", "why", "goal", "dip", "reset", "exclude"]
+    order = [
+        "open",
+        "pause",
+        "clear",
+        "theme",
+        "help",
+        "finish",
+        "target",
+        "why",
+        "goal",
+        "dip",
+        "place",
+        "reset",
+        "exclude",
+    ]
     assert [name for name in names if name in order] == order
     assert [place["id"] for place in places if not place["shown"]] == [], "no focus is visible"
     assert [place["role"] for place in places].count("application") == 2, " | ".join(names)

@@ -15,10 +15,22 @@ from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
+from flinders.errors import UsageError
 from flinders.fitting import calibrate
 from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SessionState, SetGoal, SetTarget, SourceState
+from flinders.live.messages import (
+    BackToLive,
+    Exclude,
+    Notice,
+    Reason,
+    SessionState,
+    SetGoal,
+    SetPlace,
+    SetTarget,
+    SourceState,
+    Undo,
+)
 from flinders.live.page_state import session_state
 from flinders.live.session import (
     Arrived,
@@ -149,6 +161,28 @@ def test_a_magnet_that_is_put_beside_it_changes_the_field() -> None:
     shown = session_state(after(samples))
     assert shown.phase == "wrong"
     assert {"field-changed", "outliers", "structure", "noise"} & set(codes(shown))
+
+
+def test_the_interval_in_which_something_stood_beside_it_is_offered_to_be_left_out() -> None:
+    samples = simulate.tumble(seed=11, noise=0.4).samples[:2200]
+    field = samples.field.copy()
+    field[1400:] += (14.0, -9.0, 6.0)  # from 28 s on
+    session = after(replace(samples, field=field))
+    reasons = [reason for reason in session_state(session).reasons if reason.severity == "warning"]
+    ((start, end),) = reasons[0].spans
+    assert (start, end) == (pytest.approx(28.0, abs=0.2), pytest.approx(44.0, abs=0.2))
+    session = fitted(step(session, Requested(45.0, Exclude(start, end)))[0])
+    assert session_state(session).phase == "good"
+    assert "outliers" in codes(session_state(fitted(step(session, Requested(46.0, Undo()))[0])))
+
+
+def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
+    session, (notice,) = step(Session(), Requested(1.0, SetPlace(52.5, 13.4, 2026.5)))
+    assert session.dip_deg == pytest.approx(68.3, abs=0.3)  # Berlin
+    assert "WMM-2025" in notice.words
+    for place in (SetPlace(95.0, 0.0, 2026.5), SetPlace(0.0, 0.0, 1900.0), SetPlace(-64.0, 136.0, 2026.5)):
+        with pytest.raises(UsageError):
+            step(session, Requested(2.0, place))
 
 
 def test_a_sensor_that_lies_still_is_reminded_of_and_not_called_wrong() -> None:

@@ -36,8 +36,10 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
+from flinders.errors import UsageError
 from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
+    LARGEST_DIP_DEG,
     BackToLive,
     Clear,
     Command,
@@ -49,6 +51,7 @@ from flinders.live.messages import (
     Restore,
     SetDip,
     SetGoal,
+    SetPlace,
     SetTarget,
     SourceState,
     Undo,
@@ -353,7 +356,8 @@ def _linked(session: Session, event: Linked) -> Stepped:
     if source == session.source:
         return session, []
     severity: Literal["info", "warning"] = "warning" if event.link == "gone" else "info"
-    return _changed(session, source=source), [Notice(severity, event.words)] if event.words else []
+    is_news = event.words and event.link != "ended"  # which a reason says
+    return _changed(session, source=source), [Notice(severity, event.words)] if is_news else []
 
 
 def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
@@ -382,6 +386,19 @@ def _with_goal(session: Session, **wish: object) -> Stepped:
         return session, []
     session = _refit(_changed(session, **wish))
     return _with_shown(session, replace(session.shown, within=())), []
+
+
+def _placed(session: Session, place: SetPlace) -> Stepped:
+    """Take the dip of a place from the World Magnetic Model; `UsageError` where there is none or no heading."""
+    from flinders.core.geomag import site_field
+
+    site = site_field(place.latitude_deg, place.longitude_deg, year=place.year)
+    dip_deg = round(site.inclination_deg, 1)
+    if abs(dip_deg) > LARGEST_DIP_DEG:
+        raise UsageError(f"the dip there is {dip_deg:g}°: no compass works where it is beyond {LARGEST_DIP_DEG:g}°")
+    session, _ = _with_goal(session, dip_deg=dip_deg)
+    words = f"the dip at {place.latitude_deg:g}°, {place.longitude_deg:g}° is {dip_deg:g}° ({site.model})"
+    return session, [Notice("info", words)]
 
 
 def _edited(session: Session, edit: Callable[[Exclusions], Exclusions]) -> Stepped:
@@ -480,6 +497,7 @@ _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
 _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     SetTarget: lambda session, command: _with_goal(session, target_deg=command.deg),
     SetDip: lambda session, command: _with_goal(session, dip_deg=command.deg),
+    SetPlace: _placed,
     SetGoal: lambda session, command: _with_goal(session, goal=command.goal),
     PreviousClear: lambda session, _: _with_goal(session, previous=None),
     Exclude: lambda session, command: _excluded(session, command.start_s, command.end_s),

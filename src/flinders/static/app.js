@@ -10,6 +10,7 @@ import { Connection } from "./connection.js";
 import { ask, byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
+import { listenForPlace, showRemedies } from "./remedies.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
 import { legend, palette } from "./views/colours.js";
 import { ems, gauge } from "./views/gauge.js";
@@ -232,11 +233,12 @@ function drawAdvice(state, view) {
     drawEmpty(state, view);
     const words = advice(state, view);
     byId("advice", HTMLElement).hidden = words === "";
+    showRemedies(byId("remedies", HTMLElement), state, send);
     const wrong = state.phase === "wrong";
     const stands = ["good", "wrong"].includes(state.phase) || (state.phase === "limited" && !goesOn(state));
     setIcon(byId("advice", HTMLElement), stands ? ICONS[state.phase] : "next");
     byId("advice", HTMLElement).dataset.phase = state.phase;
-    byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
+    byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE * (byId("remedies", HTMLElement).hidden ? 1 : 0.6));
     setText(byId("advice-words", HTMLElement), words);
     say("advice", wrong ? "" : words); // what is wrong is said with the phase
 }
@@ -508,6 +510,7 @@ function onClick(id, act) {
 }
 
 onNumber("target", (deg) => ({ type: "target", deg }), () => store.state?.target_deg);
+listenForPlace(send);
 onNumber("dip", (deg) => ({ type: "dip", deg }), () => store.state?.dip_deg);
 byId("goal", HTMLSelectElement).addEventListener("change", () => {
     const goal = byId("goal", HTMLSelectElement).value === "attitude" ? "attitude" : "heading";
