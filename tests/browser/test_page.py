@@ -377,7 +377,7 @@ INK = """text => {
 
 def test_no_number_covers_the_arc(visitor: Visitor) -> None:
     page = done(visitor.page())
-    for width, text in product((1280, 360), ("12.3", "0.043", "0.0043", "> 90", "–")):
+    for width, text in product((1280, 900), ("12.3", "0.043", "0.0043", "> 90", "–")):
         page.set_viewport_size({"width": width, "height": 800})
         room = page.evaluate("async text => String((await import('/static/views/gauge.js')).ems(text))", text)
         reach, arc = page.evaluate(INK.replace("EMS(text)", f"'{room}'"), text)
@@ -517,6 +517,52 @@ def test_a_phone_gives_each_view_its_room_and_keeps_advice_and_finish_in_sight(v
     assert foot is not None
     assert bar is not None
     assert foot["y"] + foot["height"] <= bar["y"], "the end of the page can be scrolled out of the bar"
+
+
+ON_PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+
+
+def test_a_phone_shows_number_phase_sphere_and_advice_on_one_screen(visitor: Visitor) -> None:
+    page = done(visitor.page(**ON_PHONE))
+    places = [
+        page.locator(f"#{name}").bounding_box() for name in ("worst", "phase", "target", "scene", "advice", "finish")
+    ]
+    assert all(place and place["y"] >= 0 and place["y"] + place["height"] <= 844 for place in places)
+    sphere, advice = places[3], places[4]
+    assert sphere is not None
+    assert advice is not None
+    assert sphere["height"] > 400
+    assert sphere["y"] + sphere["height"] <= advice["y"]
+
+
+LONG = "w" * 200
+SAY_LONG = """words => {
+    for (const id of ["advice-words", "phase-words", "source-name", "source-words", "empty-from"]) {
+        document.getElementById(id).textContent = words;
+    }
+    const row = document.createElement("li");
+    row.textContent = words;
+    document.getElementById("reasons").append(row);
+    const wide = one => [one.className || one.tagName, one.scrollWidth - one.clientWidth];
+    return [...document.querySelectorAll("html, .advice, .why, .empty")].map(wide).filter(([, more]) => more > 1);
+}"""
+
+
+@pytest.mark.parametrize("width", [360, 1280])
+def test_a_word_of_two_hundred_letters_breaks_no_layout(visitor: Visitor, width: int) -> None:
+    page = done(visitor.page(viewport={"width": width, "height": 740}))
+    assert page.evaluate(SAY_LONG, LONG) == []
+    finish, advice = (page.locator(f"#{name}").bounding_box() for name in ("finish", "advice"))
+    assert finish is not None
+    assert advice is not None
+    assert finish["x"] + finish["width"] <= width
+    if width < 700:
+        lines = page.locator("#advice-words").evaluate(
+            "one => one.clientHeight / parseFloat(getComputedStyle(one).lineHeight)"
+        )
+        assert lines <= 3.1
+        page.locator("#advice-words").click()
+        assert page.locator("#advice-words").evaluate("one => one.scrollHeight - one.clientHeight") <= 1
 
 
 def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:

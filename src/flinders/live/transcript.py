@@ -285,7 +285,8 @@ class Transcript:
         self._waiting: list[_WaitingLine] = []
         self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
         self._last: float | None = None
-        self._is_cut, self._heard_at = not is_framed, None
+        self._is_cut = not is_framed
+        self._heard_at: float | None = None
         self._advised: set[Kind] = set()
         self._unlike = 0
         self._events: list[FeedEvent] = []

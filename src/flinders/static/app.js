@@ -539,6 +539,7 @@ onClick("theme", toggleTheme);
 onClick("open", chooseLog);
 onClick("retry", () => connection.retry());
 onClick("back", () => send({ type: "back_to_live" }));
+onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whole")); // which a phone shortens
 onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
