@@ -415,6 +415,14 @@ def test_a_log_that_is_dropped_gets_the_same_views_and_leaves_again(visitor: Vis
     expect(page.locator("#source-name")).to_have_text("tumble.csv")
 
 
+def test_a_log_without_times_has_no_duration(visitor: Visitor, tumble: Path) -> None:
+    page = done(visitor.page())
+    rows = [row.partition(",")[2] for row in tumble.read_text(encoding="utf-8").splitlines()[:325]]
+    dropped(page, "untimed.csv", "\n".join(rows).encode())
+    expect(page.locator("#source-words")).to_have_text("a log · 324 readings")
+    assert not [words for words in page.locator("#strength text").all_text_contents() if words.endswith(" s")]
+
+
 HOSTILE = "<img src=x onerror=alert(1)>.csv"
 
 

@@ -191,6 +191,25 @@ class Replay:
         return None
 
 
+class NoSensor:
+    """A feed that ends at once, for a session that is looked at again.
+
+    >>> NoSensor("session.csv").next(0.1).words
+    'session.csv is shown without a sensor: start again with its source to go on with it'
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def next(self, _timeout: float) -> FeedEvent:
+        """As `Feed.next`."""
+        words = f"{self.name} is shown without a sensor: start again with its source to go on with it"
+        return FeedEvent("ended", 0.0, words)
+
+    def close(self) -> None:
+        """As `Feed.close`."""
+
+
 Result = TypeVar("Result")
 
 ASK_S: Final = 0.05  # Longest wait of one question

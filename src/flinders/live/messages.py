@@ -77,8 +77,8 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
         Received; of those fitted, used and rejected as outliers; excluded by hand.
     rate_hz : float or None
         Over the last two seconds.
-    seconds : float
-        Time of the newest reading since the session began.
+    seconds : float or None
+        Time of the newest reading since the session began; None where a log has no times.
     words : str
         The phase in a sentence.
     reasons : list of Reason
@@ -103,7 +103,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     rejected: int
     excluded_readings: int
     rate_hz: float | None
-    seconds: float
+    seconds: float | None
     phase: Phase
     words: str
     reasons: tuple[Reason, ...]

@@ -39,7 +39,7 @@ def session_state(session: Session) -> SessionState:
         rejected=evaluated.rejected,
         excluded_readings=shown.buffer.count_within(shown.excluded),
         rate_hz=_rate_hz(session),
-        seconds=shown.buffer.seconds,
+        seconds=shown.buffer.seconds if shown.is_timed else None,
         phase=phase,
         words=words,
         reasons=reasons,

@@ -209,6 +209,8 @@ class Series:
         No fit with a smaller key is of these readings.
     within : tuple of float, s
         When the fits in a row were done that are within the target: the first three of them.
+    is_timed : bool
+        The times are those of the readings, and not their numbers.
     """
 
     buffer: ReadingBuffer = field(default_factory=ReadingBuffer.empty)
@@ -223,6 +225,7 @@ class Series:
     since: int = 0
     evaluated: Evaluated = NO_FIT
     within: tuple[float, ...] = ()
+    is_timed: bool = True
 
     @property
     def advice_frame(self) -> Frame:

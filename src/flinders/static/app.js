@@ -215,7 +215,7 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, rate
     const counts = [
         phase === "waiting" ? "waiting" : opened === null ? links[source.link] : "a log",
         opened === null ? frequency(rate_hz ?? 0) : "",
-        readings > 0 ? duration(seconds) : "",
+        readings > 0 && seconds !== null ? duration(seconds) : "",
         readings > 0 ? things(readings, "reading") : "",
         rejected > 0 ? `${counted(rejected)} left out` : "",
         excluded_readings > 0 ? `${counted(excluded_readings)} taken out` : "",

@@ -52,7 +52,7 @@ export interface SessionState {
   rejected: number;
   excluded_readings: number;
   rate_hz: number | null;
-  seconds: number;
+  seconds: number | null;
   phase: "waiting" | "collecting" | "good" | "limited" | "wrong";
   words: string;
   reasons: Array<Reason>;
