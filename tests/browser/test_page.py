@@ -175,7 +175,7 @@ def test_a_stretch_is_left_out_by_dragging_and_comes_back_by_undo(visitor: Visit
     until(page, f"flinders.store.state.excluded_readings > 0 && {SETTLED}")
     assert state(page, "excluded_readings") == pytest.approx(50 * (end - start), abs=3)
     assert np.ravel(state(page, "excluded")) == pytest.approx([start, end], abs=0.01)
-    expect(page.locator("#source-words")).to_contain_text("taken out")
+    expect(page.locator("#source-words")).to_contain_text("left out")
     expect(page.locator("#span")).to_be_hidden()
     page.get_by_role("button", name="Undo").click()
     until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
@@ -579,6 +579,30 @@ def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:
         page.set_viewport_size({"width": width, "height": height})
         sizes = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
         assert sizes == [width, height]
+
+
+SMALL = """() => [...document.querySelectorAll("body *")].filter(one => one.checkVisibility() &&
+    [...one.childNodes].some(({nodeType, data}) => nodeType === Node.TEXT_NODE && data.trim())
+).map(one => {
+    const scale = one.ownerSVGElement ? one.getScreenCTM().a : 1;
+    return [one.textContent.trim().slice(0, 20), scale * parseFloat(getComputedStyle(one).fontSize)];
+}).filter(([, size]) => size < 11.9)"""
+"""Texts of less than 12 pixels, and their sizes."""
+
+
+def test_no_text_of_a_small_screen_is_smaller_than_twelve_pixels(visitor: Visitor) -> None:
+    page = done(visitor.page(viewport={"width": 1280, "height": 720}))
+    assert page.evaluate(SMALL) == []
+
+
+def test_the_deviation_is_drawn_on_one_scale_at_a_time(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    raw, corrected = page.locator("#deviation path.raw"), page.locator("#deviation path.corrected")
+    expect(corrected).to_have_count(1)
+    expect(raw).to_have_count(0)
+    page.locator(".deviation").get_by_role("button", name="Raw").click()
+    expect(raw).to_have_count(1)
+    expect(corrected).to_have_count(0)
 
 
 FOCUS = """() => {

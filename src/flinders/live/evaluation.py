@@ -231,7 +231,7 @@ def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
         yield Reason(
             "frozen-axis",
             f"axis {axis} has been the same for {seconds:.1f} s while the others change: turn the sensor another "
-            "way, and where that does not wake it, the sensor or its wiring is at fault; then begin anew",
+            "way, and where that does not wake it, the sensor or its wiring is at fault; then start again",
         )
     elif fit is not None and not fit.is_flat and time[-1] - time[0] > STILL_S:
         newest = samples.field[time >= time[-1] - STILL_S]

@@ -110,7 +110,7 @@ def _of_view(session: Session) -> tuple[Phase, str]:
     if not all(is_settled(session, code) for code in session.shown.evaluated.alarms):
         return "collecting", f"Keep turning: {done}, but a fault was found that more readings may disprove."
     if view.verdict != "refused" and not _is_sure(session):
-        return "collecting", f"Almost: {done}; hold on a little."
+        return "collecting", f"Almost: {done}; keep turning a little."
     by_verdict: dict[str, tuple[Phase, str]] = {
         "good": ("good", f"Good: {done}.{_resting_on(view)}"),
         "limited": ("limited", f"Good enough, with limits: {done}{_as_far_as(view)}."),

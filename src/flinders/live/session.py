@@ -14,7 +14,7 @@ True
 >>> session = begin_fit(session)
 >>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(session), seconds=0.01))
 >>> session_state(session).phase, session_state(session).words.split(", the target")
-('collecting', ['Almost: the worst heading error to expect is 0.066° (95 % within 0.16°)', ' 1°; hold on a little.'])
+('collecting', ['Almost: the worst heading error to expect is 0.066° (95 % within 0.16°)', ' 1°; keep turning a little.'])
 >>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
 >>> session_state(session).phase, session_state(session).words.split(". ")[0]
 ('good', 'Good: the worst heading error to expect is 0.066° (95 % within 0.16°), the target 1°')
@@ -427,7 +427,7 @@ def _paused(session: Session, *, paused: bool) -> Stepped:
     """Exclude new readings from now on, or no longer: a pause is an exclusion that can be undone."""
     live = session.live
     if session.opened is not None:
-        return session, [Notice("warning", "a log is shown, and nothing arrives in it: go back to live first")]
+        return session, [Notice("warning", "a log is shown, and nothing arrives in it: go back to the sensor first")]
     if paused == (live.paused_at is not None):
         return session, []
     if paused:
@@ -442,7 +442,9 @@ def _paused(session: Session, *, paused: bool) -> Stepped:
 def _cleared(session: Session) -> Stepped:
     """Begin anew without readings."""
     if session.opened is not None:
-        return session, [Notice("warning", "a log is shown, which cannot be begun anew: go back to live first")]
+        return session, [
+            Notice("warning", "a log is shown, which cannot be started again: go back to the sensor first")
+        ]
     old = session.live
     number, keys = session.generations + 1, session.keys + 1
     live = Series(
@@ -456,7 +458,7 @@ def _cleared(session: Session) -> Stepped:
         since=keys,
     )
     session = _changed(session, live=live, generations=number, keys=keys, arrivals=())
-    return session, [Notice("info", "begun anew; what was recorded before is kept")]
+    return session, [Notice("info", "started again; earlier readings stay in the recording")]
 
 
 def _back_to_live(session: Session) -> Stepped:

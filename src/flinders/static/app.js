@@ -217,8 +217,8 @@ function drawSource({ phase, source, readings, rejected, excluded_readings, rate
         opened === null ? frequency(rate_hz ?? 0) : "",
         readings > 0 && seconds !== null ? duration(seconds) : "",
         readings > 0 ? things(readings, "reading") : "",
-        rejected > 0 ? `${counted(rejected)} left out` : "",
-        excluded_readings > 0 ? `${counted(excluded_readings)} taken out` : "",
+        rejected > 0 ? `${things(rejected, "outlier")}` : "",
+        excluded_readings > 0 ? `${counted(excluded_readings)} left out` : "",
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
@@ -296,9 +296,9 @@ function advice(state, view) {
     if (!goesOn(state) && state.readings > 0) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
         const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
-        return `This one has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
+        return `The recording has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
-    if (state.phase === "good") return "Done: press Finish. Going on makes it better still.";
+    if (state.phase === "good") return "Done: press Finish, or keep turning to make it better.";
     return guidance ? sentence(guidance.words) : "Turn the sensor slowly through all directions.";
 }
 

@@ -206,7 +206,7 @@ export const strength = {
     legend: [
         ["raw", "raw"],
         ["corrected", "corrected"],
-        ["reject", "left out"],
+        ["reject", "outliers"],
     ],
     enlarges: "the field strength",
     begin({ head, host }, page) {
