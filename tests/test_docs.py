@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+PAGES = [ROOT / "README.md", *(path for path in sorted(DOCS.rglob("*.md")) if "_build" not in path.parts)]
 
 
 def page(name: str) -> str:
@@ -111,6 +111,19 @@ def test_an_example_ends_before_its_fence(path: Path) -> None:
     """doctest reads Markdown as plain text and would take a fence right after an example for expected output."""
     blocks = re.findall(r"^```python\n(.*?)^```$", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     assert [block for block in blocks if ">>> " in block and not block.endswith("\n\n")] == []
+
+
+def test_every_page_is_two_clicks_from_the_first_at_most() -> None:
+    """The side bar lists the pages of the first page's tables of contents; each of these lists its own."""
+
+    def listed(name: str) -> list[str]:
+        trees = re.findall(r"^```\{toctree\}\n(?::.*\n)*\n((?:.+\n)*)```$", page(f"{name}.md"), re.MULTILINE)
+        return [line for tree in trees for line in tree.split()]
+
+    first = listed("index")
+    reached = {"index", *first, *(name for one in first for name in listed(one))}
+    pages = {path.relative_to(DOCS).with_suffix("").as_posix() for path in PAGES if path.is_relative_to(DOCS)}
+    assert pages - reached == set()
 
 
 def test_the_example_of_the_readme_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,6 +32,10 @@ SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02
 HARD_IRON: Final = np.array([20.0, 120.0, 90.0])
 """mG: with `SOFT_IRON` the sensor of the MAGYC simulations, whose field is in mG too."""
 SENSOR: Final = Sensor(SOFT_IRON, np.array([20.0, -60.0, 30.0]), 0.5)
+RANDOM_SENSOR: Final = Sensor.random(np.random.default_rng(7))
+TUMBLED_SENSOR: Final = simulate.tumble(seed=2, motion="uniform").sensor
+OFFSET_SENSOR: Final = Sensor(offset=np.array([20.0, 5.0, -30.0]), noise=0.5)
+"""Without soft iron."""
 PER_AMPERE: Final = np.array([0.5, 0.0, -0.3])
 """µT/A of a motor."""
 MOTORS: Final = simulate.MotorCurrent(per_ampere=PER_AMPERE)

@@ -31,6 +31,7 @@
     │       └── NotMerged            not-merged        4    calibrations that contradict each other
     ├── NotExportable                not-exportable    4    values that the target cannot hold
     ├── NotSent                      not-sent          4    a vehicle that must not be given these values now
+    ├── PluginError                  plugin           70    an installed package that adds to Flinders is broken
     ├── NoEngine                     no-engine        70    the engine is not compiled here, and cannot be
     └── OutputError                  output            6    the result cannot be written
         ├── OutputExists             output-exists     6    a file is there already
@@ -366,6 +367,16 @@ class NotSent(FlindersError):
     """A vehicle that must not be given these values as it is: armed, or with another compass than is meant."""
 
     code, exit_code = "not-sent", 4
+
+
+class PluginError(FlindersError):
+    """An installed package registers readers or targets that cannot be used."""
+
+    code = "plugin"
+
+    def __init__(self, package: str, problem: str) -> None:
+        self.package, self.problem = package, problem
+        super().__init__(f"the plugin {package}: {problem}; update it, or uninstall it")
 
 
 class NoEngine(FlindersError):

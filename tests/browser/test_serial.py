@@ -24,9 +24,14 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the board is a pseudo-terminal")
 
 TUMBLE = simulate.tumble(seed=3, noise=0.3)
-TUMBLES = [simulate.tumble(seed=seed, noise=0.3, sensor=TUMBLE.sensor).samples.field for seed in range(4, 34)]
-LINES = motioncal(np.concatenate([TUMBLE.samples.field, *TUMBLES]))  # no reading twice, as a board plays them again
 COUNTS_PER_DPS = 16  # of MotionCal
+
+
+@pytest.fixture(scope="module")
+def lines() -> list[bytes]:
+    """What a board prints for half an hour: no reading twice, as a board plays them again."""
+    others = (simulate.tumble(seed=seed, noise=0.3, sensor=TUMBLE.sensor).samples.field for seed in range(4, 34))
+    return motioncal(np.concatenate([TUMBLE.samples.field, *others]))
 
 
 class Bench:
@@ -54,7 +59,9 @@ def is_near(offset: object, within: float) -> bool:
     return bool(np.abs(np.asarray(offset) - TUMBLE.sensor.offset).max() < within)
 
 
-def test_a_good_board_becomes_good_and_its_calibration_is_true(bench: Bench, tmp_path: Path) -> None:
+def test_a_good_board_becomes_good_and_its_calibration_is_true(
+    bench: Bench, tmp_path: Path, lines: list[bytes]
+) -> None:
     page = bench.page()
     expect(page.locator("#empty-lead")).to_have_text("Waiting for readings")
     until(page, "flinders.store.state.source.link === 'waiting'")  # nothing has come for three seconds
@@ -63,7 +70,7 @@ def test_a_good_board_becomes_good_and_its_calibration_is_true(bench: Bench, tmp
     expect(page.locator("#empty-example")).to_contain_text("Serial.println")
     expect(page.locator("#advice")).to_be_hidden()
     expect(page.locator("#notices li")).to_have_count(0)
-    bench.board.play(LINES, 1000)
+    bench.board.play(lines, 1000)
     until(page, "flinders.store.state.phase === 'good' && flinders.store.state.used > 2000")
     assert page.evaluate("flinders.store.state.unit") == "µT"
     assert page.evaluate("flinders.store.state.rate_hz") == pytest.approx(1000, rel=0.2)
@@ -74,14 +81,14 @@ def test_a_good_board_becomes_good_and_its_calibration_is_true(bench: Bench, tmp
     assert is_near(calibration_file.read(tmp_path / "cal.json").calibration.offset, 0.1)
 
 
-def test_a_board_that_lies_still_is_asked_to_be_turned(bench: Bench) -> None:
+def test_a_board_that_lies_still_is_asked_to_be_turned(bench: Bench, lines: list[bytes]) -> None:
     still = np.array([22.0, -8.0, 41.0]) + 0.5 * np.random.default_rng(1).normal(size=(2000, 3))
     bench.board.play(motioncal(still), 100)
     page = bench.page()
     expect(page.locator("#empty-lead")).to_have_text("Start turning")
     expect(page.locator("#turning")).to_be_visible()
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
-    bench.board.play(LINES, 1000)
+    bench.board.play(lines, 1000)
     expect(page.locator("#empty")).to_be_hidden()
 
 
@@ -94,8 +101,8 @@ def test_a_noisy_board_is_said_to_be_noisy(bench: Bench) -> None:
     assert page.evaluate("flinders.store.view.heading_error_deg.worst") > 0.5
 
 
-def test_a_board_that_is_unplugged_is_missed_and_comes_back(bench: Bench) -> None:
-    bench.board.play(LINES, 200)
+def test_a_board_that_is_unplugged_is_missed_and_comes_back(bench: Bench, lines: list[bytes]) -> None:
+    bench.board.play(lines, 200)
     page = bench.page()
     until(page, "flinders.store.state.readings > 300 && flinders.store.view")
     bench.board.unplug()
@@ -111,10 +118,11 @@ def test_a_board_that_is_unplugged_is_missed_and_comes_back(bench: Bench) -> Non
     until(page, "flinders.store.state.phase === 'good'")
 
 
-def test_garbage_between_lines_is_passed_over(bench: Bench) -> None:
+@pytest.mark.nightly
+def test_garbage_between_lines_is_passed_over(bench: Bench, lines: list[bytes]) -> None:
     rng = np.random.default_rng(1)
     garbled = [
-        line if n % 5 else rng.integers(0, 256, 40, np.uint8).tobytes() + b"\r\n" for n, line in enumerate(LINES)
+        line if n % 5 else rng.integers(0, 256, 40, np.uint8).tobytes() + b"\r\n" for n, line in enumerate(lines)
     ]
     bench.board.play(garbled, 1000)
     page = bench.page()
@@ -132,18 +140,18 @@ def test_a_wrong_baud_rate_is_suspected_where_only_garbage_comes(bench: Bench) -
     assert page.evaluate("flinders.store.state.readings") == 0
 
 
-def test_one_reading_a_second_is_slow_and_no_fault(bench: Bench) -> None:
-    bench.board.play(LINES[::50], 1)
+def test_one_reading_a_second_is_slow_and_no_fault(bench: Bench, lines: list[bytes]) -> None:
+    bench.board.play(lines[::50], 1)
     page = bench.page()
     until(page, "flinders.store.state.readings >= 4 && Math.abs(flinders.store.state.rate_hz - 1) < 0.6")
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
     assert page.evaluate("flinders.store.state.reasons.filter(reason => reason.severity === 'warning')") == []
 
 
-def test_a_thousand_readings_a_second_are_all_recorded_and_shown(bench: Bench) -> None:
+def test_a_thousand_readings_a_second_are_all_recorded_and_shown(bench: Bench, lines: list[bytes]) -> None:
     count = 4000
-    lines = [line.replace(b",0,0,0,", b",0,0,%d," % number) for number, line in enumerate((3 * LINES)[:count])]
-    bench.board.play(lines, 1000)
+    numbered = [line.replace(b",0,0,0,", b",0,0,%d," % number) for number, line in enumerate((3 * lines)[:count])]
+    bench.board.play(numbered, 1000)
     page = bench.page()
     until(page, f"flinders.store.state.readings >= {count}")
     assert page.evaluate("flinders.store.state.rate_hz") == pytest.approx(1000, rel=0.2)

@@ -54,6 +54,7 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
     assert saved.fit.verdict == "good"
 
 
+@pytest.mark.nightly
 def test_axe_finds_nothing_serious_while_it_collects(visitor: Visitor, axe: str) -> None:
     page = visitor.page()
     page.locator("#target").fill("0.05")  # which takes minutes

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.golden.sessions import session
+from tests.worlds import TUMBLED_SENSOR
 
 from flinders import simulate
 from flinders.cli import main
@@ -17,16 +18,16 @@ from flinders.cli import main
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-SENSOR = simulate.tumble(seed=2, motion="uniform").sensor
-
 
 @pytest.fixture(autouse=True)
 def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three recordings of a sensor, the last after its offset moved by 5 µT; calibrations of two."""
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
-    moved = replace(SENSOR, offset=SENSOR.offset + np.array([5, 0, 0]))
-    for seed, (name, sensor) in enumerate((("monday", SENSOR), ("tuesday", SENSOR), ("moved", moved)), 3):
+    moved = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + np.array([5, 0, 0]))
+    for seed, (name, sensor) in enumerate(
+        (("monday", TUMBLED_SENSOR), ("tuesday", TUMBLED_SENSOR), ("moved", moved)), 3
+    ):
         field = simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples.field
         rows = [",".join(f"{value:.3f}" for value in row) for row in field]
         Path(f"{name}.csv").write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")

@@ -2,56 +2,18 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.flight_log import dataflash
 from tests.golden.sessions import session
 
 from flinders import simulate
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from tests.golden.sessions import Golden
-
-HEAD: Final = b"\xa3\x95"
-SHAPES: Final = {
-    "PARM": (33, "<Q16sf", "QNf", "TimeUS,Name,Value"),
-    "GPS": (34, "<QBIHBhiii", "QBIHBcLLe", "TimeUS,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt"),
-    "MAG": (35, "<Qhhhhhh", "Qhhhhhh", "TimeUS,MagX,MagY,MagZ,OfsX,OfsY,OfsZ"),
-    "MAG2": (36, "<Qhhhhhh", "Qhhhhhh", "TimeUS,MagX,MagY,MagZ,OfsX,OfsY,OfsZ"),
-}
-"""Number, layout and description of each message that is written."""
-OFFSETS: Final = {"MAG": (-47, 112, 20), "MAG2": (0, 0, 0)}
-
-
-def dataflash() -> Iterator[bytes]:
-    """Yield the messages of a log of ArduPilot: two compasses, the first of which has offsets, and a place."""
-    yield _said("FMT", 128, 89, "BBnNZ", "Type,Length,Name,Format,Columns")
-    for name, (number, layout, letters, labels) in SHAPES.items():
-        yield _said(name, number, 3 + struct.calcsize(layout), letters, labels)
-    for name, offset in zip("XYZ", OFFSETS["MAG"], strict=True):
-        yield _message("PARM", 0, f"COMPASS_OFS_{name}".encode(), float(offset))
-    yield _message("GPS", 1_000, 3, 388_800_000, 2400, 12, 80, 437_700_000, 112_600_000, 5_000)
-    for number, seed in enumerate((2, 5)):
-        field = 10.0 * simulate.tumble(seed=seed, motion="uniform" if number == 0 else "tilted").samples.field
-        name = ("MAG", "MAG2")[number]
-        corrected = np.rint(field[:1200] + OFFSETS[name]).astype(int).tolist()
-        for row, axes in enumerate(corrected):
-            yield _message(name, 20_000 + 100_000 * row + 5_000_000 * (row > 600), *axes, *OFFSETS[name])
-
-
-def _said(name: str, number: int, length: int, letters: str, labels: str) -> bytes:
-    cells = (name.encode(), letters.encode(), labels.encode())
-    return HEAD + struct.pack("<BBB4s16s64s", 128, number, length, *cells)
-
-
-def _message(name: str, *values: float | bytes) -> bytes:
-    number, layout, _, _ = SHAPES[name]
-    return HEAD + bytes([number]) + struct.pack(layout, *values)
 
 
 @pytest.fixture(autouse=True)

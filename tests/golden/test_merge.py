@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.golden.sessions import session
+from tests.worlds import TUMBLED_SENSOR
 
 from flinders import simulate
 from flinders.cli import main
@@ -17,17 +18,15 @@ from flinders.cli import main
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-SENSOR = simulate.tumble(seed=2, motion="uniform").sensor
-
 
 @pytest.fixture(autouse=True)
 def calibrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three calibrations of a sensor, and one after its battery moved."""
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
-    moved = replace(SENSOR, offset=SENSOR.offset + np.array([3, 0, 0]))
+    moved = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + np.array([3, 0, 0]))
     for seed, (name, sensor) in enumerate(
-        (("monday", SENSOR), ("tuesday", SENSOR), ("friday", SENSOR), ("moved", moved)), 3
+        (("monday", TUMBLED_SENSOR), ("tuesday", TUMBLED_SENSOR), ("friday", TUMBLED_SENSOR), ("moved", moved)), 3
     ):
         field = simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples.field
         rows = [",".join(f"{value:.3f}" for value in row) for row in field]

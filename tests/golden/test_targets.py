@@ -121,7 +121,7 @@ def test_the_page_has_what_the_rows_say(request: pytest.FixtureRequest) -> None:
         assert text == made, "docs/targets.md is not what the rows say: `uv run pytest --regenerate`, review the diff"
 
 
-API = ROOT / "docs" / "api.md"
+API = ROOT / "docs" / "api" / "targets.md"
 MODULES = re.compile(r"(?<=<!-- modules of targets -->\n).*?(?=<!-- end of the modules -->)", re.DOTALL)
 
 
@@ -134,7 +134,7 @@ def test_the_reference_has_a_section_for_each_module_of_targets(request: pytest.
     if request.config.getoption("--regenerate", default=False):
         API.write_text(made, encoding="utf-8")
     else:
-        assert text == made, "docs/api.md lacks a target's module: `uv run pytest --regenerate`, review the diff"
+        assert text == made, "docs/api/targets.md lacks a module: `uv run pytest --regenerate`, review the diff"
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.trials import examples
+from tests.worlds import RANDOM_SENSOR
 
 import flinders
 from flinders import simulate
@@ -26,13 +27,12 @@ from flinders.geometry.ellipsoid import upper
 if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
 
-SENSOR = simulate.Sensor.random(np.random.default_rng(7))
 KNOWN = (None, 50.0)
 
 
 @cache
 def judged(seed: int, *, motion: str = "uniform", field_strength: float | None = None) -> Fit:
-    recording = simulate.tumble(seed=seed, motion=motion, n=600, sensor=SENSOR)
+    recording = simulate.tumble(seed=seed, motion=motion, n=600, sensor=RANDOM_SENSOR)
     fit = flinders.fit(recording.samples, field_strength=field_strength)
     return replace(fit, name=f"{motion} {seed}")
 

@@ -721,6 +721,16 @@ def test_a_matrix_that_flattens_names_the_way_out(tmp_path: Path) -> None:
     assert len(all_of(compass, as_logged=True)) == 3
 
 
+@pytest.mark.parametrize(
+    ("was", "becomes"), [(b"Name,Value", b"Nbme,Value"), (b"QNff\0", b"Qfff\0")], ids=["label", "letter"]
+)
+def test_parameters_whose_description_is_broken_are_left_out(was: bytes, becomes: bytes, tmp_path: Path) -> None:
+    log, _, _ = flight(rows=3)
+    sound = opened(log.content, tmp_path, "sound.bin").instruments[0]
+    broken = opened(log.content.replace(was, becomes, 1), tmp_path).instruments[0]
+    npt.assert_array_equal(all_of(broken, as_logged=True), all_of(sound, as_logged=True))
+
+
 def test_parameters_that_never_rest_are_refused(tmp_path: Path) -> None:
     """Each change costs a pass over the readings: a file made of changes must not take for ever."""
     log, _, _ = flight(rows=3)

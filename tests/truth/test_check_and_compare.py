@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from msgspec import structs
 from rich.console import Console
 from tests.program import flinders_
-from tests.worlds import judged
+from tests.worlds import TUMBLED_SENSOR, judged
 
 import flinders
 from flinders import simulate
@@ -28,7 +28,6 @@ from flinders.targets._autopilot import euler
 if TYPE_CHECKING:
     from flinders.simulate import Sensor
 
-SENSOR = simulate.tumble(seed=2, motion="uniform").sensor
 HEADER = "mx_uT,my_uT,mz_uT"
 KEYS = [
     "verdict", "telling", "heading_difference_deg", "claimed_deg", "ratio", "chi_square", "freedom", "p_value",
@@ -41,7 +40,7 @@ def record(
     name: str, seed: int, *, offset: float = 0.0, motion: str = "uniform", header: str = HEADER, factor: float = 1.0
 ) -> None:
     """Write a recording of the sensor, its offset moved by so many µT."""
-    sensor: Sensor = replace(SENSOR, offset=SENSOR.offset + np.array([offset, 0, 0]))
+    sensor: Sensor = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + np.array([offset, 0, 0]))
     field = factor * simulate.tumble(seed=seed, motion=motion, sensor=sensor).samples.field
     rows = [",".join(f"{value:.4f}" for value in row) for row in field]
     Path(name).write_text("\n".join([header, *rows, ""] if header else [*rows, ""]), encoding="utf-8")
@@ -199,7 +198,7 @@ def test_a_recording_too_poor_to_tell_ends_with_3_and_says_what_to_do() -> None:
 def test_a_recording_that_cannot_be_fitted_ends_with_4_and_says_what_it_does_show() -> None:
     record("still.csv", 7)
     lines = Path("still.csv").read_text(encoding="utf-8").splitlines()
-    held = simulate.tumble(seed=7, motion="uniform", sensor=SENSOR).directions[:, 2] > 0.95
+    held = simulate.tumble(seed=7, motion="uniform", sensor=TUMBLED_SENSOR).directions[:, 2] > 0.95
     Path("still.csv").write_text("\n".join([lines[0], *np.array(lines[1:])[held], ""]), encoding="utf-8")
     ended = flinders_("check", "monday.json", "still.csv")
     assert (ended.code, ended.out) == (4, "")
@@ -297,7 +296,7 @@ def test_numbers_beyond_reason_are_no_fault() -> None:
 
 def test_a_drift_that_no_fit_survives_is_followed_by_the_calibration(tmp_path: Path) -> None:
     """5 µT along x over the recording: the fit is refused, and the path is that of the calibration alone."""
-    tumble = simulate.tumble(seed=5, motion="uniform", n=3000, sensor=SENSOR)
+    tumble = simulate.tumble(seed=5, motion="uniform", n=3000, sensor=TUMBLED_SENSOR)
     time = np.linspace(0.0, 120.0, 3000)
     moved = tumble.samples.field + np.outer(5.0 * time / 120.0, [1.0, 0.0, 0.0])
     for name, field in (("still.csv", tumble.samples.field), ("moved.csv", moved)):
@@ -327,7 +326,7 @@ def test_an_aided_calibration_is_checked_without_its_rotation(tmp_path: Path) ->
 
 
 def write_tumble(path: Path, *, seed: int) -> None:
-    tumble = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=SENSOR)
+    tumble = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=TUMBLED_SENSOR)
     np.savetxt(path, tumble.samples.field, delimiter=",", header=HEADER, comments="", fmt="%.6f")
 
 

@@ -24,7 +24,7 @@ from tests.program import flinders_
 
 import flinders
 from flinders import simulate
-from flinders.cli import main
+from flinders.cli import _output, main
 from flinders.cli._program import EXIT_CODES
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
@@ -848,14 +848,17 @@ def test_json_on_a_terminal_is_json(home: Path) -> None:
     assert json.loads(shown[shown.index("{") : shown.rindex("}") + 1])["verdict"] == "good"
 
 
-def test_a_bar_is_shown_for_a_long_file_on_a_terminal_only(large: Path, calibration: Calibration) -> None:
+def test_a_bar_is_shown_for_a_long_file_on_a_terminal_only(
+    large: Path, calibration: Calibration, monkeypatch: pytest.MonkeyPatch
+) -> None:
     _, shown = terminal("apply", "calibration.json", str(large), "-o", "out.csv")
     assert "correcting" in shown
     assert "MB" in shown
     _, shown = terminal("apply", "calibration.json", "tumble.csv", "-o", "small.csv")
     assert "correcting" not in shown
     assert "\x1b" not in shown
-    ended = flinders_("apply", "calibration.json", str(large), "-o", "again.csv")
+    monkeypatch.setattr(_output, "WORTH_A_BAR", 1)
+    ended = flinders_("apply", "calibration.json", "tumble.csv", "-o", "again.csv")
     assert "correcting" not in ended.err + ended.out
 
 

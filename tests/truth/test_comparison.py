@@ -10,6 +10,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from scipy import stats
+from tests.worlds import RANDOM_SENSOR
 
 import flinders
 from flinders import simulate
@@ -34,13 +35,11 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.comparison.comparison import Comparison
 
-SENSOR = simulate.Sensor.random(np.random.default_rng(7))
-
 
 @cache
 def judged(seed: int, *, n: int = 400, field_strength: float | None = None, moved: float = 0.0) -> Fit:
     """Calibrate a recording of the sensor; its offset moved by so many µT along x."""
-    sensor = replace(SENSOR, offset=SENSOR.offset + np.array([moved, 0.0, 0.0]))
+    sensor = replace(RANDOM_SENSOR, offset=RANDOM_SENSOR.offset + np.array([moved, 0.0, 0.0]))
     recording = simulate.tumble(seed=seed, motion="uniform", n=n, sensor=sensor)
     return flinders.fit(recording.samples, field_strength=field_strength)
 
@@ -226,7 +225,7 @@ def test_what_both_methods_hold_is_no_degree_of_freedom() -> None:
 
 
 def test_a_file_says_what_the_fit_did(tmp_path: Path) -> None:
-    fit = flinders.fit(simulate.tumble(seed=3, motion="uniform", sensor=SENSOR).samples)
+    fit = flinders.fit(simulate.tumble(seed=3, motion="uniform", sensor=RANDOM_SENSOR).samples)
     fit.save(tmp_path / "a.json")
     loaded, kept = Fit.load(tmp_path / "a.json"), fit
     npt.assert_array_equal(loaded.covariance, kept.covariance)
@@ -275,7 +274,7 @@ def test_what_cannot_be_compared() -> None:
 
 
 def test_the_strength_of_readings_adds() -> None:
-    recording = simulate.tumble(seed=4, motion="uniform", sensor=SENSOR)
+    recording = simulate.tumble(seed=4, motion="uniform", sensor=RANDOM_SENSOR)
     calibration = judged(0).calibration
     field = recording.samples.field
     lengths = np.linalg.norm(calibration.apply(field), axis=1) / calibration.field_strength

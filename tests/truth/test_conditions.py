@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from tests.program import flinders_
-from tests.worlds import MOTORS
+from tests.worlds import MOTORS, OFFSET_SENSOR
 
 import flinders
 from flinders import Fit, simulate
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pytest
-
-SENSOR: Final = simulate.Sensor(offset=np.array([20.0, 5.0, -30.0]), noise=0.5)
 
 
 def test_one_recording_shows_neither() -> None:
@@ -36,14 +34,14 @@ def test_a_limited_fit_states_none() -> None:
 
 
 def test_a_second_recording_that_agrees_speaks_for_the_place() -> None:
-    first, second = (simulate.tumble(seed=seed, sensor=SENSOR, n=1500).samples for seed in (1, 2))
+    first, second = (simulate.tumble(seed=seed, sensor=OFFSET_SENSOR, n=1500).samples for seed in (1, 2))
     fit = flinders.fit(Joined((first, second)))
     assert (fit.verdict, fit.conditions) == ("good", ("constant-iron",))
     assert condition(fit) == "holds if currents are constant: record the currents"
 
 
 def test_the_strength_of_the_place_speaks_for_it_where_readings_have_it() -> None:
-    samples = simulate.tumble(seed=1, sensor=SENSOR).samples
+    samples = simulate.tumble(seed=1, sensor=OFFSET_SENSOR).samples
     there, elsewhere = (flinders.fit(samples, field_strength=strength) for strength in (50.0, 40.0))
     assert there.conditions == ("constant-iron",)
     assert "uniform-field" in elsewhere.conditions
@@ -53,7 +51,9 @@ def test_the_command_line_ends_each_with_its_evidence(tmp_path: Path, monkeypatc
     """A second recording, the accelerometer's dip, the site, and a recorded current."""
     monkeypatch.chdir(tmp_path)
     for seed in (1, 2):
-        write(f"{seed}.csv", simulate.tumble(seed=seed, sensor=SENSOR, field_strength=52.6, dip_deg=68.0).samples)
+        write(
+            f"{seed}.csv", simulate.tumble(seed=seed, sensor=OFFSET_SENSOR, field_strength=52.6, dip_deg=68.0).samples
+        )
     site = ("--at", "47.62,-122.35", "--date", "2026-11-21")
     assert conditions_of() == ["uniform-field", "constant-iron"]
     assert conditions_of("2.csv") == conditions_of("--with", "dip") == conditions_of(*site) == ["constant-iron"]
@@ -79,7 +79,7 @@ def write(name: str, samples: flinders.Samples) -> None:
 
 
 def test_a_current_that_is_compensated_is_no_condition() -> None:
-    samples = simulate.tumble(seed=3, sensor=SENSOR, disturbances=[MOTORS]).samples
+    samples = simulate.tumble(seed=3, sensor=OFFSET_SENSOR, disturbances=[MOTORS]).samples
     fit = flinders.fit(samples, disturbances=("current",))
     assert fit.verdict != "good" or fit.conditions == ("uniform-field",)
     good = replace(fit, findings=(), conditions=())

@@ -77,7 +77,7 @@ def test_noise_with_a_memory_is_allowed_for(memory: float, trials: Choose) -> No
     low, high = claim.ratios(0.6, 1.5)
     assert low < claimed < high
     if memory:
-        assert textbook > low * (1.0 + memory) / (1.0 - memory)
+        assert textbook > 0.5**claim.widening * (1.0 + memory) / (1.0 - memory)
 
 
 def test_a_distortion_that_belongs_to_the_direction_is_allowed_for(trials: Choose) -> None:
@@ -91,11 +91,12 @@ def test_a_distortion_that_belongs_to_the_direction_is_allowed_for(trials: Choos
 
 @pytest.mark.parametrize("walk_s", [1.0, 3.0])
 def test_a_gradient_along_the_path_of_the_hand_is_allowed_for(walk_s: float, trials: Choose) -> None:
+    """Where a walk takes three seconds, the claim is twice the error: 0.28 in variance, of 40 seeds."""
     claim = trials(40, 6)
     claimed, textbook = claims(lambda seed: by_hand(seed, gradient=0.01, walk_s=walk_s), claim)
-    low, high = claim.ratios(0.3, 1.6)
+    low, high = claim.ratios(0.2, 1.6)
     assert low < claimed < high
-    assert textbook > 5.0 * low
+    assert textbook > 5.0 * 0.3**claim.widening
 
 
 @pytest.mark.parametrize("memory", [0.5, 0.8, 0.95])

@@ -124,7 +124,7 @@ METERS: Final[dict[str, Callable[[Floats, np.random.Generator], Floats]]] = {
 }
 
 
-@pytest.mark.parametrize("meter", METERS)
+@pytest.mark.parametrize("meter", ["noise of 3 A", "told twice a second", "whole 2 A", nightly("noise of 1 A")])
 def test_a_claim_is_as_wide_as_its_meter_makes_it(meter: str, trials: Choose) -> None:
     """Seeds 0 to 11, nees of x: 14, 78, 17 and 5 by the scatter of the readings alone, 0.7 to 2.1 as claimed."""
     nees, claim = [], trials(4, 2)
@@ -156,7 +156,7 @@ def metered(seed: int, rate_hz: float, lag_s: float, noise: float) -> Samples:
 
 
 @pytest.mark.parametrize("noise", [0.0, nightly(0.3), 1.0])
-@pytest.mark.parametrize("readings", [0.0, 0.5, nightly(2.5), 3.0])
+@pytest.mark.parametrize("readings", [0.0, nightly(0.5), nightly(2.5), 3.0])
 def test_a_noisy_meter_makes_no_lag_and_hides_none(readings: float, noise: float, trials: Choose) -> None:
     """Seeds 0 to 9: between two readings interpolation halves the noise, so that a lag by half of one would fit."""
     claim = trials(10, 3)

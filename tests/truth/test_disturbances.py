@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.signal import lfilter
 from tests.trials import nightly
-from tests.worlds import ARMS, MOTORS, PER_AMPERE
+from tests.worlds import ARMS, MOTORS, OFFSET_SENSOR, PER_AMPERE
 
 import flinders
 from flinders import simulate
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 WARM: Final = simulate.ThermalDrift([0.3, -0.2, 0.1], kelvin=20.0, seconds=40.0)
-SENSOR: Final = simulate.Sensor(offset=np.array([20.0, 5.0, -30.0]), noise=0.5)
 
 
 def given() -> Calibration:
@@ -79,12 +78,12 @@ def test_what_motors_do_is_found_within_what_is_claimed(trials: Choose) -> None:
 
 
 def test_a_fit_that_follows_motors_is_as_good_as_without_them() -> None:
-    simulated = simulate.tumble(seed=3, sensor=SENSOR, disturbances=[MOTORS])
+    simulated = simulate.tumble(seed=3, sensor=OFFSET_SENSOR, disturbances=[MOTORS])
     fit = flinders.fit(simulated.samples, disturbances=("current",))
-    calm = flinders.fit(simulate.tumble(seed=3, sensor=SENSOR).samples)
+    calm = flinders.fit(simulate.tumble(seed=3, sensor=OFFSET_SENSOR).samples)
     assert fit.verdict == "good"
     assert fit.noise == pytest.approx(calm.noise, rel=0.01)
-    npt.assert_array_less(np.abs(fit.calibration.offset - SENSOR.offset), 4.0 * fit.offset_sigma)
+    npt.assert_array_less(np.abs(fit.calibration.offset - OFFSET_SENSOR.offset), 4.0 * fit.offset_sigma)
     assert fit.heading_error_deg.worst > calm.heading_error_deg.worst  # b and P are found from the same readings
     assert fit.heading_error_deg.worst < 3.0 * calm.heading_error_deg.worst
     without = flinders.fit(simulated.samples)
@@ -133,12 +132,12 @@ def test_current_and_temperature_are_told_apart() -> None:
 
 
 def test_a_scale_that_grows_with_the_temperature_is_found() -> None:
-    simulated = simulate.tumble(seed=2, sensor=SENSOR, disturbances=[WARM])
+    simulated = simulate.tumble(seed=2, sensor=OFFSET_SENSOR, disturbances=[WARM])
     temperature = simulated.samples.temperature
     assert temperature is not None
     away = temperature - round(float(np.median(temperature)), 1)
-    about = simulated.samples.field - SENSOR.offset
-    grown = replace(simulated.samples, field=SENSOR.offset + about * (1.0 + 0.003 * away)[:, np.newaxis])
+    about = simulated.samples.field - OFFSET_SENSOR.offset
+    grown = replace(simulated.samples, field=OFFSET_SENSOR.offset + about * (1.0 + 0.003 * away)[:, np.newaxis])
     found = driving_of([grown], ("temperature",))
     assert found.disturbances[0].gain_per_unit == pytest.approx(
         0.003, abs=4.0 * float(np.sqrt(found.covariance[-1, -1]))
@@ -454,7 +453,7 @@ def test_a_current_that_moves_nothing_is_not_named() -> None:
 
 def flown_by_four(seed: int, apart: float, n: int = 1500) -> Samples:
     motors = simulate.Motors(ARMS, apart=apart)
-    return simulate.tumble(seed=seed, n=n, sensor=SENSOR, disturbances=[motors]).samples
+    return simulate.tumble(seed=seed, n=n, sensor=OFFSET_SENSOR, disturbances=[motors]).samples
 
 
 def test_what_each_of_four_motors_does_is_found_within_what_is_claimed(trials: Choose) -> None:
@@ -501,7 +500,7 @@ def test_motors_that_go_together_are_named_and_what_they_do_together_is_known() 
 def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
     samples = flown_by_four(3, 0.1)
     whole, each = (flinders.fit(samples, disturbances=(name,)) for name in ("current", "currents"))
-    assert each.noise == pytest.approx(SENSOR.noise, rel=0.05)
+    assert each.noise == pytest.approx(OFFSET_SENSOR.noise, rel=0.05)
     assert whole.noise > 1.1 * each.noise
 
 
@@ -512,7 +511,7 @@ def test_motors_earn_their_place_one_by_one_where_they_make_fields_of_their_own(
     assert names == ("current1", "current2", "current3", "current4")
     assert [(one.name, one.kept) for one in reports] == [("current", False), ("currents", True)]
     alike = simulate.Motors(np.tile(ARMS[0], (4, 1)), apart=0.2)
-    names, _ = earned(simulate.tumble(seed=6, n=800, sensor=SENSOR, disturbances=[alike]).samples)
+    names, _ = earned(simulate.tumble(seed=6, n=800, sensor=OFFSET_SENSOR, disturbances=[alike]).samples)
     assert names == ("current",)
 
 
@@ -544,7 +543,7 @@ def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Pat
         "current4",
     ]
     corrected = judged.calibration.apply(samples.field, currents=samples.currents)
-    assert np.linalg.norm(corrected, axis=1).std() < 1.2 * SENSOR.noise
+    assert np.linalg.norm(corrected, axis=1).std() < 1.2 * OFFSET_SENSOR.noise
     one_by_one = {
         disturbance.name: samples.driving(disturbance.name) for disturbance in judged.calibration.disturbances
     }
@@ -585,7 +584,7 @@ def test_motors_run_one_after_the_other_on_a_bench_are_told_apart_and_all_at_onc
 
 def test_a_claim_that_leans_on_one_reading_says_so(trials: Choose) -> None:
     """Readings of one half, and one of the other that is off by 0.6 µT: nees of z 23 without, 2.6 with, 16 seeds."""
-    sensor = replace(SENSOR, noise=0.1)
+    sensor = replace(OFFSET_SENSOR, noise=0.1)
     claimed, leant = [], []
     for seed in trials(6, 4).seeds:
         simulated = simulate.tumble(seed=seed, sensor=sensor, disturbances=[MOTORS])

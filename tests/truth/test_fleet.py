@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.flight_log import dataflash
 
 import flinders
 from flinders import simulate
@@ -204,13 +205,16 @@ def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: 
     held = [path.read_bytes() for path in paths]
     for path, spoilt in zip(paths, (held[0][:-9], b"", bytes(len(held[2]))), strict=False):
         path.write_bytes(spoilt)
+    parts.close()
     assert run(str(logs), out, options, workers=0, resume=True).resumed == len(paths) - 3 > 0
     assert out.read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
 def test_parts_of_another_run_are_not_mixed_in(logs: Path, tmp_path: Path) -> None:
     plan = plan_of(str(logs), Options())
-    Checkpoint.of(tmp_path / "out.parquet", plan, resume=False, force=False).commit(0, b"rows")
+    parts = Checkpoint.of(tmp_path / "out.parquet", plan, resume=False, force=False)
+    parts.commit(0, b"rows")
+    parts.close()
     with pytest.raises(UsageError, match="other files, options or another release"):
         run(str(logs), tmp_path / "out.parquet", Options(target_deg=2.0), workers=0, resume=True)
 
@@ -323,9 +327,39 @@ def test_a_start_that_came_to_nothing_is_no_earlier_run(
         with pytest.raises(KeyboardInterrupt):
             run(str(logs), out, Options(), workers=0)
     assert not folder.exists()
-    Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False)
+    Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False).close()
     assert folder.exists()
     assert run(str(logs), out, Options(), workers=0).units == 6
+
+
+@pytest.mark.parametrize(("resume", "force"), [(False, False), (True, False), (False, True)])
+def test_a_second_run_into_one_table_is_refused(logs: Path, tmp_path: Path, *, resume: bool, force: bool) -> None:
+    out = tmp_path / "out.parquet"
+    first = Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False)
+    part = first.commit(0, b"rows")
+    with pytest.raises(OutputError, match=r"out\.parquet\.parts: another run is writing into it"):
+        run(str(logs), out, Options(), workers=0, resume=resume, force=force)
+    assert part.exists()
+    first.close()
+    run(str(logs), out, Options(), workers=0, force=True)
+
+
+def test_each_compass_of_a_log_is_a_unit(tmp_path: Path) -> None:
+    (tmp_path / "logs" / "V1").mkdir(parents=True)
+    (tmp_path / "logs" / "V1" / "flight.bin").write_bytes(b"".join(dataflash()))
+    run(str(tmp_path / "logs"), tmp_path / "all.parquet", Options(), workers=0)
+    rows = UnitResults.read(tmp_path / "all.parquet")
+    assert rows.unit.tolist() == ["V1", "V1 MAG2"]
+    assert rows.recording.tolist() == ["flight.bin"] * 2
+    run(str(tmp_path / "logs"), tmp_path / "second.parquet", Options(sensor="2"), workers=0)
+    second = UnitResults.read(tmp_path / "second.parquet")
+    assert second.unit.tolist() == ["V1"]
+    np.testing.assert_array_equal(second.offset[0], rows.offset[1])
+
+
+def test_a_column_of_units_in_text_is_refused_with_advice(logs: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--unit-column is for Parquet and Arrow tables, and there is none"):
+        run(str(logs), tmp_path / "out.parquet", Options(unit_column="serial"), workers=0)
 
 
 def test_a_folder_of_something_else_is_left_alone(logs: Path, tmp_path: Path) -> None:

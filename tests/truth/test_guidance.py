@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
+from tests.trials import nightly
 
 import flinders
 from flinders import simulate
@@ -131,7 +132,7 @@ def test_a_user_who_obeys_is_done_in_few_batches(start: str, goal: Goal, trials:
         assert steps(followed, start, goal, trials(8, 3).count).max() <= 10
 
 
-@pytest.mark.parametrize(("start", "goal"), CASES)
+@pytest.mark.parametrize(("start", "goal"), [*CASES[:3], *(nightly(*case) for case in CASES[3:])])
 def test_and_sooner_than_one_who_fills_holes_or_turns_at_random(start: str, goal: Goal, trials: Choose) -> None:
     claim = trials(8, 3)
     advice, words, hole, chance = (steps(followed, start, goal, claim.count).mean() for followed in FOLLOWED)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import nightly
 
 import flinders
 from flinders import simulate
@@ -34,7 +35,7 @@ def with_rate(samples: Samples, rate: Floats) -> Samples:
     return replace(samples, rate=rate)
 
 
-@pytest.mark.parametrize("seed", [1, 4])
+@pytest.mark.parametrize("seed", [1, nightly(4)])
 def test_scales_that_run_away_are_held(seed: int) -> None:
     """In coordinated turns a vertical that leans makes a gyro that hardly turns likely: 1,000 µT of offset error."""
     flight = simulate.tumble(seed=seed, motion="flight", n=1500)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.program import Ended, flinders_
+from tests.worlds import RANDOM_SENSOR
 
 import flinders
 from flinders import simulate
@@ -36,12 +37,10 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.diagnostics.repeatability import Repeats
 
-SENSOR = simulate.Sensor.random(np.random.default_rng(7))
-
 
 def moved(by: float) -> simulate.Sensor:
     """The sensor after its battery moved."""
-    return replace(SENSOR, offset=SENSOR.offset + np.array([by, 0.0, 0.0]))
+    return replace(RANDOM_SENSOR, offset=RANDOM_SENSOR.offset + np.array([by, 0.0, 0.0]))
 
 
 @cache
@@ -103,7 +102,7 @@ def test_two_halves_merged_are_the_joint_fit(field_strength: float | None) -> No
     """To a tenth of its sigma, where neither half takes its residuals for correlated and so weighs less."""
     ratios = []
     for seed in range(12):
-        recording = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=SENSOR)
+        recording = simulate.tumble(seed=seed, motion="uniform", n=2000, sensor=RANDOM_SENSOR)
         whole, parts = halves(recording.samples, field_strength=field_strength)
         merged = merge([replace(part, name=name) for part, name in zip(parts, "ab", strict=True)])
         sigma = np.sqrt(np.diag(whole.covariance))
@@ -129,13 +128,13 @@ def test_two_hemispheres_make_up_for_each_other() -> None:
 def test_unlike_fields_of_unknown_strength_merge_well() -> None:
     parts = []
     for seed, field in enumerate((25.0, 50.0, 65.0)):
-        samples = simulate.tumble(seed=seed, motion="uniform", sensor=SENSOR, field_strength=field).samples
+        samples = simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR, field_strength=field).samples
         parts.append(replace(flinders.fit(samples), name=f"{field:g} µT"))
     merged = merge(parts)
     assert merged.verdict == "good"
     assert repeats(merged).p_value > 0.01
     assert np.linalg.det(merged.calibration.matrix) == pytest.approx(1.0)
-    turn, gains, _ = np.linalg.svd(SENSOR.matrix)
+    turn, gains, _ = np.linalg.svd(RANDOM_SENSOR.matrix)
     shape = (turn * gains) @ turn.T
     npt.assert_allclose(merged.calibration.matrix, np.linalg.inv(shape) * np.cbrt(np.linalg.det(shape)), atol=0.004)
     radius = np.cbrt(25.0 * 50.0 * 65.0 * np.linalg.det(shape))
@@ -251,7 +250,7 @@ def test_sensors_are_not_mixed() -> None:
 
 def test_a_simpler_method_is_not_weighted_as_exact() -> None:
     """A sphere says nothing of six parameters and claims to know them."""
-    sensor = simulate.Sensor(np.eye(3), SENSOR.offset, 0.5)
+    sensor = simulate.Sensor(np.eye(3), RANDOM_SENSOR.offset, 0.5)
     fits = [
         flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=sensor).samples, method=method)
         for seed, method in ((1, "auto"), (2, "sphere"))
@@ -269,7 +268,7 @@ def test_a_level_turn_is_not_merged_with_a_tumble() -> None:
 def test_two_level_turns_are_as_limited_as_each() -> None:
     with pytest.raises(UsageError, match=r"level 1 leaves the size of its ellipsoid open by 1\d%"):
         merge([judged(seed, motion="level", method="level") for seed in (1, 2)])
-    recordings = [simulate.tumble(seed=seed, motion="level", sensor=SENSOR).samples for seed in (1, 2)]
+    recordings = [simulate.tumble(seed=seed, motion="level", sensor=RANDOM_SENSOR).samples for seed in (1, 2)]
     fits = [flinders.fit(recording, method="level", field_strength=50.0) for recording in recordings]
     merged = merge([replace(fit, name=f"turn {number}") for number, fit in enumerate(fits)])
     assert merged.verdict == "limited"
@@ -279,7 +278,7 @@ def test_two_level_turns_are_as_limited_as_each() -> None:
 
 def test_the_scale_is_known_only_where_all_know_it() -> None:
     fits = [
-        flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=SENSOR).samples, field_strength=field)
+        flinders.fit(simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR).samples, field_strength=field)
         for seed, field in ((1, 50.0), (2, 50.0), (3, None))
     ]
     parts = [replace(fit, name=f"{seed}") for seed, fit in enumerate(fits)]
@@ -306,7 +305,7 @@ def test_numbers_out_of_range() -> None:
 
 def test_the_dip_is_that_of_the_calibrations() -> None:
     def at(dip: float, seed: int) -> Fit:
-        samples = simulate.tumble(seed=seed, motion="uniform", sensor=SENSOR).samples
+        samples = simulate.tumble(seed=seed, motion="uniform", sensor=RANDOM_SENSOR).samples
         return replace(flinders.fit(samples, dip_deg=dip), name=f"dip {dip:g}")
 
     assert merge([at(50.0, 1), at(70.0, 2)]).heading_error_deg.dip_deg == 70.0

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
-import sys
 import tty
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
-from tests.program import flinders_
+from tests.program import Ended, flinders_
 from tests.sketches import SHAPES, printed
 
 import flinders
@@ -30,13 +28,6 @@ FIVE: Final = (
 )  # fmt: skip
 
 
-def run(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    code = "import sys; from flinders.cli import main; main(sys.argv[1:])"
-    return subprocess.run(
-        [sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True, timeout=120, check=False
-    )
-
-
 def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
     """Print boot messages, and the readings again and again, as boards do, until it is over."""
     readings, _ = printed(shape, TUMBLE.samples[::4])
@@ -48,16 +39,15 @@ def print_to(master: int, shape: dict[str, Any], is_over: Event) -> None:
             content = content[os.write(master, content[:256]) :] or again
 
 
-def record(shape: dict[str, Any], folder: Path) -> subprocess.CompletedProcess[str]:
+def record(shape: dict[str, Any]) -> Ended:
     """Record what a board prints."""
     master, slave = os.openpty()
     tty.setraw(slave)
     is_over = Event()
     sender = Thread(target=print_to, args=(master, shape, is_over))
     sender.start()
-    words = ("record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv")
     try:
-        return run(*words, folder=folder)
+        return flinders_("record", "--serial", os.ttyname(slave), "--readings", str(READINGS), "-o", "tumble.csv")
     finally:
         is_over.set()
         sender.join()
@@ -70,9 +60,9 @@ def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shape = next(shape for shape in SHAPES if shape["name"] == name)
-    recorded = record(shape, tmp_path)
-    assert recorded.returncode == 0, recorded.stderr
     monkeypatch.chdir(tmp_path)
+    recorded = record(shape)
+    assert recorded.code == 0, recorded.err
     calibrated = flinders_("calibrate", "tumble.csv", "-o", "calibration.json")
     assert calibrated.code == 0, calibrated.err
     exported = flinders_("export", "--to", "arduino", "calibration.json", "-o", "calibration.h")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import click
 
-from flinders.cli._program import EXIT_CODES, Commands, Program
+from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
 
 main = Program(
     name="flinders",
@@ -46,4 +46,11 @@ main = Program(
         "compare_methods",
     ),
 )
-main = click.version_option(package_name="flinders", message="flinders %(version)s")(main)
+main = click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=show_versions,
+    help="Show the version, and those of Python, NumPy, the engine and optional packages.",
+)(main)

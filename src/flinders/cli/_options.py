@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclas
 
 import click
 
+from flinders.cli._completion import BY_METAVAR, files
 from flinders.cli._output import Output, Outputs, say
 from flinders.errors import UsageError
 
@@ -209,6 +210,8 @@ def member(*names: str, what: str = "", **attributes: Any) -> Field:
 
     `what`: of an option that names a file to write, what is in that.
     """
+    if completion := BY_METAVAR.get(attributes.get("metavar", "")):
+        attributes["shell_complete"] = completion
     return field(metadata={"kind": Option, "names": names, "attributes": attributes, "what": what})
 
 
@@ -218,8 +221,8 @@ def flag(name: str, words: str, **attributes: Any) -> Field:
 
 
 def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
-    """A field that is an argument, shown as `metavar`."""
-    attributes = {"metavar": metavar, "required": required, "nargs": nargs}
+    """A field that is an argument, shown as `metavar`: the name of a file."""
+    attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": files}
     return field(metadata={"kind": click.Argument, "names": (), "attributes": attributes})
 
 

@@ -46,6 +46,15 @@ FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noi
 """What every result of ``calibrate --json`` has."""
 
 
+def show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
+    """Print the versions and end the program."""
+    if is_asked and not context.resilient_parsing:
+        from flinders.cli._version import versions
+
+        click.echo(versions())
+        context.exit()
+
+
 class Commands(Mapping[str, "click.Command"]):
     """Commands by name, each the ``command`` of a module of its own beside this one, imported when it is asked for.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli._completion import methods
 from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_of
 from flinders.cli._output import Output, plot_fit, print_fit, print_json, progress, refuse_report, refuse_twice, say
 from flinders.cli._program import GOOD, LIMITED
@@ -106,8 +107,9 @@ class Estimation(option.Group, heading=option.METHOD):
     """The method of estimation and its options."""
 
     method: str = option.member(
-        "--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`."
-    )
+        "--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.",
+        shell_complete=methods,
+    )  # fmt: skip
     method_options: tuple[str, ...] = option.member(
         "--option", multiple=True, metavar="NAME=VALUE",
         help="An option of the method, as `flinders methods` lists them; may be given several times.",

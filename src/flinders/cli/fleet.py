@@ -41,7 +41,9 @@ class FleetReading(option.Group):
     scale: float | None = option.same_as(option.ReadingOptions, "scale")
     axes: str = option.same_as(option.ReadingOptions, "axes")
     as_logged: bool = option.same_as(option.ReadingOptions, "as_logged")
-    sensor: str | None = option.sensor()
+    sensor: str | None = option.sensor(
+        "Which magnetometer of several, by number or name [default: all, as units of their own]."
+    )
     target_deg: float = option.target()
     dip_deg: float = option.dip(default=60.0)
 
@@ -189,15 +191,35 @@ def page(summary: RunSummary) -> RenderableType:
     """Lay out a run: what was read, verdicts, why rows have no calibration, and findings."""
     from rich.console import Group
 
+    from flinders.fleet.results import common_findings
+
     content = (counted(summary.units, "unit"), counted(summary.rows, "recording"), counted(summary.readings, "reading"))
     verdicts = _table("verdict", "recordings", "share")
     for verdict, count in summary.verdicts.items():
         verdicts.add_row(verdict, f"{count:,}", percent(count, summary.rows), style=COLOURS[verdict])
     parts = [f"{counted(summary.files, 'file')}: {', '.join(content)}", "", verdicts]
-    for title, counts in (("no calibration because", summary.codes), ("findings", summary.findings)):
+    if summary.rejected:
+        parts += ["", _rejected(summary)]
+    common = common_findings(summary.findings, summary.verdicts)
+    others = {code: count for code, count in summary.findings.items() if code not in common}
+    for title, counts in (("no calibration because", summary.codes), ("findings", others)):
         if counts:
             parts += ["", _most_frequent(title, counts)]
-    return Group("", *parts, "", *_remarks(summary))
+    remarks = [f"true of each calibration: {', '.join(common)}"] if common else []
+    return Group("", *parts, "", *remarks, *_remarks(summary))
+
+
+def _rejected(summary: RunSummary) -> RenderableType:
+    """Table of the first recordings without a calibration."""
+    table = _table("refused or failed")
+    table.add_column("recording")
+    table.add_column("because")
+    for row in summary.rejected[:SHOWN]:
+        table.add_row(row["unit"], row["recording"], row["code"], style="red")
+    more = summary.verdicts.get("refused", 0) + summary.verdicts.get("failed", 0) - SHOWN
+    if more > 0:
+        table.add_row(f"and {more:,} more", "", "")
+    return table  # type: ignore[no-any-return]
 
 
 def _table(first: str, *numbers: str) -> Any:  # noqa: ANN401 - rich is imported late

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -129,36 +129,17 @@ def cross_validated(
     J. Shao and D. Tu, "The Jackknife and Bootstrap", Springer (1995), ch. 9: leaving out blocks where readings depend
     on each other.
     """
-    if blocks < 2 or len(samples) < LEAST * blocks:
-        raise UsageError(
-            f"{blocks} blocks of {len(samples):,} readings: need 2 or more, of {LEAST} readings or more each"
-        )
-    if getattr(estimator, "needs_even_turn", False):
-        raise NotValidated("not cross-validated: it takes points equally spaced around, and a block less is not")
+    _require_blocks(estimator, len(samples), blocks)
     inliers = np.ones(len(samples), dtype=bool) if counted is None else counted
-    ellipsoids: list[Ellipsoid] = []
-    planes: set[Plane | None] = set()
-    equations = NormalEquations.empty()
-    curvature = np.zeros(9)
-    for number, (rest, rows) in enumerate(_folds(samples, blocks), 1):
-        try:
-            estimate = estimator.estimate(Readings.of(rest))
-        except FitError as error:
-            raise NotValidated.without(number, blocks, error) from error
-        ellipsoid, seen = estimate.ellipsoid, _seen(samples[rows][inliers[rows]], estimate)
-        if estimate.plane is not None:
-            ellipsoid = equator(ellipsoid, estimate.plane, dip_deg=getattr(estimator, "dip_deg", dip_deg))
-            seen = _laid_flat(seen, estimate.plane)
-        planes.add(estimate.plane)
-        if len(planes) > 1:
-            raise NotValidated.without(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")
-        ellipsoids.append(ellipsoid)
-        equations += magnitude.equations([seen], ellipsoid)
-        curvature += magnitude.curvature(seen, ellipsoid)
-    middle, scatter = _jackknife(ellipsoids)
-    bias = _asked_for(equations, curvature, middle)
+    folds = list(_fitted_folds(estimator, samples, inliers, blocks, dip_deg))
+    equations, curvature = NormalEquations.empty(), np.zeros(9)
+    for fold in folds:
+        equations += magnitude.equations([fold.unused], fold.ellipsoid)
+        curvature += magnitude.curvature(fold.unused, fold.ellipsoid)
+    middle, scatter = _jackknife([fold.ellipsoid for fold in folds])
+    bias = _required_change(equations, curvature, middle)
     both = np.outer(bias, bias)
-    turn = _turn(planes.pop(), dip_deg)
+    turn = _turn(folds[0].plane, dip_deg)
     return Validation(
         heading_error_deg=replace(level_error(middle, both + scatter, **turn), dip_deg=dip_deg),
         bias_deg=level_error(middle, both, **turn).rms,
@@ -168,8 +149,45 @@ def cross_validated(
     )
 
 
-def _seen(samples: Samples, estimate: Estimate) -> Floats:
-    """(m, 3) readings held back, brought to one field strength where the method knows that of each."""
+class _Fold(NamedTuple):
+    """A fit to all blocks but one, and the (m, 3) readings of that one, laid flat where the fit is of a plane."""
+
+    ellipsoid: Ellipsoid
+    plane: Plane | None
+    unused: Floats
+
+
+def _require_blocks(estimator: Estimator, count: int, blocks: int) -> None:
+    """Refuse readings that do not make so many blocks, and a method of which no block may be missing."""
+    if blocks < 2 or count < LEAST * blocks:
+        raise UsageError(f"{blocks} blocks of {count:,} readings: need 2 or more, of {LEAST} readings or more each")
+    if getattr(estimator, "needs_even_turn", False):
+        raise NotValidated("not cross-validated: it takes points equally spaced around, and a block less is not")
+
+
+def _fitted_folds(
+    estimator: Estimator, samples: Samples, inliers: NDArray[np.bool_], blocks: int, dip_deg: float
+) -> Iterator[_Fold]:
+    """Fit without each block in turn; all have to be ellipsoids, or all ellipses of one plane."""
+    planes: set[Plane | None] = set()
+    for number, (rest, rows) in enumerate(_blocks(samples, blocks), 1):
+        try:
+            estimate = estimator.estimate(Readings.of(rest))
+        except FitError as error:
+            raise NotValidated.without(number, blocks, error) from error
+        planes.add(estimate.plane)
+        if len(planes) > 1:
+            raise NotValidated.without(number, blocks, "it takes an ellipse for an ellipsoid, or the other way round")
+        unused = _of_one_strength(samples[rows][inliers[rows]], estimate)
+        if estimate.plane is None:
+            yield _Fold(estimate.ellipsoid, None, unused)
+        else:
+            section = equator(estimate.ellipsoid, estimate.plane, dip_deg=getattr(estimator, "dip_deg", dip_deg))
+            yield _Fold(section, estimate.plane, _laid_flat(unused, estimate.plane))
+
+
+def _of_one_strength(samples: Samples, estimate: Estimate) -> Floats:
+    """(m, 3) unused readings, brought to one field strength where the method knows that of each."""
     alike = at_one_strength(Readings.of(samples), estimate)
     return np.concatenate([np.empty((0, 3)), *alike.blocks(estimate.method)])
 
@@ -186,8 +204,8 @@ def _turn(plane: Plane | None, dip_deg: float) -> dict[str, Any]:
     return {"dip_deg": dip_deg} if plane is None else {"dip_deg": 0.0, "down": np.eye(3)[order_of(plane)[2]]}
 
 
-def _folds(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
-    """Yield the rest and the rows held back, for each block."""
+def _blocks(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
+    """Yield all other readings and the rows of each block."""
     cuts = np.linspace(0, len(samples), blocks + 1).astype(int)
     for begin, end in pairwise(cuts):
         before, after = samples[:begin], samples[end:]
@@ -195,8 +213,8 @@ def _folds(samples: Samples, blocks: int) -> Iterator[tuple[Recording, slice]]:
         yield (rest[0] if len(rest) == 1 else Joined(rest)), slice(begin, end)
 
 
-def _asked_for(equations: NormalEquations, curvature: Floats, ellipsoid: Ellipsoid) -> Floats:
-    """(9,) change of offset and shape that readings ask for which were held back."""
+def _required_change(equations: NormalEquations, curvature: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(9,) change of offset and shape that the unused readings require."""
     variance = max(equations.cost / max(equations.count, 1), np.finfo(float).tiny)
     ridge = np.eye(9) * (variance / (SPREAD * ellipsoid.radius) ** 2)
     first = replace(equations, matrix=equations.matrix + ridge).step()

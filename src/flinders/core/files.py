@@ -80,6 +80,24 @@ def write_all(file: FileIO, content: bytes | memoryview) -> None:
         left = left[file.write(left) :]
 
 
+def locked(descriptor: int) -> bool:
+    """Lock an open file or folder for this program until it is closed; False where another program has locked it.
+
+    True on systems and file systems without such locks.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return True
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
 def refuse_existing(path: str | os.PathLike[str], *, force: bool = False) -> None:
     """Find out before a long run whether a file could be written at its end; raises as `replacing`."""
     with _refusals(path):

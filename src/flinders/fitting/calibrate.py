@@ -296,7 +296,9 @@ def fit(
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
     source, driving, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
-    evidence = _estimated(Readings.of(source), estimator, request, frame.unit)._replace(driving=driving)
+    evidence = _estimated(Readings.of(source), estimator, request, frame.unit)
+    if driving is not None:
+        evidence = evidence._replace(driving=driving)
     if evidence.aiding is not None:
         evidence = evidence._replace(aiding=replace(evidence.aiding, each=(*tried, *evidence.aiding.each)))
     claim = _claimed(evidence, estimator, request)
@@ -648,10 +650,11 @@ def _judged(
 def _stated(
     claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None
 ) -> Fit:
-    """Everything that the estimate itself says: its claim, its noise, its coverage."""
+    """Everything that the estimate itself says: its claim, its noise, its coverage, faults of its axes."""
     estimate, aiding = claim.estimate, evidence.aiding
     final, correlation = nearer or estimate, estimate.correlation
     error = evidence.heading_error(final, request.dip_deg, is_scaled=evidence.driving is None and nearer is None)
+    nonlinearity, axis_lag = _faults_of_axes(estimate, evidence)
     return Fit(
         calibration=calibration,
         method=estimate.method,
@@ -661,6 +664,8 @@ def _stated(
         coverage=evidence.coverage,
         heading_error_deg=error,
         distortion=_distortion(estimate),
+        nonlinearity=nonlinearity,
+        axis_lag=axis_lag,
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
         prior_influence=estimate.prior_influence,
@@ -681,15 +686,12 @@ def _stated(
 
 
 def _diagnosed(result: Fit, estimate: Estimate, final: Estimate, evidence: _Evidence, request: Request) -> Fit:
-    """Add what was tested for: structure over direction, drift, faults of axes, disturbances, the accelerometer."""
+    """Add structure over direction to the heading error, and faults that were tested for."""
     readings, dip = evidence.readings, result.heading_error_deg.dip_deg
-    nonlinearity, axis_lag = _faults_of_axes(estimate, evidence)
     return replace(
         result,
         heading_error_deg=result.heading_error_deg.combined(result.structure_deg),
         drift=_with_halves(_drift(estimate, evidence, dip), estimate, readings, request),
-        nonlinearity=nonlinearity,
-        axis_lag=axis_lag,
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=_unmodelled(estimate, evidence, dip),
         tilt_error_deg=_tilt_error_deg(final, result.calibration, evidence),

@@ -12,7 +12,7 @@ import numpy as np
 
 from flinders.findings import current
 from flinders.fleet.history import MOST, BatchRule, batch_rule, whole_units
-from flinders.fleet.results import LISTS, lists, named_rows, numbers, texts
+from flinders.fleet.results import LISTS, common_findings, lists, named_rows, numbers, texts
 from flinders.report.fleet import FleetUnit, Histogram, Overview
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def overview_of(
         offset=tally.offset,
         noise=tally.noise,
         field=dict(tally.strengths),
-        findings=dict(tally.findings.most_common()),
+        findings=tally.ordered_findings(),
         codes={code: (count, *tally.examples[code]) for code, count in tally.codes.most_common()},
         methods=dict(tally.methods.most_common()),
         batches=tally.useful_batches(),
@@ -94,6 +94,11 @@ class _Tally:
         self._add_codes(table, units)
         self._add_batches(self.rule.of(named), texts(named.column("verdict")))
         self._add_numbers(table)
+
+    def ordered_findings(self) -> dict[str, int]:
+        """Rows with each finding, the most frequent first and those that all calibrations have last."""
+        common = common_findings(self.findings, self.verdicts)
+        return dict(sorted(self.findings.items(), key=lambda each: (each[0] in common, -each[1])))
 
     def useful_batches(self) -> dict[str, dict[str, int]]:
         """Rows of each verdict by batch; none if there are too many batches, or a guess finds none."""

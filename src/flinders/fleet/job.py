@@ -36,7 +36,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from flinders.core.files import reason, refuse_existing, write_all, write_text
+from flinders.core.files import locked, reason, refuse_existing, write_all, write_text
 from flinders.errors import FlindersError, OutputError, UsageError, counted
 from flinders.fleet import worker
 from flinders.fleet.dataset import PARQUET
@@ -118,39 +118,33 @@ def run(
     """
     begun = time.monotonic()
     progress = Progress(watch, notice)
-    with progress.ending():
-        needs_arrow()
-        options.check()
-        refuse_output(out, force=force)
-        if scheduler is not None:
-            reach(scheduler)
-        plan = plan_of(where, options)
+    with progress.ending(), contextlib.ExitStack() as ending:
+        plan = _planned(where, out, options, scheduler, force=force)
         checkpoint = Checkpoint.of(out, plan, resume=resume, force=force)
+        ending.callback(checkpoint.close)
         files = checkpoint.finished()
         resumed = len(files)
         progress.planned(plan, checkpoint, set(files), input=where, output=os.fspath(out))
+        do = partial(worker.calibrate_partition, options=options)
         over = partial(_map, progress=progress, workers=workers, scheduler=scheduler)
         missing = [place for place in range(len(plan.partitions)) if place not in files]
-        for place, content, was_lost in _results(
-            plan, missing, partial(worker.calibrate_partition, options=options), over
-        ):
+        for place, content, was_lost in _results(plan, missing, do, over):
             files[place] = checkpoint.commit(place, content)
             progress.committed(place, plan.partitions[place], content, was_lost=was_lost)
         counts = _write_table([files[place] for place in range(len(plan.partitions))], checkpoint, out)
-    checkpoint.remove()
-    summary = RunSummary(
-        output=os.fspath(out),
-        files=plan.files,
-        partitions=len(plan.partitions),
-        **counts,
-        left_out=plan.left_out,
-        resumed=resumed,
-        workers_lost=progress.workers_lost,
-        retried=len(progress.retried),
-        seconds=time.monotonic() - begun,
-    )
-    progress.finished(summary)
-    return summary
+        checkpoint.remove()
+    seconds = time.monotonic() - begun
+    return progress.finished(plan, counts, output=os.fspath(out), resumed=resumed, seconds=seconds)
+
+
+def _planned(where: str, out: str | os.PathLike[str], options: Options, scheduler: str | None, *, force: bool) -> Plan:
+    """Plan partitions, after everything that can be refused before a recording is opened."""
+    needs_arrow()
+    options.check()
+    refuse_output(out, force=force)
+    if scheduler is not None:
+        reach(scheduler)
+    return plan_of(where, options)
 
 
 def refuse_output(out: str | os.PathLike[str], *, force: bool) -> None:
@@ -236,6 +230,7 @@ class RunSummary:
     units_of_field: dict[str, int]
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
+    rejected: list[dict[str, str]]  # unit, recording and code of the first rows that are refused or failed
     left_out: dict[str, int]  # files of other kinds, by their suffix
     resumed: int  # partitions that an earlier run had done
     workers_lost: int  # workers that died, or left the cluster
@@ -260,33 +255,47 @@ class RunSummary:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """The folder of finished partitions."""
+    """The folder of finished partitions, which one run at a time may use."""
 
     folder: Path
+    lock: int | None = None  # descriptor of the folder, while it is locked
 
     @classmethod
     def of(cls, out: str | os.PathLike[str], plan: Plan, *, resume: bool, force: bool) -> Checkpoint:
         """Create the folder, or open that of an earlier run.
 
         Raises UsageError if it holds partitions and neither `resume` nor `force` is given, if they are of another
-        plan, or if it holds other files; OutputError if it cannot be created.
+        plan, or if it holds other files; OutputError if it cannot be created, or another run uses it.
         """
         table = os.fspath(out)
-        checkpoint = cls(Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts"))
-        try:
-            checkpoint._refuse_foreign()
-            if checkpoint.done and not resume and not force:
-                raise UsageError(
-                    f"{checkpoint.folder} holds what an earlier run has done: go on with --resume, or begin again with "
-                    "--force"
-                )
-            if checkpoint.folder.exists() and not resume:
-                shutil.rmtree(checkpoint.folder)
-            checkpoint.folder.mkdir(exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"{checkpoint.folder}: cannot be written: {reason(error)}") from None
-        checkpoint._match(plan)
+        folder = Path(f"{PurePosixPath(table).name if is_remote(table) else table}.parts")
+        with contextlib.ExitStack() as undo:
+            try:
+                folder.mkdir(exist_ok=True)
+                checkpoint = cls(folder, _lock(folder))
+                undo.callback(checkpoint.close)
+                checkpoint._prepare(resume=resume, force=force)
+            except OSError as error:
+                raise OutputError(f"{folder}: cannot be written: {reason(error)}") from None
+            checkpoint._match(plan)
+            undo.pop_all()
         return checkpoint
+
+    def close(self) -> None:
+        """Let other runs use the folder."""
+        if self.lock is not None:
+            os.close(self.lock)
+
+    def _prepare(self, *, resume: bool, force: bool) -> None:
+        """Refuse what an earlier run or somebody else has left there, or remove it."""
+        self._refuse_foreign()
+        if self.done and not resume and not force:
+            raise UsageError(
+                f"{self.folder} holds what an earlier run has done: go on with --resume, or begin again with --force"
+            )
+        if not resume:
+            for path in self.folder.iterdir():
+                path.unlink()
 
     @property
     def done(self) -> int:
@@ -349,6 +358,17 @@ class Checkpoint:
     def remove(self) -> None:
         """Remove the folder; if that fails, nothing is lost."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _lock(folder: Path) -> int | None:
+    """Lock a folder for this run; raises OutputError if another run has it. Folders of Windows have no locks."""
+    if os.name == "nt":
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    if locked(descriptor):
+        return descriptor
+    os.close(descriptor)
+    raise OutputError(f"{folder}: another run is writing into it: wait until that one has ended, or name another table")
 
 
 # ------------------------------------------------------------------------------------------------------------------ log
@@ -491,11 +511,23 @@ class Progress:
         if self.watch is not None:
             self.watch(self._done, self._total, self._rows, self._units_with(rows))
 
-    def finished(self, summary: RunSummary) -> None:
-        """Log that the table is written."""
+    def finished(self, plan: Plan, counts: dict[str, Any], *, output: str, resumed: int, seconds: float) -> RunSummary:
+        """Sum up a run whose table is written, and log it."""
+        summary = RunSummary(
+            output=output,
+            files=plan.files,
+            partitions=len(plan.partitions),
+            **counts,
+            left_out=plan.left_out,
+            resumed=resumed,
+            workers_lost=self.workers_lost,
+            retried=len(self.retried),
+            seconds=seconds,
+        )
         names = ("output", "units", "rows", "readings", "verdicts", "codes", "workers_lost", "retried")
         fields = {name: getattr(summary, name) for name in names}
-        log_event("done", **fields, unread=self.unread, seconds=round(summary.seconds, 3))
+        log_event("done", **fields, unread=self.unread, seconds=round(seconds, 3))
+        return summary
 
     @contextlib.contextmanager
     def ending(self) -> Iterator[None]:

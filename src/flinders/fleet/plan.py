@@ -165,6 +165,11 @@ def plan_of(where: str, options: Options) -> Plan:
         taken = [file for file in taken if file not in own]
     if not taken:
         raise UnreadableInput(f"{where}: no recordings, but {counted(len(own), 'table')} that `flinders fleet` wrote")
+    if options.unit_column is not None and not tables and not any(part.error for part in logs):
+        raise UsageError(
+            f"{where}: --unit-column is for Parquet and Arrow tables, and there is none: give each unit a file or "
+            "folder of its own, or convert the table (pyarrow.csv.read_csv, pyarrow.parquet.write_table)"
+        )
     _refuse_batch(where, tables, logs, options)
     by_recording = defaultdict(list)
     for table in tables:

@@ -35,7 +35,7 @@ from flinders.fitting.batch import WIDTHS, FitColumns, fill_row
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -485,6 +485,9 @@ def _gathered(parts: Sequence[Path], rows: NDArray[np.int64]) -> Any:  # noqa: A
 
 # --------------------------------------------------------------------------------------------------------------- counts
 
+REJECTED: Final = 100
+"""Recordings without a calibration that a summary names; the table has all of them."""
+
 COUNTED: Final = {
     "verdict": "verdicts", "code": "codes", "findings": "findings", "unit_of_field": "units_of_field"
 }  # fmt: skip
@@ -506,18 +509,22 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
     (3, 2, {'good': 1, 'failed': 2}, 0.4, 0)
     """
     needs_arrow()
-    from pyarrow import parquet
+    from pyarrow import array, parquet
 
     counters = {name: Counter[str]() for name in COUNTED}
     totals, last = Counter[str](), None
+    rejected: list[dict[str, str]] = []
     errors: list[Floats] = [np.empty(0)]
     with parquet.ParquetFile(path, page_checksum_verification=True) as file:
-        for batch in file.iter_batches(columns=["unit", "readings", "worst_deg", *COUNTED]):
+        for batch in file.iter_batches(columns=["unit", "recording", "readings", "worst_deg", *COUNTED]):
             for name, counter in counters.items():
                 counter.update(_value_counts(batch.column(name)))
             errors.append(_heading_errors(batch))
             readings = batch.column("readings").to_numpy()
             failed = readings[_is_among(batch, VERDICTS[3:])]
+            if len(rejected) < REJECTED:
+                some = batch.filter(array(_is_among(batch, VERDICTS[2:]))).select(["unit", "recording", "code"])
+                rejected += some.slice(0, REJECTED - len(rejected)).to_pylist()
             units = named_rows(batch).column("unit")
             totals.update(readings=int(readings.sum()), failed_readings=int(failed.sum()), rows=len(readings))
             if len(units):
@@ -529,7 +536,18 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
         "verdicts": {name: verdicts[name] for name in VERDICTS if verdicts[name]},
         **{COUNTED[name]: _by_frequency(counter) for name, counter in counters.items()},
         "worst_deg": _spread(errors),
+        "rejected": rejected,
     }
+
+
+def common_findings(findings: Mapping[str, int], verdicts: Mapping[str, int]) -> list[str]:
+    """Findings that all calibrations of a fleet have, by the rows with each finding and verdict; none of one alone.
+
+    >>> common_findings({"scale-unknown": 6, "outliers": 2}, {"good": 5, "limited": 1, "refused": 2})
+    ['scale-unknown']
+    """
+    calibrations = sum(verdicts.get(verdict, 0) for verdict in VERDICTS[:2])
+    return [code for code, count in findings.items() if count >= calibrations > 1]
 
 
 def _spread(errors: Sequence[Floats]) -> dict[str, float]:

@@ -294,20 +294,20 @@ def _with_batches(rows: UnitResults, batches: Mapping[Pair, str]) -> UnitResults
 def _of_logs(partition: Partition, options: Options) -> UnitResults:
     """Rows of log files."""
     with contextlib.ExitStack() as copies:
-        jobs = [_log(part, options, copies) for part in partition.slices]
-        failed = UnitResults.of([row for row in jobs if isinstance(row, UnitResult)])
-        rows = UnitResults.joined([failed, fit_jobs([job for job in jobs if isinstance(job, Job)], options)])
-    names = [part.file.name for part in partition.slices]
-    return _with_batches(rows, {key_of(name): batch for name in names if (batch := batch_in(name, options))})
+        jobs = [(part, each) for part in partition.slices for each in _log(part, options, copies)]
+        failed = UnitResults.of([each for _, each in jobs if isinstance(each, UnitResult)])
+        rows = UnitResults.joined([failed, fit_jobs([each for _, each in jobs if isinstance(each, Job)], options)])
+    pairs = {(each.unit, each.recording): batch_in(part.file.name, options) for part, each in jobs}
+    return _with_batches(rows, {pair: batch for pair, batch in pairs.items() if batch})
 
 
-def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Job | UnitResult:
-    """Open a log file; a copy of one from a store stays until the fits are done."""
+def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Sequence[Job | UnitResult]:
+    """Open the magnetometers of a log file; a copy of one from a store stays until the fits are done."""
     unit, recording = key_of(part.file.name)
     if not unit and not part.is_table:
-        return _failed(part, NoUnit(part.file.name))
+        return [_failed(part, NoUnit(part.file.name))]
     if part.error is not None:
-        return _failed(part, part.error)
+        return [_failed(part, part.error)]
     try:
         log = open_log(
             copies.enter_context(storage.fetched(part.file)),
@@ -318,18 +318,19 @@ def _log(part: FileSlice, options: Options, copies: contextlib.ExitStack) -> Job
             as_logged=options.as_logged,
         )
         begun = 0.0 if log.begun is None else log.begun.timestamp()
-        return Job(unit, recording, _short(_instrument(log, options)), 0, begun)
+        return [Job(name, recording, _short(each), 0, begun) for name, each in _instruments(log, unit, options)]
     except OutputError:  # no room for a copy: that is no fault of the file, and the next has none either
         raise
     except Exception as error:  # noqa: BLE001 - one file must not cost the others
-        return _failed(part, error)
+        return [_failed(part, error)]
 
 
-def _instrument(log: Log, options: Options) -> Instrument:
-    """The magnetometer that the options name, by default the first; a table with one has no name for it."""
-    if options.sensor is None or (log.is_table and len(log.instruments) == 1):
-        return log.instruments[0]
-    return log.sensor(options.sensor)
+def _instruments(log: Log, unit: str, options: Options) -> list[tuple[str, Instrument]]:
+    """The magnetometer that the options name, by default all, each with its unit: the first has that of the log."""
+    if options.sensor is not None and not (log.is_table and len(log.instruments) == 1):
+        return [(unit, log.sensor(options.sensor))]
+    first, *others = log.instruments
+    return [(unit, first), *((f"{unit} {other.name}", other) for other in others)]
 
 
 def _short(source: Recording) -> Recording:

@@ -45,7 +45,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self
 
 import numpy as np
 
-from flinders.core.files import reason, refuse_existing
+from flinders.core.files import locked, reason, refuse_existing
 from flinders.core.units import MICROTESLA
 from flinders.errors import LinkError, OutputError, OutputExists, UnreadableInput, counted
 from flinders.live.feeds import FeedEvent
@@ -431,19 +431,9 @@ class ToFile:
 
     def _lock(self) -> None:
         """See that nobody else records into the file."""
-        try:
-            import fcntl
-        except ImportError:  # Windows keeps others out by itself
-            return
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not locked(self._file):  # Windows keeps others out by itself
             os.close(self._file)
-            raise OutputError(
-                f"{self.name}: another program is recording into it: stop that one, or name another file"
-            ) from None
-        except OSError:  # a file system without locks
-            return
+            raise OutputError(f"{self.name}: another program is recording into it: stop that one, or name another file")
 
     def _mend(self) -> None:
         """Make a comment of a last line without its end, which a crash has left."""

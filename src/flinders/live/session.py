@@ -13,8 +13,8 @@ thread: each event carries its time, so that a recorded list of events is a test
 True
 >>> session = begin_fit(session)
 >>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(session), seconds=0.01))
->>> session_state(session).phase, session_state(session).words.split(", the target")
-('collecting', ['Almost: the worst heading error to expect is 0.066° (95 % within 0.16°)', ' 1°; keep turning a little.'])
+>>> session_state(session).phase, session_state(session).words.partition("(95 % ")[0]
+('collecting', 'Almost: the worst heading error to expect is 0.066° ')
 >>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
 >>> session_state(session).phase, session_state(session).words.split(". ")[0]
 ('good', 'Good: the worst heading error to expect is 0.066° (95 % within 0.16°), the target 1°')

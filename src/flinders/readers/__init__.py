@@ -13,7 +13,8 @@ tumble.csv: columns mag_x_mG, mag_y_mG, mag_z_mG in mG, time in t_s; comma-separ
 array([ 21.7,   0.4, -58.6])
 
 A reader is a module of this package with its row in ``READERS`` at the end, by which it is found here. It needs a
-sample in tests/samples.py; its line in docs/formats.md is made from the row.
+sample in tests/samples.py; its line in docs/formats.md is made from the row. Other packages add rows through the entry
+points ``flinders.readers``, and are asked first.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import contextlib
 import os
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -30,13 +32,14 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 
 from flinders.core.axes import Axes
+from flinders.core.plugins import plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
-from flinders.readers._table import TableRecording
+from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text
 
@@ -54,11 +57,13 @@ __all__ = [
     "Position",
     "Reader",
     "Stored",
+    "Table",
     "TableRecording",
     "TextRecording",
     "holds_log",
     "open_log",
     "open_recording",
+    "open_table",
     "read",
 ]
 
@@ -145,7 +150,7 @@ def open_recording(
     paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
     if not paths:
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
-    asked = _Asked(
+    options = _Options(
         columns=columns,
         pattern=pattern,
         unit=unit,
@@ -158,16 +163,19 @@ def open_recording(
         flat=flat,
         progress=progress,
     )
-    opened = [_open(_found(each, once=once), asked) for each in paths]
-    if len(opened) == 1:
-        return opened[0]
-    for other in opened[1:]:
-        if other.unit != opened[0].unit:
+    return _of_one_sensor([_open(_source_of(each, once=once), options) for each in paths])
+
+
+def _of_one_sensor(recordings: Sequence[FileRecording]) -> Recording:
+    """Join several recordings, which need one unit."""
+    first, *others = recordings
+    for other in others:
+        if other.unit != first.unit:
             raise UnitError(
-                f"{opened[0].source} is in {opened[0].unit.name} and {other.source} in {other.unit.name}: "
+                f"{first.source} is in {first.unit.name} and {other.source} in {other.unit.name}: "
                 "recordings of one sensor need one unit; say which with --unit"
             )
-    return Joined(tuple(opened))
+    return Joined((first, *others)) if others else first
 
 
 def open_log(
@@ -196,7 +204,7 @@ def open_log(
     >>> log.format, [instrument.name for instrument in log.instruments]
     ('text', ['columns mag_x_mG, mag_y_mG, mag_z_mG'])
     """
-    asked = _Asked(
+    options = _Options(
         columns=columns,
         pattern=pattern,
         unit=unit,
@@ -207,11 +215,11 @@ def open_log(
         span=TimeSpan.of(start, end),
         progress=progress,
     )
-    file = _found(path)
+    file = _source_of(path)
     reader = _reader_of(file.name, file.head())
     if reader.log is not None:
-        return _log_of(file, reader, asked)
-    table = _table_of(file, reader, asked)
+        return _log_of(file, reader, options)
+    table = _table_of(file, reader, options)
     several = [_as_instrument(each) for each in table.each(unit, scale)]
     return Log(
         source=table.source,
@@ -241,13 +249,13 @@ def holds_log(
     """
     if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
         return False  # what cannot be looked at twice is left alone
-    file = _found(path)
+    file = _source_of(path)
     reader = _reader_of(file.name, file.head())
     if reader.log is not None:
         return True
-    asked = _Asked(columns=columns, pattern=pattern, topic=topic)
+    options = _Options(columns=columns, pattern=pattern, topic=topic)
     with contextlib.suppress(FlindersError):  # said by whoever opens it next
-        return bool(_table_of(file, reader, asked).columns.magnetometers)
+        return bool(_table_of(file, reader, options).columns.magnetometers)
     return False
 
 
@@ -298,7 +306,7 @@ OF_TABLES: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Asked:
+class _Options:
     """What the caller wants of a file, as `open_recording` names it."""
 
     columns: str | None = None
@@ -314,19 +322,19 @@ class _Asked:
     flat: str | None = None
 
 
-def _open(file: Source, asked: _Asked) -> FileRecording:
+def _open(file: Source, options: _Options) -> FileRecording:
     """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
     reader = _reader_of(file.name, file.head())
     if reader.log is not None:
-        return _chosen(_log_of(file, reader, asked), asked)
-    return _table_of(file, reader, asked)
+        return _chosen(_log_of(file, reader, options), options)
+    return _table_of(file, reader, options)
 
 
 def _is_folder(path: AnyPath) -> bool:
     return os.path.isdir(path)  # noqa: PTH112 - False for a name that is too long, where pathlib raises
 
 
-def _found(path: AnyPath, *, once: bool = False) -> Source:
+def _source_of(path: AnyPath, *, once: bool = False) -> Source:
     """Find what a path names; a folder of ROS goes by the description in it, and weighs what all in it does."""
     if _is_folder(path) and is_bag_folder(Path(path)):
         folder = Path(path)
@@ -335,9 +343,15 @@ def _found(path: AnyPath, *, once: bool = False) -> Source:
     return find(path, once=once, check=_reader_of)
 
 
+@cache
+def _plugins() -> tuple[Reader, ...]:
+    """Rows of other packages, loaded when a file is read: they import this one."""
+    return plugin_rows("flinders.readers", Reader)
+
+
 def _reader_of(name: str, head: bytes) -> Reader:
     """Find the reader of what starts with these bytes."""
-    for reader in READERS:
+    for reader in (*_plugins(), *READERS):
         if reader.accepts(head):
             return reader
     kind = foreign_kind(head)
@@ -345,26 +359,26 @@ def _reader_of(name: str, head: bytes) -> Reader:
     raise UnreadableInput(f"{name} is {what}")
 
 
-def _table_of(file: Source, reader: Reader, asked: _Asked) -> TextRecording | TableRecording:
+def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording | TableRecording:
     """Open the columns of one magnetometer; of several, that which is meant."""
-    options: dict[str, Any] = {name: getattr(asked, name) for name in OF_TABLES}
-    if asked.as_logged:
+    if options.as_logged:
         raise UsageError(f"{file.name} does not say what was corrected before it was written: leave --as-logged out")
-    if asked.topic is not None:
+    of_table: dict[str, Any] = {name: getattr(options, name) for name in OF_TABLES}
+    if options.topic is not None:
         if not reader.takes_topic:
             raise UsageError(f"{file.name} has no topics and no members: leave --topic out")
-        options["topic"] = asked.topic
+        of_table["topic"] = options.topic
     if reader.open is open_text:
-        recording: TextRecording | TableRecording = open_text(file, pattern=asked.pattern, **options)
-    elif asked.pattern is not None:
+        recording: TextRecording | TableRecording = open_text(file, pattern=options.pattern, **of_table)
+    elif options.pattern is not None:
         raise UsageError(f"{file.name} is no text ({reader.title}): leave --pattern out")
     else:
         disk = on_disk(file)
         assert reader.open is not None
-        recording = reader.open(disk, **options)
+        recording = reader.open(disk, **of_table)
         if isinstance(recording, TableRecording):
             recording.file, recording.temporary_files = file, (*recording.temporary_files, disk)
-    recording.span = asked.span
+    recording.span = options.span
     return recording
 
 
@@ -384,22 +398,22 @@ def _as_instrument(table: TextRecording | TableRecording) -> Instrument:
     )
 
 
-def _log_of(file: Source, reader: Reader, asked: _Asked) -> Log:
+def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     """Open a log, which knows its units and columns."""
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
-        if getattr(asked, option) is not None:
+        if getattr(options, option) is not None:
             raise UsageError(
                 f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave --{option} out"
             )
     disk = on_disk(file)
     assert reader.log is not None
-    log: Log = reader.log(disk, **({"unit": asked.unit} if reader.takes_unit else {}))
+    log: Log = reader.log(disk, **({"unit": options.unit} if reader.takes_unit else {}))
     if not log.instruments:
         raise NoMagnetometer(f"{file.name} ({log.format}) holds no magnetometer: log it, and record again")
-    beginning = np.nan if asked.span.is_all else _beginning(log)
-    options: dict[str, Any] = {name: getattr(asked, name) for name in ("axes", "as_logged", "span", "progress")}
-    options |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
-    return replace(log, instruments=tuple(replace(instrument, **options) for instrument in log.instruments))
+    beginning = np.nan if options.span.is_all else _beginning(log)
+    of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
+    of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
+    return replace(log, instruments=tuple(replace(instrument, **of_log) for instrument in log.instruments))
 
 
 def _begun(columns: Columns) -> datetime | None:
@@ -413,11 +427,11 @@ def _begun(columns: Columns) -> datetime | None:
         return None
 
 
-def _chosen(log: Log, asked: _Asked) -> Instrument:
+def _chosen(log: Log, options: _Options) -> Instrument:
     """Take the magnetometer that was asked for, or the first, which then names the others."""
-    if asked.choice.sensor is not None and asked.topic is not None:
+    if options.choice.sensor is not None and options.topic is not None:
         raise UsageError("--sensor and --topic both say which magnetometer of a log it is: leave one of them out")
-    choice = asked.choice if asked.topic is None else Choice(asked.topic)
+    choice = options.choice if options.topic is None else Choice(options.topic)
     names = [instrument.name for instrument in log.instruments]
     chosen = log.instruments[choice.among(names, log.source)]
     named = tuple(f"{number} {name}" for number, name in enumerate(names[1:], 2))

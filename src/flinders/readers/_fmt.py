@@ -139,7 +139,7 @@ class Table:
     def texts(self, label: str) -> list[str]:
         """A field of characters."""
         stored = self.fields[label].stored
-        if stored.dtype.kind == "O":
+        if stored.dtype.kind != "S":
             return [str(each) for each in stored]
         return [each.partition(b"\0")[0].decode("ascii", "replace") for each in stored.tolist()]
 

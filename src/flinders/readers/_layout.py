@@ -257,10 +257,10 @@ def sniff(
         marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with --pattern"
         raise UnreadableInput(f"{name} holds only {content}: need lines of numbers, one reading each{marked}")
     for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
-        signs = max(SIGNS, key=partial(_score, some, least))
-        if rows := _rows(some, signs, least):
+        best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score)
+        if best.rows:
             choosing = partial(choose, asked=columns, flat=flat, choice=choice, source=name)
-            return _table(name, texts, rows, signs, header, choosing, is_asked=columns is not None)
+            return _table(name, texts, best.rows, best.signs, header, choosing, is_asked=columns is not None)
     raise _nothing(name, lines)
 
 
@@ -309,10 +309,28 @@ def _is_comment(text: str) -> bool:
     return text.lstrip().startswith(COMMENTS)
 
 
-def _rows(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> dict[int, list[str]]:
-    """Pick the lines that hold at least so many numbers, and more numbers than words."""
+class _Cut(NamedTuple):
+    """Lines cut at a delimiter: cells of those that are rows of numbers, by their place, and numbers in all of them."""
+
+    signs: tuple[str, str]
+    rows: dict[int, list[str]]
+    numbers: int
+
+    def score(self) -> tuple[int, int]:
+        """How well delimiter and decimal sign fit."""
+        return len(self.rows), self.numbers
+
+
+def _signs_of(lines: list[tuple[int, str]]) -> list[tuple[str, str]]:
+    """Leave out decimal commas where no cell can have one: cut at commas, it is one in quotes."""
+    has_comma, has_quote = (any(sign in text for _, text in lines) for sign in ',"')
+    return [signs for signs in SIGNS if signs[1] == "." or (has_quote if signs[0] == "," else has_comma)]
+
+
+def _cut(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) -> _Cut:
+    """Cut lines, and pick those that hold at least so many numbers, and more numbers than words."""
     delimiter, decimal = signs
-    rows = {}
+    rows, total = {}, 0
     for place, text in lines:
         cells = split(text, delimiter)
         if len(cells) < least:
@@ -321,20 +339,14 @@ def _rows(lines: list[tuple[int, str]], signs: tuple[str, str], least: int = 3) 
         numbers = sum(number(cell, decimal) is not None for cell in filled)
         if numbers >= least and 2 * numbers >= len(filled):
             rows[place] = cells
-    return rows
-
-
-def _score(lines: list[tuple[int, str]], least: int, signs: tuple[str, str]) -> tuple[int, int]:
-    """Rate a delimiter and a decimal sign: lines of numbers, then numbers in them."""
-    rows = _rows(lines, signs, least)
-    numbers = sum(number(cell, signs[1]) is not None for cells in rows.values() for cell in cells if cell.strip())
-    return len(rows), numbers
+            total += numbers
+    return _Cut(signs, rows, total)
 
 
 def _first_row(texts: list[str], after: int, start: int) -> int:
     """Place of the first line that looks like a reading, however it is cut: it counts, also if it cannot be read."""
     between = [(place, text) for place, text in enumerate(texts[after:start], after) if not _is_comment(text)]
-    return min((place for signs in SIGNS for place in _rows(between, signs)), default=start)
+    return min((place for signs in SIGNS for place in _cut(between, signs).rows), default=start)
 
 
 # What stands above the readings ---------------------------------------------------------------------------------------
@@ -489,7 +501,7 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
         return UnreadableInput(
             f"{name} is cut short before its first reading: its gzip data have no end; copy it again"
         )
-    few = max((_rows(lines, signs, 1) for signs in SIGNS), key=len)
+    few = max((_cut(lines, signs, 1).rows for signs in SIGNS), key=len)
     numbers = [(at, text) for at, text in lines if len(cut(text[:PRINTED])[0]) >= 3]
     headed = next(
         (at for at, text in lines for sign, _ in SIGNS if names_magnetometer(split(text[: 16 * PRINTED], sign))), None

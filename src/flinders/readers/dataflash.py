@@ -134,8 +134,7 @@ def open_dataflash(file: File) -> Log:
             "record again"
         )
     parm = messages.get("PARM")
-    entries = zip(parm.where.tolist(), *_parameters(parm), strict=True) if parm is not None else ()
-    found = stages(entries, ARDUPILOT, file.name)
+    found = stages([] if parm is None else _parameters(parm), ARDUPILOT, file.name)
     auxiliary = _auxiliary(messages, found[-1][1])
     instruments = tuple(_instrument(file, name, number, mag, found, auxiliary) for name, number, mag in compasses)
     damage = tuple(_damage(messages, file.size))
@@ -172,11 +171,11 @@ def _messages(file: File) -> Messages:
     return messages
 
 
-def _parameters(parm: Table) -> tuple[list[str], list[float]]:
-    """Names and values of the parameters, each time that one was written."""
+def _parameters(parm: Table) -> list[tuple[float, str, float]]:
+    """Places, names and values of the parameters, each time that one was written; none where a log is broken."""
     if not parm.has("Name", "Value"):
-        return [], []
-    return parm.texts("Name"), parm.column("Value").tolist()
+        return []
+    return list(zip(parm.where.tolist(), parm.texts("Name"), parm.column("Value").tolist(), strict=True))
 
 
 # the compasses
@@ -375,7 +374,7 @@ def _throttles(messages: Messages) -> TimeSeries | None:
     table, parm = messages.get("RCOU"), messages.get("PARM")
     if table is None or parm is None:
         return None
-    values = dict(zip(*_parameters(parm), strict=True))
+    values = {name: value for _, name, value in _parameters(parm)}
     of_output = {number: MOTOR_FUNCTIONS.get(values.get(f"SERVO{number}_FUNCTION", 0.0)) for number in range(1, 33)}
     outputs = {motor: f"C{number}" for number, motor in of_output.items() if motor is not None}
     labels = [outputs[motor] for motor in range(len(outputs)) if motor in outputs]

@@ -172,14 +172,10 @@ def tumble(
     >>> int(tumble(n=500, outliers=0.03).outliers.sum())
     15
     """
-    if motion not in MOTIONS:
-        raise UsageError(f"motion {motion!r} is not known: use one of {', '.join(MOTIONS)}")
     course = _course(motion, n, positive(rate_hz, "rate_hz"), dip_deg, tilt_deg)
     of_sensor, of_motion, of_outliers, of_noise = np.random.default_rng(seed).spawn(4)
     of_pauses, *of_disturbances = of_noise.spawn(1 + len(disturbances))
-    sensor = Sensor.random(of_sensor) if sensor is None else sensor
-    sensor = sensor if noise is None else replace(sensor, noise=noise)
-    imu = Imu() if imu is None else imu
+    sensor, imu = _sensor(sensor, noise, of_sensor), imu or Imu()
     path = _paused(of_pauses, MOTIONS[motion].draw, of_motion, course, share(stationary, "stationary"))
     stray, is_outlier = stray_fields(of_outliers, course.n, outliers)
     time = np.arange(course.n) / course.rate_hz
@@ -192,7 +188,7 @@ def tumble(
         sensor,
         path.directions,
         field_strength,
-        np.logical_or.reduce([is_outlier, *(effect.outliers for effect in effects if effect.outliers is not None)]),
+        _any(is_outlier, effects),
         path.attitudes,
         dip_deg=float(dip_deg),
         motion=motion,
@@ -259,6 +255,8 @@ def angle_error_deg(
 
 def _course(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg: float | None) -> Course:
     """Say what is asked of a motion."""
+    if motion not in MOTIONS:
+        raise UsageError(f"motion {motion!r} is not known: use one of {', '.join(MOTIONS)}")
     kind = MOTIONS[motion]
     usual = UNTIMED if kind.seconds is None else round(kind.seconds * rate_hz)
     if tilt_deg is not None and kind.tilt_deg is None:
@@ -269,6 +267,12 @@ def _course(motion: str, n: int | None, rate_hz: float, dip_deg: float, tilt_deg
     if not -90.0 <= dip_deg <= 90.0:
         raise UsageError(f"dip is {dip_deg:g}°: need −90° to 90°")
     return Course(count(usual if n is None else n), rate_hz, north_and_down(dip_deg), tilt_deg)
+
+
+def _sensor(sensor: Sensor | None, noise: float | None, rng: Generator) -> Sensor:
+    """A sensor, by default a random one, with its own noise or another."""
+    sensor = Sensor.random(rng) if sensor is None else sensor
+    return sensor if noise is None else replace(sensor, noise=noise)
 
 
 def _paused(
@@ -326,6 +330,14 @@ def _gain(effects: Sequence[Effect], n: int) -> Floats:
     gains = [effect.gain for effect in effects if effect.gain is not None]
     product: Floats = np.prod([np.ones(n), *gains], axis=0)
     return product[:, np.newaxis]
+
+
+def _any(is_outlier: NDArray[np.bool_], effects: Sequence[Effect]) -> NDArray[np.bool_]:
+    """(N,) outliers of a stray field and of all disturbances."""
+    marked: NDArray[np.bool_] = np.logical_or.reduce(
+        [is_outlier, *(effect.outliers for effect in effects if effect.outliers is not None)]
+    )
+    return marked
 
 
 def _last(effects: Sequence[Effect], name: str) -> Floats | None:

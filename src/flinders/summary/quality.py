@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from flinders.core.samples import added
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -367,7 +369,7 @@ class DataQuality:
             highs=self.highs + other.highs,
             seen=self.seen + other.seen,
             clock=self.clock.merged(other.clock),
-            skipped=_merged(self.skipped, other.skipped),
+            skipped=added(self.skipped, other.skipped),
         )
 
     @property
@@ -437,12 +439,3 @@ def _repeats(axes: Floats) -> int:
     """How many readings, (3, N), equal the one before."""
     same = np.flatnonzero(axes[0, 1:] == axes[0, :-1])
     return int(np.count_nonzero((axes[1:, same + 1] == axes[1:, same]).all(axis=0))) if len(same) else 0
-
-
-def _merged(some: tuple[Skipped, ...], more: tuple[Skipped, ...]) -> tuple[Skipped, ...]:
-    """Add up what was skipped for the same reason."""
-    by_reason = {skipped.reason: skipped for skipped in some}
-    for skipped in more:
-        known = by_reason.get(skipped.reason)
-        by_reason[skipped.reason] = known + skipped if known else skipped
-    return tuple(by_reason.values())

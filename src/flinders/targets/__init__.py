@@ -7,7 +7,8 @@
 [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
 
 Each module is a target or a family of them: formula, writer and reader, and at its end a row for each in ``TARGETS``,
-by which `registry` finds it. A new target is a new module and nothing else.
+by which `registry` finds it. A new target is a new module and nothing else. Other packages add targets through the
+entry points ``flinders.targets``.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
-from flinders.errors import DocumentError, UsageError
+from flinders.core.plugins import plugin_rows
+from flinders.errors import DocumentError, PluginError, UsageError
 from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -48,11 +50,21 @@ HEAD: Final = 65536
 
 @cache
 def registry() -> Mapping[str, Target]:
-    """All targets by name, in the order they are listed; the first call imports their modules."""
+    """All targets by name, in the order they are listed; the first call imports their modules.
+
+    Raises
+    ------
+    PluginError
+        For a package whose targets cannot be loaded, or have the name of another.
+    """
     there = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
     ordered = [*(name for name in FIRST if name in there), *(name for name in there if name not in FIRST)]
-    rows = (row for name in ordered for row in import_module(f"{__name__}.{name}").TARGETS)
-    return {row.name: row for row in rows}
+    targets = {row.name: row for name in ordered for row in import_module(f"{__name__}.{name}").TARGETS}
+    for row in plugin_rows("flinders.targets", Target):
+        if row.name in targets:
+            raise PluginError(row.write.__module__, f"there is a target {row.name!r} already")
+        targets[row.name] = row
+    return targets
 
 
 def find(name: str) -> Target:
