@@ -250,7 +250,7 @@ def _refuse_a_log(session: Session) -> None:
     """See that what is shown is the calibration of the board, and not of the sensor that a log is of."""
     if session.opened is not None:
         raise NotSent(
-            f"{session.opened_name} is shown, and its calibration is not this board's: go back to the sensor, and send then"
+            f"{session.opened_name} is shown, and its calibration is not this board's: go back to the sensor first"
         )
 
 

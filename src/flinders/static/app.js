@@ -238,7 +238,7 @@ function drawAdvice(state, view) {
     const stands = ["good", "wrong"].includes(state.phase) || (state.phase === "limited" && !goesOn(state));
     setIcon(byId("advice", HTMLElement), stands ? ICONS[state.phase] : "next");
     byId("advice", HTMLElement).dataset.phase = state.phase;
-    byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE * (byId("remedies", HTMLElement).hidden ? 1 : 0.6));
+    byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
     setText(byId("advice-words", HTMLElement), words);
     say("advice", wrong ? "" : words); // what is wrong is said with the phase
 }
