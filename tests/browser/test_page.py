@@ -175,7 +175,7 @@ def test_a_stretch_is_left_out_by_dragging_and_comes_back_by_undo(visitor: Visit
     until(page, f"flinders.store.state.excluded_readings > 0 && {SETTLED}")
     assert state(page, "excluded_readings") == pytest.approx(50 * (end - start), abs=3)
     assert np.ravel(state(page, "excluded")) == pytest.approx([start, end], abs=0.01)
-    expect(page.locator("#source-words")).to_contain_text("taken out")
+    expect(page.locator("#source-words")).to_contain_text("left out")
     expect(page.locator("#span")).to_be_hidden()
     page.get_by_role("button", name="Undo").click()
     until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
@@ -230,6 +230,32 @@ def test_a_stretch_that_is_none_is_refused_with_words(visitor: Visitor) -> None:
     page.keyboard.press("Escape")
     expect(page.locator("#span")).to_be_hidden()
     assert state(page, "excluded") == []
+
+
+def test_what_stood_beside_the_sensor_is_left_out_by_a_button(visitor: Visitor, tumble: Path) -> None:
+    page = done(visitor.page())
+    head, *rows = tumble.read_text(encoding="utf-8").splitlines()
+    readings = np.array([[float(cell) for cell in row.split(",")] for row in rows[:2200]])
+    readings[1400:, 1:] += (14.0, -9.0, 6.0)
+    table = "\n".join([head, *(",".join(f"{number:.4f}" for number in reading) for reading in readings)])
+    dropped(page, "disturbed.csv", table.encode())
+    button = page.get_by_role("button", name=re.compile(r"Leave out 2[78]\.\d–4[34]\.\d s"))
+    button.click()
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good", timeout=GOOD_MS)
+    expect(button).to_be_hidden()
+    page.get_by_role("button", name="Undo").click()
+    expect(button).to_be_visible()
+
+
+def test_the_dip_is_set_from_a_place(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    page.get_by_role("button", name="Set dip from place").click()
+    page.locator("#latitude").fill("-33.9")
+    page.locator("#longitude").fill("151.2")
+    page.keyboard.press("Enter")
+    expect(page.locator("#place-panel")).to_be_hidden()
+    until(page, "flinders.store.state.dip_deg < -63 && flinders.store.state.dip_deg > -66")
+    expect(page.locator("#notices")).to_contain_text("The dip at")
 
 
 # one state
@@ -351,7 +377,7 @@ INK = """text => {
 
 def test_no_number_covers_the_arc(visitor: Visitor) -> None:
     page = done(visitor.page())
-    for width, text in product((1280, 360), ("12.3", "0.043", "0.0043", "> 90", "–")):
+    for width, text in product((1280, 900), ("12.3", "0.043", "0.0043", "> 90", "–")):
         page.set_viewport_size({"width": width, "height": 800})
         room = page.evaluate("async text => String((await import('/static/views/gauge.js')).ems(text))", text)
         reach, arc = page.evaluate(INK.replace("EMS(text)", f"'{room}'"), text)
@@ -387,6 +413,14 @@ def test_a_log_that_is_dropped_gets_the_same_views_and_leaves_again(visitor: Vis
     page.get_by_role("button", name="Back to the sensor").click()
     until(page, "flinders.store.state.opened === null && flinders.store.points.count === 3000")
     expect(page.locator("#source-name")).to_have_text("tumble.csv")
+
+
+def test_a_log_without_times_has_no_duration(visitor: Visitor, tumble: Path) -> None:
+    page = done(visitor.page())
+    rows = [row.partition(",")[2] for row in tumble.read_text(encoding="utf-8").splitlines()[:325]]
+    dropped(page, "untimed.csv", "\n".join(rows).encode())
+    expect(page.locator("#source-words")).to_have_text("a log · 324 readings")
+    assert not [words for words in page.locator("#strength text").all_text_contents() if words.endswith(" s")]
 
 
 HOSTILE = "<img src=x onerror=alert(1)>.csv"
@@ -493,12 +527,82 @@ def test_a_phone_gives_each_view_its_room_and_keeps_advice_and_finish_in_sight(v
     assert foot["y"] + foot["height"] <= bar["y"], "the end of the page can be scrolled out of the bar"
 
 
+ON_PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+
+
+def test_a_phone_shows_number_phase_sphere_and_advice_on_one_screen(visitor: Visitor) -> None:
+    page = done(visitor.page(**ON_PHONE))
+    places = [
+        page.locator(f"#{name}").bounding_box() for name in ("worst", "phase", "target", "scene", "advice", "finish")
+    ]
+    assert all(place and place["y"] >= 0 and place["y"] + place["height"] <= 844 for place in places)
+    sphere, advice = places[3], places[4]
+    assert sphere is not None
+    assert advice is not None
+    assert sphere["height"] > 400
+    assert sphere["y"] + sphere["height"] <= advice["y"]
+
+
+LONG = "w" * 200
+SAY_LONG = """words => {
+    for (const id of ["advice-words", "phase-words", "source-name", "source-words", "empty-from"]) {
+        document.getElementById(id).textContent = words;
+    }
+    const row = document.createElement("li");
+    row.textContent = words;
+    document.getElementById("reasons").append(row);
+    const wide = one => [one.className || one.tagName, one.scrollWidth - one.clientWidth];
+    return [...document.querySelectorAll("html, .advice, .why, .empty")].map(wide).filter(([, more]) => more > 1);
+}"""
+
+
+@pytest.mark.parametrize("width", [360, 1280])
+def test_a_word_of_two_hundred_letters_breaks_no_layout(visitor: Visitor, width: int) -> None:
+    page = done(visitor.page(viewport={"width": width, "height": 740}))
+    assert page.evaluate(SAY_LONG, LONG) == []
+    finish, advice = (page.locator(f"#{name}").bounding_box() for name in ("finish", "advice"))
+    assert finish is not None
+    assert advice is not None
+    assert finish["x"] + finish["width"] <= width
+    if width < 700:
+        lines = page.locator("#advice-words").evaluate(
+            "one => one.clientHeight / parseFloat(getComputedStyle(one).lineHeight)"
+        )
+        assert lines <= 3.1
+        page.locator("#advice-words").click()
+        assert page.locator("#advice-words").evaluate("one => one.scrollHeight - one.clientHeight") <= 1
+
+
 def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:
     page = done(visitor.page())
     for width, height in ((1280, 800), (1920, 1080), (3840, 2160)):
         page.set_viewport_size({"width": width, "height": height})
         sizes = page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]")
         assert sizes == [width, height]
+
+
+SMALL = """() => [...document.querySelectorAll("body *")].filter(one => one.checkVisibility() &&
+    [...one.childNodes].some(({nodeType, data}) => nodeType === Node.TEXT_NODE && data.trim())
+).map(one => {
+    const scale = one.ownerSVGElement ? one.getScreenCTM().a : 1;
+    return [one.textContent.trim().slice(0, 20), scale * parseFloat(getComputedStyle(one).fontSize)];
+}).filter(([, size]) => size < 11.9)"""
+"""Texts of less than 12 pixels, and their sizes."""
+
+
+def test_no_text_of_a_small_screen_is_smaller_than_twelve_pixels(visitor: Visitor) -> None:
+    page = done(visitor.page(viewport={"width": 1280, "height": 720}))
+    assert page.evaluate(SMALL) == []
+
+
+def test_the_deviation_is_drawn_on_one_scale_at_a_time(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    raw, corrected = page.locator("#deviation path.raw"), page.locator("#deviation path.corrected")
+    expect(corrected).to_have_count(1)
+    expect(raw).to_have_count(0)
+    page.locator(".deviation").get_by_role("button", name="Raw").click()
+    expect(raw).to_have_count(1)
+    expect(corrected).to_have_count(0)
 
 
 FOCUS = """() => {
@@ -530,7 +634,21 @@ def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(visitor:
     places = tabbed(page)
     names = [place["id"] for place in places]
     assert names[0] == "Skip to the sphere"
-    order = ["open", "pause", "clear", "theme", "help", "finish", "target", "why", "goal", "dip", "reset", "exclude"]
+    order = [
+        "open",
+        "pause",
+        "clear",
+        "theme",
+        "help",
+        "finish",
+        "target",
+        "why",
+        "goal",
+        "dip",
+        "place",
+        "reset",
+        "exclude",
+    ]
     assert [name for name in names if name in order] == order
     assert [place["id"] for place in places if not place["shown"]] == [], "no focus is visible"
     assert [place["role"] for place in places].count("application") == 2, " | ".join(names)

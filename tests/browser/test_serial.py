@@ -64,6 +64,12 @@ def test_a_good_board_becomes_good_and_its_calibration_is_true(
 ) -> None:
     page = bench.page()
     expect(page.locator("#empty-lead")).to_have_text("Waiting for readings")
+    until(page, "flinders.store.state.source.link === 'waiting'")  # nothing has come for three seconds
+    expect(page.locator(".status")).to_have_attribute("data-phase", "waiting")
+    expect(page.locator("#empty-from")).to_have_text(f"from {bench.board.port}")
+    expect(page.locator("#empty-example")).to_contain_text("Serial.println")
+    expect(page.locator("#advice")).to_be_hidden()
+    expect(page.locator("#notices li")).to_have_count(0)
     bench.board.play(lines, 1000)
     until(page, "flinders.store.state.phase === 'good' && flinders.store.state.used > 2000")
     assert page.evaluate("flinders.store.state.unit") == "µT"
@@ -73,6 +79,17 @@ def test_a_good_board_becomes_good_and_its_calibration_is_true(
         page.locator("#save-calibration").click()
     started.value.save_as(tmp_path / "cal.json")
     assert is_near(calibration_file.read(tmp_path / "cal.json").calibration.offset, 0.1)
+
+
+def test_a_board_that_lies_still_is_asked_to_be_turned(bench: Bench, lines: list[bytes]) -> None:
+    still = np.array([22.0, -8.0, 41.0]) + 0.5 * np.random.default_rng(1).normal(size=(2000, 3))
+    bench.board.play(motioncal(still), 100)
+    page = bench.page()
+    expect(page.locator("#empty-lead")).to_have_text("Start turning")
+    expect(page.locator("#turning")).to_be_visible()
+    expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
+    bench.board.play(lines, 1000)
+    expect(page.locator("#empty")).to_be_hidden()
 
 
 def test_a_noisy_board_is_said_to_be_noisy(bench: Bench) -> None:

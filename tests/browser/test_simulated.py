@@ -79,5 +79,5 @@ def test_it_starts_again_only_when_that_is_confirmed(visitor: Visitor) -> None:
     page.keyboard.press("n")
     page.locator("#confirmed").click()
     until(page, "flinders.store.state.readings < 60")
-    expect(page.locator("#notices")).to_contain_text("egun anew")
+    expect(page.locator("#notices")).to_contain_text("tarted again")
     until(page, "!flinders.store.state.paused && flinders.store.points.count > 5")

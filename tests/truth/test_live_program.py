@@ -250,6 +250,22 @@ def test_what_was_done_by_hand_outlives_a_crash(start: Start, tmp_path: Path) ->
     assert state["readings"] > 0
 
 
+def test_a_session_that_is_resumed_without_a_source_is_shown_and_never_simulated(start: Start, tmp_path: Path) -> None:
+    session = tmp_path / "session.csv"
+    program = start("--simulate", "-o", str(session))
+    wait_until(lambda: len(recorded(session)) >= 30)
+    program.signal(signal.SIGINT)
+    program.wait()
+    before = session.read_bytes()
+    program = start("--resume", str(session))
+    page = Page(program.address)
+    assert page.hello["state"]["source"]["kind"] == "file"
+    assert page.hello["state"]["readings"] == len(recorded(session))
+    program.signal(signal.SIGINT)
+    program.wait()
+    assert session.read_bytes() == before
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_cleanly_and_says_where_the_recording_is(start: Start, tmp_path: Path, number: int) -> None:
     session = tmp_path / "session.csv"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
+import re
 import socket
 import struct
 import threading
@@ -566,6 +567,8 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
         client = bench.client
         for path in ("/", "/session.csv", "/static/messages.d.ts", "/?token=guess", f"/session.csv?token={first}"):
             assert client.get(path, headers=phone).status_code == 401, path
+        page = client.get("/", headers={**phone, "accept": "text/html"})
+        assert (page.status_code, "Open the whole address" in page.text) == (401, True)
         with pytest.raises(WebSocketDisconnect), client.websocket_connect("/socket", headers=OWN):
             pass
         answer = client.get(f"/?token={first}", headers=phone, follow_redirects=False)
@@ -580,7 +583,7 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
         assert client.get("/", headers=with_cookie).status_code == 200
         assert client.get("/", headers={**with_cookie, "host": "evil.example:8410"}).status_code == 403
         assert tokens.current != first
-        assert tokens.current in bench.said[0]
+        assert re.search(rf"http://[\d.]+:8410/\?token={re.escape(tokens.current)}$", bench.said[0])
     bench.sink.close()
 
 

@@ -15,10 +15,22 @@ from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
+from flinders.errors import UsageError
 from flinders.fitting import calibrate
 from flinders.live.buffer import ReadingBuffer, rows_of
 from flinders.live.evaluation import evaluate
-from flinders.live.messages import BackToLive, Exclude, Notice, Reason, SessionState, SetGoal, SetTarget, SourceState
+from flinders.live.messages import (
+    BackToLive,
+    Exclude,
+    Notice,
+    Reason,
+    SessionState,
+    SetGoal,
+    SetPlace,
+    SetTarget,
+    SourceState,
+    Undo,
+)
 from flinders.live.page_state import session_state
 from flinders.live.session import (
     Arrived,
@@ -77,12 +89,22 @@ def test_the_first_seconds_are_collecting_and_nothing_is_wrong() -> None:
         assert not [reason for reason in shown.reasons if reason.severity == "warning"]
 
 
-def test_before_the_first_reading_it_waits_and_then_says_so() -> None:
-    session, _ = step(Session(source=SENSOR), Ticked(1.0))
-    assert session_state(session).words == "Waiting for the first reading."
-    session, _ = step(session, Ticked(4.0))
-    assert (session_state(session).phase, codes(session_state(session))) == ("wrong", ["nothing-arrives"])
-    assert "baud" in session_state(session).words
+def test_a_source_that_has_sent_nothing_yet_is_waited_for_and_one_that_stops_is_wrong() -> None:
+    session, notices = step(Session(source=SENSOR), Linked(3.0, "waiting", ""))
+    for at in (1.0, 4.0, 4000.0):
+        shown = session_state(step(session, Ticked(at))[0])
+        assert (shown.phase, shown.words, codes(shown)) == ("waiting", "Waiting for readings from /dev/ttyACM0.", [])
+    assert notices == []
+    session, _ = step(session, Arrived(10.0, np.zeros((1, 7)), Unit.of("uT")))
+    shown = session_state(step(session, Ticked(14.0))[0])
+    assert (shown.phase, codes(shown)) == ("wrong", ["nothing-arrives"])
+    assert "baud" in shown.words
+
+
+def test_a_resumed_session_whose_sensor_is_not_on_yet_is_not_wrong() -> None:
+    live = after(simulate.tumble(seed=1).samples).live
+    shown = session_state(step(Session(source=SENSOR, live=live), Ticked(10.0))[0])
+    assert (shown.phase, codes(shown), shown.reasons[0].severity) == ("good", ["nothing-arrives"], "info")
 
 
 def test_what_the_feed_says_of_silence_goes_before_what_is_guessed() -> None:
@@ -141,6 +163,28 @@ def test_a_magnet_that_is_put_beside_it_changes_the_field() -> None:
     assert {"field-changed", "outliers", "structure", "noise"} & set(codes(shown))
 
 
+def test_the_interval_in_which_something_stood_beside_it_is_offered_to_be_left_out() -> None:
+    samples = simulate.tumble(seed=11, noise=0.4).samples[:2200]
+    field = samples.field.copy()
+    field[1400:] += (14.0, -9.0, 6.0)  # from 28 s on
+    session = after(replace(samples, field=field))
+    reasons = [reason for reason in session_state(session).reasons if reason.severity == "warning"]
+    ((start, end),) = reasons[0].spans
+    assert (start, end) == (pytest.approx(28.0, abs=0.2), pytest.approx(44.0, abs=0.2))
+    session = fitted(step(session, Requested(45.0, Exclude(start, end)))[0])
+    assert session_state(session).phase == "good"
+    assert "outliers" in codes(session_state(fitted(step(session, Requested(46.0, Undo()))[0])))
+
+
+def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
+    session, (notice,) = step(Session(), Requested(1.0, SetPlace(52.5, 13.4, 2026.5)))
+    assert session.dip_deg == pytest.approx(68.3, abs=0.3)  # Berlin
+    assert "WMM-2025" in notice.words
+    for place in (SetPlace(95.0, 0.0, 2026.5), SetPlace(0.0, 0.0, 1900.0), SetPlace(-64.0, 136.0, 2026.5)):
+        with pytest.raises(UsageError):
+            step(session, Requested(2.0, place))
+
+
 def test_a_sensor_that_lies_still_is_reminded_of_and_not_called_wrong() -> None:
     moving = simulate.tumble(seed=1).samples
     rng = np.random.default_rng(1)
@@ -148,6 +192,14 @@ def test_a_sensor_that_lies_still_is_reminded_of_and_not_called_wrong() -> None:
     field = np.concatenate([moving.field, still])
     shown = session_state(after(Samples.of(field, unit="uT", time=np.arange(len(field)) / 50.0)))
     assert (shown.phase, codes(shown)) == ("good", ["no-rotation"])
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.5, 3.0])
+def test_a_sensor_that_has_never_been_turned_is_asked_to_start(noise: float) -> None:
+    field = np.array([22.0, -8.0, 41.0]) + noise * np.random.default_rng(1).normal(size=(800, 3))
+    shown = session_state(after(Samples.of(field, unit="uT", time=np.arange(800) / 50.0)))
+    assert (shown.phase, codes(shown)) == ("collecting", ["no-rotation"])
+    assert shown.words.startswith("Start turning")
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("mG", 10.0), ("G", 0.01), ("nT", 1000.0), ("mT", 0.001)])

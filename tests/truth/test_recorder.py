@@ -127,8 +127,10 @@ def test_a_loss_and_a_return_are_events_between_the_readings() -> None:
 
 def test_silence_and_other_lines_are_events() -> None:
     transcript = Transcript("the board")
-    assert [event.kind for event in transcript.take(b"", 3.1).events] == ["nothing"]
+    assert [event.kind for event in transcript.take(b"", 3.1).events] == ["silent"]
     assert transcript.take(b"", 9.0).events == []  # once
+    assert transcript.take(b"noise", 60.0).events == []
+    assert [event.kind for event in transcript.take(b"", 63.1).events] == ["nothing"]
     transcript = Transcript("the board")
     events = transcript.take(raw() + b"1;2;3\n" * 60, 0.5).events
     assert [event.kind for event in events] == ["settled", "garbage"]

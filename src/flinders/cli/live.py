@@ -85,9 +85,9 @@ class LiveSource(option.Group):
 
             Unit.of(self.lines.unit, self.lines.scale)
 
-    def opened(self, stack: contextlib.ExitStack) -> Source:
-        """Open what is named; a port where one is plugged in, and else the simulation, where nothing is."""
-        from flinders.live.feeds import Replay
+    def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
+        """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
+        from flinders.live.feeds import NoSensor, Replay
         from flinders.live.recorder import RecordedFeed, Recorder
         from flinders.live.session_file import Source
         from flinders.live.transports import opened_lines, opened_link
@@ -103,7 +103,9 @@ class LiveSource(option.Group):
 
             link = stack.enter_context(contextlib.closing(opened_link(self.mavlink, self.baud)))
             return Source("mavlink", partial(RecordedFeed, Telemetry(Vehicle.find(link), self.compass)))
-        kind, port = self._lines()
+        kind, port = self._lines(is_resumed=resume is not None)
+        if kind == "file":
+            return Source(kind, lambda _sink, resumed: NoSensor(str(resume)))  # noqa: ARG005 - as a source has it
         if kind == "simulated":
             from flinders.live.simulated import SimulatedFeed
 
@@ -112,8 +114,8 @@ class LiveSource(option.Group):
         stack.enter_context(contextlib.closing(wire))
         return Source(kind, partial(Recorder, wire, **reading), reading, None if kind == "udp" else wire)
 
-    def _lines(self) -> tuple[Kind, str | None]:
-        """What sends lines, and through which port; the simulation where nothing does."""
+    def _lines(self, *, is_resumed: bool) -> tuple[Kind, str | None]:
+        """What sends lines, and through which port; the simulation, or a session of before, where nothing does."""
         from flinders.live.transports import only_port
 
         if self.udp is not None or self.tcp is not None:
@@ -121,6 +123,9 @@ class LiveSource(option.Group):
         if self.port not in (None, ANY_PORT):
             return "serial", self.port
         port = None if self.simulate else only_port(is_asked=self.port is not None)
+        if port is None and not self.simulate and is_resumed:
+            say("nothing is plugged in: the session is shown as it is; name its source to go on with it")
+            return "file", None
         if port is None and not self.simulate:
             say("nothing is plugged in: this is a simulated sensor; flinders live --help names the sources there are")
         return "simulated" if port is None else "serial", port
@@ -211,7 +216,7 @@ def command(options: Live) -> None:
     axes, chosen = Axes.of(options.axes), _chosen(options)
     with contextlib.ExitStack() as stack:
         listener = stack.enter_context(contextlib.closing(listening(options.host, options.web_port)))
-        source = options.source.opened(stack)
+        source = options.source.opened(stack, options.resume)
         supply, session = stack.enter_context(
             begun(source, axes, output=options.output, resume=options.resume, say=say)
         )
@@ -255,9 +260,9 @@ def _as_dict(session: Session, recording: str | None) -> dict[str, Any]:
 
 def _announce(session: Session, port: int, token: str | None, options: Live) -> None:
     """Say where the page is, and open it where there is somebody to see it."""
-    from flinders.live.access import page_address
+    from flinders.live.access import page_addresses
 
-    address = page_address(options.host, port, token)
+    address, *others = page_addresses(options.host, port, token)
     say(f"{session.source.name}, recorded in {session.recording}")
     if token is not None:
         say("for one browser; who opens it next needs the address that is printed then:")
@@ -265,6 +270,8 @@ def _announce(session: Session, port: int, token: str | None, options: Live) -> 
         say(address)
     else:
         click.echo(address)
+    for other in others:
+        say(f"or {other}")
     if _has_screen() if options.opens is None else options.opens:
         threading.Thread(target=_open_browser, args=(address,), daemon=True).start()
 

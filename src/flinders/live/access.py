@@ -34,7 +34,7 @@ import h11
 import uvicorn
 from starlette.datastructures import MutableHeaders
 from starlette.requests import ClientDisconnect, HTTPConnection
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 from starlette.websockets import WebSocketClose
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -67,11 +67,12 @@ TOKEN_BYTES: Final = 16
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """What is let through to a port: requests that call the server by one of its names.
+    """What is let through to a port of a host: requests that call the server by one of its names.
 
     One that is open listens on addresses that other machines reach, and may be called by any address in figures.
     """
 
+    host: str
     port: int
     names: frozenset[str]
     is_open: bool
@@ -83,7 +84,7 @@ class Gate:
         is_open = not is_loopback(host)
         if is_open:
             names |= {name.casefold() for own in own_names if own for name in (own, f"{own}.local")}
-        return cls(port, frozenset(names), is_open)
+        return cls(host, port, frozenset(names), is_open)
 
     def refusal(self, *, host: str | None, origin: str | None, needs_origin: bool) -> str | None:
         """Say why a request with these headers is refused; None where it is let through.
@@ -114,25 +115,38 @@ def own_names() -> tuple[str, ...]:
     return (name, name.partition(".")[0])
 
 
-def page_address(host: str, port: int, token: str | None = None) -> str:
-    """The address of the page, for a browser.
+def page_addresses(host: str, port: int, token: str | None = None) -> list[str]:
+    """The addresses of the page, for a browser; of a server that listens on all, one for each network.
 
-    >>> page_address("127.0.0.1", 8410), page_address("::1", 8410, "secret")
-    ('http://127.0.0.1:8410/', 'http://[::1]:8410/?token=secret')
+    >>> page_addresses("127.0.0.1", 8410), page_addresses("::1", 8410, "secret")
+    (['http://127.0.0.1:8410/'], ['http://[::1]:8410/?token=secret'])
     """
-    shown = _address_on_the_network() if host in ("0.0.0.0", "::") else host
     query = f"?token={token}" if token else ""
-    return f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/{query}"
+    hosts = _own_addresses() if host in ("0.0.0.0", "::") else [host]
+    return [f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/{query}" for shown in hosts]
 
 
-def _address_on_the_network() -> str:
-    """The address of this machine on its network, as far as it has one; nothing is sent to find out."""
+def _own_addresses() -> list[str]:
+    """The addresses of this machine on its networks, the one that reaches others first; nothing is sent to find out."""
+    found = dict.fromkeys([_outgoing_address(), *_named_addresses()])
+    return [address for address in found if not is_loopback(address)] or ["127.0.0.1"]
+
+
+def _outgoing_address() -> str:
+    """The address that this machine would send from."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))
             return str(probe.getsockname()[0])
         except OSError:
             return "127.0.0.1"
+
+
+def _named_addresses() -> list[str]:
+    """The addresses that belong to the name of this machine."""
+    with contextlib.suppress(OSError):
+        return [str(entry[4][0]) for entry in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)]
+    return []
 
 
 def is_loopback(host: str) -> bool:
@@ -198,6 +212,16 @@ def answer(words: str, status: int) -> Response:
     return JSONResponse({"words": words}, status_code=status)
 
 
+NO_TOKEN: Final = """<!doctype html>
+<html lang="en-GB"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<meta name="color-scheme" content="dark light"><title>Flinders</title>
+<h1>This address lacks its token</h1>
+<p>Open the whole address that <code>flinders live</code> prints last: it ends in <code>?token=…</code>
+<p>Each token admits one browser. The terminal prints the next one when it has been used.
+"""
+"""The page for a browser that shows no token."""
+
+
 class Guard:
     """An application behind a gate, with `HEADERS` on every answer.
 
@@ -241,11 +265,19 @@ class Guard:
         shown = request.query_params.get("token", "")
         cookie = self._tokens.redeem(shown) if not is_socket and request.url.path == "/" else None
         if cookie is None:
-            return answer("open the address that flinders live prints, with its token; each works once", 401)
-        self._say(f"for another browser: http://HOST:{self._gate.port}/?token={self._tokens.current}")
+            return _without_token(request)
+        for address in page_addresses(self._gate.host, self._gate.port, self._tokens.current):
+            self._say(f"for another browser: {address}")
         let_in = RedirectResponse("/", 303)
         let_in.set_cookie(name, cookie, httponly=True, samesite="strict")
         return let_in
+
+
+def _without_token(request: HTTPConnection) -> Response:
+    """What a browser gets that shows no token, or one that was used: a page, or JSON where it asked for no page."""
+    if request.scope["type"] == "websocket" or "text/html" not in request.headers.get("accept", ""):
+        return answer("open the address that flinders live prints, with its token; each works once", 401)
+    return HTMLResponse(NO_TOKEN, 401)
 
 
 def _with_headers(send: Send) -> Send:

@@ -44,15 +44,17 @@ from flinders.readers import open_recording
 from flinders.report.view import GuidanceView, Shown, view
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
+    from flinders.estimators.outliers import Outlier
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
+    from flinders.live.messages import Span
     from flinders.live.session import Session
     from flinders.report.view import Triple, View
 
@@ -68,6 +70,10 @@ CONVERGED_FRACTION: Final = 0.7  # … or so much of the sphere has been seen, �
 CONVERGED_S: Final = 30.0  # … or so many seconds of readings are there: more of the same would not help
 AT_ONCE: Final = frozenset({"saturated"})
 """Alarms that no more turning ends."""
+DISTURBED: Final = frozenset({"field-changed", "outliers"})
+"""Alarms that may end where the intervals of most outliers are left out."""
+DENSE: Final = 0.5  # Runs of outliers are one interval where more than this share of its readings are such
+OFFERED: Final = 3  # Intervals, at most
 STILL_S: Final = 6.0  # Seconds without a turn after which somebody is reminded
 STILL_DEG: Final = 5.0
 LEAST_DEG: Final = 0.001  # A smaller difference is not shown as a number
@@ -140,13 +146,41 @@ def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
         or fit.coverage.fraction >= CONVERGED_FRACTION
         or _seconds(samples) >= CONVERGED_S
     )
+    spans = _disturbed(fit)
     for finding in fit.findings:
         if CATALOGUE[finding.code].alarm and finding.severity != "note" and (converged or finding.code in AT_ONCE):
-            yield Reason(finding.code, finding.advice)
+            yield Reason(finding.code, finding.advice, spans=spans if finding.code in DISTURBED else ())
         elif finding.code in ("stale-repeats", "mirrored-axes"):
             yield Reason(finding.code, finding.advice, "info")
     if converged and not fit.is_flat:
         yield from _of_unit(fit)
+
+
+def _disturbed(fit: Fit) -> tuple[Span, ...]:
+    """The longest intervals that outliers fill; none where these are few, since the fit does without them."""
+    if all(finding.code != "outliers" or finding.severity == "note" for finding in fit.findings):
+        return ()
+    spans = [(run.start, run.end) for run in _joined(fit.outliers) if run.start < run.end]
+    longest = sorted(spans, key=lambda span: span[0] - span[1])[:OFFERED]
+    return tuple(sorted(longest))
+
+
+def _joined(outliers: Sequence[Outlier]) -> list[Outlier]:
+    """Runs joined where most readings from the first to the last are outliers.
+
+    >>> from flinders.estimators.outliers import Outlier
+    >>> runs = [Outlier(10, 20, 11, 0.2, 0.4, 9.0), Outlier(22, 40, 19, 0.44, 0.8, 9.0)]
+    >>> [(run.first, run.last, run.rows, run.start) for run in _joined([*runs, Outlier(90, 90, 1, 1.8, 1.8, 9.0)])]
+    [(10, 40, 30, 0.2), (90, 90, 1, 1.8)]
+    """
+    joined: list[Outlier] = []
+    for run in sorted(outliers, key=lambda run: run.first):
+        whole = run
+        if joined and joined[-1].rows + run.rows > DENSE * (run.last - joined[-1].first + 1):
+            before = joined.pop()
+            whole = replace(run, first=before.first, start=before.start, rows=before.rows + run.rows)
+        joined.append(whole)
+    return joined
 
 
 def _alarmed_at(session: Session, alarms: frozenset[str]) -> float | None:
@@ -197,7 +231,7 @@ def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
         yield Reason(
             "frozen-axis",
             f"axis {axis} has been the same for {seconds:.1f} s while the others change: turn the sensor another "
-            "way, and where that does not wake it, the sensor or its wiring is at fault; then begin anew",
+            "way, and where that does not wake it, the sensor or its wiring is at fault; then start again",
         )
     elif fit is not None and not fit.is_flat and time[-1] - time[0] > STILL_S:
         newest = samples.field[time >= time[-1] - STILL_S]

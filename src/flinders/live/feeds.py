@@ -40,10 +40,12 @@ ASSUMED_HZ: Final = 50.0  # Readings a second of a recording without times
 LONGEST_GAP_S: Final = 2.0  # Seconds that a pause of a recording takes when it is played back, at most
 SHORTEST_S: Final = 1e-4  # Least wait
 
-Kind: TypeAlias = Literal["connected", "settled", "unclear", "nothing", "garbage", "lost", "gone", "back", "ended"]
-"""It is there; how its lines are written is known; which of their numbers are the field is not; nothing usable has come
-for a while; lines that are not like the first ones; this machine was too busy to take all; it went away; it is there
-again; nothing more will come."""
+Kind: TypeAlias = Literal[
+    "connected", "settled", "unclear", "silent", "nothing", "garbage", "lost", "gone", "back", "ended"
+]
+"""It is there; how its lines are written is known; which of their numbers are the field is not; nothing has come yet;
+nothing usable has; lines that are not like the first ones; this machine was too busy to take all; it went away; it is
+there again; nothing more will come."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +189,25 @@ class Replay:
             return FeedEvent("ended", self._clock() - self._start, f"{self.name} has been played to its end")
         self._sleep(timeout)
         return None
+
+
+class NoSensor:
+    """A feed that ends at once, for a session that is looked at again.
+
+    >>> NoSensor("session.csv").next(0.1).words
+    'session.csv is shown without a sensor: start again with its source to go on with it'
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def next(self, _timeout: float) -> FeedEvent:
+        """As `Feed.next`."""
+        words = f"{self.name} is shown without a sensor: start again with its source to go on with it"
+        return FeedEvent("ended", 0.0, words)
+
+    def close(self) -> None:
+        """As `Feed.close`."""
 
 
 Result = TypeVar("Result")

@@ -57,8 +57,8 @@ LATEST_S: Final = 0.1
 MOST_NOTICES: Final = 50  # Notices that wait for a page, at most; older ones go
 UPLOAD_BYTES: Final = 64 << 20
 LINKS: Final[dict[str, Link]] = {
-    "connected": "connected", "back": "connected", "nothing": "waiting", "unclear": "waiting", "gone": "gone",
-    "ended": "ended",
+    "connected": "connected", "back": "connected", "silent": "waiting", "nothing": "waiting", "unclear": "waiting",
+    "gone": "gone", "ended": "ended",
 }  # fmt: skip
 """What an event of a feed makes of the link; others leave it as it is."""
 
@@ -195,7 +195,7 @@ class Hub:
         """Say what happened to the sensor."""
         link = LINKS.get(event.kind)
         if link is not None:
-            self.take(Linked(self.now, link, event.words))
+            self.take(Linked(self.now, link, "" if event.kind == "silent" else event.words))
         elif event.kind == "settled":
             self._tell(Notice("info", f"understood as {event.words}"))
         else:

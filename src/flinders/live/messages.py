@@ -31,10 +31,11 @@ if TYPE_CHECKING:
 
 Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "file"]
 Link = Literal["connected", "waiting", "gone", "ended"]
-Phase = Literal["collecting", "good", "limited", "wrong"]
+Phase = Literal["waiting", "collecting", "good", "limited", "wrong"]
 Goal = Literal["heading", "attitude"]
 Span = tuple[float, float]
 
+LARGEST_DIP_DEG: Final = 89.0
 LONGEST: Final = 65_536  # Bytes of a message from a page
 MAGIC: Final = 0x464C4E44
 HEADER: Final = struct.Struct("<8I")
@@ -51,11 +52,12 @@ class SourceState(Struct, frozen=True):
 
 
 class Reason(Struct, frozen=True):
-    """Something that is wrong, or worth knowing, and what to do about it."""
+    """Something that is wrong, or worth knowing, what to do about it, and intervals that a person may leave out."""
 
     code: str
     advice: str
     severity: Literal["info", "warning"] = "warning"
+    spans: tuple[Span, ...] = ()
 
 
 class PreviousState(Struct, frozen=True):
@@ -75,8 +77,8 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
         Received; of those fitted, used and rejected as outliers; excluded by hand.
     rate_hz : float or None
         Over the last two seconds.
-    seconds : float
-        Time of the newest reading since the session began.
+    seconds : float or None
+        Time of the newest reading since the session began; None where a log has no times.
     words : str
         The phase in a sentence.
     reasons : list of Reason
@@ -101,7 +103,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     rejected: int
     excluded_readings: int
     rate_hz: float | None
-    seconds: float
+    seconds: float | None
     phase: Phase
     words: str
     reasons: tuple[Reason, ...]
@@ -171,6 +173,14 @@ class SetDip(Struct, frozen=True, tag_field="type", tag="dip", forbid_unknown_fi
     deg: float
 
 
+class SetPlace(Struct, frozen=True, tag_field="type", tag="place", forbid_unknown_fields=True):
+    """The site in degrees, north and east positive, and the year: its inclination is taken from a model."""
+
+    latitude_deg: float
+    longitude_deg: float
+    year: float
+
+
 class SetGoal(Struct, frozen=True, tag_field="type", tag="goal", forbid_unknown_fields=True):
     """What the calibration is for."""
 
@@ -217,7 +227,20 @@ class BackToLive(Struct, frozen=True, tag_field="type", tag="back_to_live", forb
     """Close the log that was opened."""
 
 
-Command = SetTarget | SetDip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive
+Command = (
+    SetTarget
+    | SetDip
+    | SetPlace
+    | SetGoal
+    | Exclude
+    | Restore
+    | Undo
+    | Redo
+    | Clear
+    | Pause
+    | PreviousClear
+    | BackToLive
+)
 """What a page may ask for."""
 
 _DECODER: Final = msgspec.json.Decoder(Command)
@@ -246,7 +269,7 @@ def _refuse_out_of_range(command: Command) -> None:
     match command:
         case SetTarget(deg) if not 0.0 < deg <= 180.0:
             raise UsageError(f"target {deg:g}°: need an angle above 0°, up to 180°")
-        case SetDip(deg) if not -89.0 <= deg <= 89.0:
+        case SetDip(deg) if not abs(deg) <= LARGEST_DIP_DEG:
             raise UsageError(f"dip {deg:g}°: need −89° to 89°")
         case Exclude(start, end) | Restore(start, end) if not -math.inf < start < end < math.inf:
             name = type(command).__name__.lower()

@@ -2,13 +2,13 @@
 
 >>> from flinders.live.session import Session
 >>> session_state(Session()).phase, session_state(Session()).words
-('collecting', 'Waiting for the first reading.')
+('waiting', 'Waiting for readings from no source.')
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 from flinders.core.units import label
 from flinders.errors import figures
@@ -39,7 +39,7 @@ def session_state(session: Session) -> SessionState:
         rejected=evaluated.rejected,
         excluded_readings=shown.buffer.count_within(shown.excluded),
         rate_hz=_rate_hz(session),
-        seconds=shown.buffer.seconds,
+        seconds=shown.buffer.seconds if shown.is_timed else None,
         phase=phase,
         words=words,
         reasons=reasons,
@@ -79,6 +79,8 @@ def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
     wrong = next((reason for reason in reasons if reason.severity == "warning"), None)
     if wrong is not None:
         return "wrong", _sentence(wrong.advice), reasons
+    if not session.shown.buffer.total and session.source.link != "ended":
+        return "waiting", f"Waiting for readings from {session.source.name}.", reasons
     phase, words = _of_view(session)
     return phase, words, reasons
 
@@ -108,7 +110,7 @@ def _of_view(session: Session) -> tuple[Phase, str]:
     if not all(is_settled(session, code) for code in session.shown.evaluated.alarms):
         return "collecting", f"Keep turning: {done}, but a fault was found that more readings may disprove."
     if view.verdict != "refused" and not _is_sure(session):
-        return "collecting", f"Almost: {done}; hold on a little."
+        return "collecting", f"Almost: {done}; keep turning a little."
     by_verdict: dict[str, tuple[Phase, str]] = {
         "good": ("good", f"Good: {done}.{_resting_on(view)}"),
         "limited": ("limited", f"Good enough, with limits: {done}{_as_far_as(view)}."),
@@ -149,7 +151,9 @@ def _is_sure(session: Session) -> bool:
 def _before_a_fit(session: Session) -> str:
     """What to say while there are no numbers."""
     if not session.shown.buffer.total:
-        return "Waiting for the first reading."
+        return f"{session.source.name} has ended without a reading."
+    if any(reason.code == "no-rotation" for reason in session.shown.evaluated.reasons):
+        return "Start turning: turn the sensor slowly through all directions."
     if not session.shown.evaluated.refusal:
         return "Looking at the first readings. Turn the sensor slowly through all directions."
     return _sentence(session.shown.evaluated.refusal)
@@ -173,19 +177,25 @@ def _of_link(session: Session) -> list[Reason]:
         return [Reason("gone", source.words or f"{source.name} is gone: check the cable")]
     total, seconds = session.live.buffer.total, session.live.buffer.seconds
     patience = max(SILENT_S, SILENT_STEPS * seconds / total if total else 0.0)
-    if source.link in ("connected", "waiting") and since > patience:
-        words = source.words if total == 0 and source.link == "waiting" else ""
-        return [Reason("nothing-arrives", words or _nothing_arrives(session, since))]
+    if source.link == "waiting" and not total and source.words:
+        return [Reason("nothing-arrives", source.words)]
+    if source.link in ("connected", "waiting") and total and since > patience:
+        return [Reason("nothing-arrives", _nothing_arrives(session, since), _severity(session))]
     if source.link == "ended":
         return [Reason("ended", source.words or f"{source.name} has ended", "info")]
     return []
 
 
+def _severity(session: Session) -> Literal["info", "warning"]:
+    """A source that has stopped is a fault; one that has sent nothing yet, as in a resumed session, is not."""
+    return "warning" if session.arrived_at else "info"
+
+
 def _nothing_arrives(session: Session, since: float) -> str:
-    begun = "has come for" if session.live.buffer.total else "has come yet, for"
+    """How long no reading has come, and what to check."""
     return (
-        f"no reading {begun} {since:.0f} s from {session.source.name}: see that the sensor is on and prints its "
-        "readings, and that port, cable and baud rate are right"
+        f"no reading has come for {since:.0f} s from {session.source.name}: check that the sensor is on and prints "
+        "its readings, and that port, cable and baud rate are right"
     )
 
 

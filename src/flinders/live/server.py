@@ -123,7 +123,7 @@ async def _recording(request: Request) -> Response:
     """The file of the session, as it is."""
     hub: Hub = request.app.state.hub
     if hub.session.opened is not None:
-        raise HTTPException(409, "a log is shown, which you have already: go back to live to save the session")
+        raise HTTPException(409, "a log is shown, which you have already: go back to the sensor to save the session")
     if not hub.supply.path.exists():
         raise HTTPException(404, "nothing has been recorded yet")
     return FileResponse(hub.supply.path, media_type="text/csv", filename=hub.supply.path.name)
@@ -240,7 +240,7 @@ async def _send(request: Request) -> Response:
     finished = await hub.final()
     _refuse_a_log(hub.session)
     if finished.key < hub.session.live.since:
-        raise HTTPException(409, "the session was begun anew meanwhile: look at the new calibration, and send that")
+        raise HTTPException(409, "the session was started again meanwhile: look at the new calibration, and send that")
     packet = MotionCalPacket.of(finished.fit.calibration)
     confirmed = await hub.on_feed(lambda: motioncal.send(board, packet, boot=0.0))
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
@@ -250,7 +250,7 @@ def _refuse_a_log(session: Session) -> None:
     """See that what is shown is the calibration of the board, and not of the sensor that a log is of."""
     if session.opened is not None:
         raise NotSent(
-            f"{session.opened_name} is shown, and its calibration is not this board's: go back to live, and send then"
+            f"{session.opened_name} is shown, and its calibration is not this board's: go back to the sensor first"
         )
 
 

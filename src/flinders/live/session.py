@@ -13,8 +13,8 @@ thread: each event carries its time, so that a recorded list of events is a test
 True
 >>> session = begin_fit(session)
 >>> session, replies = step(session, FitDone(at=60.1, evaluated=evaluate(session), seconds=0.01))
->>> session_state(session).phase, session_state(session).words.split(", the target")
-('collecting', ['Almost: the worst heading error to expect is 0.066° (95 % within 0.16°)', ' 1°; hold on a little.'])
+>>> session_state(session).phase, session_state(session).words.partition("(95 % ")[0]
+('collecting', 'Almost: the worst heading error to expect is 0.066° ')
 >>> session, replies = step(session, Ticked(at=61.0))                 # nothing more has come: that was all
 >>> session_state(session).phase, session_state(session).words.split(". ")[0]
 ('good', 'Good: the worst heading error to expect is 0.066° (95 % within 0.16°), the target 1°')
@@ -36,8 +36,10 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
+from flinders.errors import UsageError
 from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
+    LARGEST_DIP_DEG,
     BackToLive,
     Clear,
     Command,
@@ -49,6 +51,7 @@ from flinders.live.messages import (
     Restore,
     SetDip,
     SetGoal,
+    SetPlace,
     SetTarget,
     SourceState,
     Undo,
@@ -206,6 +209,8 @@ class Series:
         No fit with a smaller key is of these readings.
     within : tuple of float, s
         When the fits in a row were done that are within the target: the first three of them.
+    is_timed : bool
+        The times are those of the readings, and not their numbers.
     """
 
     buffer: ReadingBuffer = field(default_factory=ReadingBuffer.empty)
@@ -220,6 +225,7 @@ class Series:
     since: int = 0
     evaluated: Evaluated = NO_FIT
     within: tuple[float, ...] = ()
+    is_timed: bool = True
 
     @property
     def advice_frame(self) -> Frame:
@@ -353,7 +359,8 @@ def _linked(session: Session, event: Linked) -> Stepped:
     if source == session.source:
         return session, []
     severity: Literal["info", "warning"] = "warning" if event.link == "gone" else "info"
-    return _changed(session, source=source), [Notice(severity, event.words)] if event.words else []
+    is_news = event.words and event.link != "ended"  # which a reason says
+    return _changed(session, source=source), [Notice(severity, event.words)] if is_news else []
 
 
 def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
@@ -384,6 +391,19 @@ def _with_goal(session: Session, **wish: object) -> Stepped:
     return _with_shown(session, replace(session.shown, within=())), []
 
 
+def _placed(session: Session, place: SetPlace) -> Stepped:
+    """Take the dip of a place from the World Magnetic Model; `UsageError` where there is none or no heading."""
+    from flinders.core.geomag import site_field
+
+    site = site_field(place.latitude_deg, place.longitude_deg, year=place.year)
+    dip_deg = round(site.inclination_deg, 1)
+    if abs(dip_deg) > LARGEST_DIP_DEG:
+        raise UsageError(f"the dip there is {dip_deg:g}°: no compass works where it is beyond {LARGEST_DIP_DEG:g}°")
+    session, _ = _with_goal(session, dip_deg=dip_deg)
+    words = f"the dip at {place.latitude_deg:g}°, {place.longitude_deg:g}° is {dip_deg:g}° ({site.model})"
+    return session, [Notice("info", words)]
+
+
 def _edited(session: Session, edit: Callable[[Exclusions], Exclusions]) -> Stepped:
     """Change the exclusions; without a difference it is no step."""
     exclusions = edit(session.shown.exclusions)
@@ -407,7 +427,7 @@ def _paused(session: Session, *, paused: bool) -> Stepped:
     """Exclude new readings from now on, or no longer: a pause is an exclusion that can be undone."""
     live = session.live
     if session.opened is not None:
-        return session, [Notice("warning", "a log is shown, and nothing arrives in it: go back to live first")]
+        return session, [Notice("warning", "a log is shown, and nothing arrives in it: go back to the sensor first")]
     if paused == (live.paused_at is not None):
         return session, []
     if paused:
@@ -422,7 +442,9 @@ def _paused(session: Session, *, paused: bool) -> Stepped:
 def _cleared(session: Session) -> Stepped:
     """Begin anew without readings."""
     if session.opened is not None:
-        return session, [Notice("warning", "a log is shown, which cannot be begun anew: go back to live first")]
+        return session, [
+            Notice("warning", "a log is shown, which cannot be started again: go back to the sensor first")
+        ]
     old = session.live
     number, keys = session.generations + 1, session.keys + 1
     live = Series(
@@ -436,7 +458,7 @@ def _cleared(session: Session) -> Stepped:
         since=keys,
     )
     session = _changed(session, live=live, generations=number, keys=keys, arrivals=())
-    return session, [Notice("info", "begun anew; what was recorded before is kept")]
+    return session, [Notice("info", "started again; earlier readings stay in the recording")]
 
 
 def _back_to_live(session: Session) -> Stepped:
@@ -480,6 +502,7 @@ _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
 _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     SetTarget: lambda session, command: _with_goal(session, target_deg=command.deg),
     SetDip: lambda session, command: _with_goal(session, dip_deg=command.deg),
+    SetPlace: _placed,
     SetGoal: lambda session, command: _with_goal(session, goal=command.goal),
     PreviousClear: lambda session, _: _with_goal(session, previous=None),
     Exclude: lambda session, command: _excluded(session, command.start_s, command.end_s),

@@ -202,7 +202,7 @@ def default_path(now: datetime, folder: str = FOLDER) -> Path:
 class TrimmedRecording(Wrapped):
     """A recording on the timeline of its session, without some spans of time, whose ends are included.
 
-    `timeline` is where the last pass ended.
+    `timeline` is where the last pass ended; without times, readings are numbered in their place.
 
     Examples
     --------
@@ -215,11 +215,13 @@ class TrimmedRecording(Wrapped):
     recording: Recording
     spans: tuple[Span, ...]
     timeline: Timeline = field(default_factory=Timeline)
+    is_timed: bool = True
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording."""
         self.timeline, count = Timeline(), 0
         for block in self.recording.blocks():
+            self.is_timed = block.time is not None
             times = np.arange(count, count + len(block), dtype=float) if block.time is None else block.time
             count += len(block)
             times, self.timeline = self.timeline(times)
@@ -241,5 +243,6 @@ def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) ->
         buffer = buffer.extended(rows_of(block))
     words = str(recording).replace(str(path), name).replace(path.name, name)
     words = words if words.startswith(name) else f"{name}: {words}"
-    series = Series(buffer, getattr(recording, "unit", Unit.of()), recording.axes, frame_of(recording))
+    unit = getattr(recording, "unit", Unit.of())
+    series = Series(buffer, unit, recording.axes, frame_of(recording), is_timed=trimmed.is_timed)
     return series, f"{words}; {counted(buffer.total, 'reading')}", trimmed.timeline

@@ -285,7 +285,9 @@ class Transcript:
         self._waiting: list[_WaitingLine] = []
         self._before: deque[str] = deque(maxlen=ENOUGH)  # lines before it was recognised how they are written
         self._last: float | None = None
-        self._is_cut, self._is_advised = not is_framed, False
+        self._is_cut = not is_framed
+        self._heard_at: float | None = None
+        self._advised: set[Kind] = set()
         self._unlike = 0
         self._events: list[FeedEvent] = []
 
@@ -299,12 +301,20 @@ class Transcript:
         self.statistics.seconds = at
         self.statistics.received += len(content)
         if content:
+            self._heard_at = at if self._heard_at is None else self._heard_at
             self._cut(content, at)
         taken = self._flush() if self._waiting and (self.statistics.form or self._is_enough(at)) else Taken()
-        if not self._is_advised and not self.statistics.readings and at >= SILENT_S:
-            self._is_advised = True
-            taken.events.append(FeedEvent("nothing", at, self.nothing()))
+        taken.events.extend(self._advice(at))
         return taken
+
+    def _advice(self, at: float) -> list[FeedEvent]:
+        """Say once that nothing has come, and once that nothing usable has."""
+        kind: Kind = "silent" if self._heard_at is None else "nothing"
+        is_due = at - (self._heard_at or 0.0) >= SILENT_S
+        if self.statistics.readings or kind in self._advised or not is_due:
+            return []
+        self._advised.add(kind)
+        return [FeedEvent(kind, at, self.nothing())]
 
     def lost(self, at: float) -> Taken:
         """Note that the other end went away; what came before is let go."""

@@ -10,6 +10,7 @@ import { Connection } from "./connection.js";
 import { ask, byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
+import { listenForPlace, showRemedies } from "./remedies.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
 import { legend, palette } from "./views/colours.js";
 import { ems, gauge } from "./views/gauge.js";
@@ -183,7 +184,8 @@ function drawPhase(state) {
     const phaseTitle = state.paused ? "Paused" : phase;
     const words = phaseTitle === phase && state.words.startsWith(`${phase}: `) ? capital(state.words.slice(phase.length + 2)) : state.words;
     if (strong) setText(strong, phaseTitle);
-    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : words);
+    const shown = state.phase === "waiting" || isStill(state, store.view) ? "" : words; // which the middle of the page says
+    setText(byId("phase-words", HTMLElement), state.phase === "wrong" ? gravest(state) : shown);
     const others = state.reasons.filter(({ advice }) => sentence(advice) !== sentence(state.words));
     setList(byId("reasons", HTMLElement), others, (reason) => {
         const row = element("li", sentence(reason.advice));
@@ -206,18 +208,17 @@ function gravest({ reasons, words }) {
 }
 
 /** @param {State} state */
-function drawSource({ source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
+function drawSource({ phase, source, readings, rejected, excluded_readings, rate_hz, seconds, recording, opened }) {
     byId("source", HTMLElement).dataset.link = opened === null ? source.link : "ended";
     setText(byId("source-name", HTMLElement), opened ?? source.name);
     const links = { connected: "", waiting: "waiting", gone: "gone", ended: "ended" };
     const counts = [
-        opened === null ? links[source.link] : "a log",
+        phase === "waiting" ? "waiting" : opened === null ? links[source.link] : "a log",
         opened === null ? frequency(rate_hz ?? 0) : "",
-        readings > 0 ? duration(seconds) : "",
+        readings > 0 && seconds !== null ? duration(seconds) : "",
         readings > 0 ? things(readings, "reading") : "",
-        rejected > 0 ? `${counted(rejected)} left out` : "",
-        excluded_readings > 0 ? `${counted(excluded_readings)} taken out` : "",
-        readings > 0 ? "" : source.words,
+        rejected > 0 ? `${things(rejected, "outlier")}` : "",
+        excluded_readings > 0 ? `${counted(excluded_readings)} left out` : "",
     ];
     const words = counts.filter(Boolean).join(" · ");
     setText(byId("source-words", HTMLElement), words);
@@ -229,12 +230,10 @@ function drawSource({ source, readings, rejected, excluded_readings, rate_hz, se
  * @param {View | null} view
  */
 function drawAdvice(state, view) {
-    const nothing = state.readings === 0;
-    byId("empty", HTMLElement).hidden = !nothing;
-    byId("stage", HTMLElement).toggleAttribute("data-empty", nothing);
-    setText(byId("empty-lead", HTMLElement), state.source.link === "gone" ? "The sensor is gone" : `Waiting for readings`);
-    setText(byId("empty-words", HTMLElement), state.source.words);
+    drawEmpty(state, view);
     const words = advice(state, view);
+    byId("advice", HTMLElement).hidden = words === "";
+    showRemedies(byId("remedies", HTMLElement), state, send);
     const wrong = state.phase === "wrong";
     const stands = ["good", "wrong"].includes(state.phase) || (state.phase === "limited" && !goesOn(state));
     setIcon(byId("advice", HTMLElement), stands ? ICONS[state.phase] : "next");
@@ -245,6 +244,46 @@ function drawAdvice(state, view) {
 }
 
 /**
+ * What sends a reading that each source takes.
+ * @type {Readonly<Record<string, string>>}
+ */
+const EXAMPLES = Object.freeze({
+    serial: 'Serial.println(String(mx) + "," + my + "," + mz);',
+    udp: "12.3,-45.6,7.8",
+    tcp: "12.3,-45.6,7.8",
+});
+
+/**
+ * Whether a sensor that somebody may turn has not been turned yet.
+ * @param {State} state
+ * @param {View | null} view
+ * @returns {boolean}
+ */
+function isStill(state, view) {
+    return view === null && goesOn(state) && state.readings > 0 && state.reasons.some(({ code }) => code === "no-rotation");
+}
+
+/**
+ * In place of the sphere: where readings are waited for, and what sends them; or how to begin.
+ * @param {State} state
+ * @param {View | null} view
+ */
+function drawEmpty(state, view) {
+    const { phase, readings, source } = state;
+    const still = isStill(state, view);
+    const isEmpty = readings === 0 || still;
+    byId("empty", HTMLElement).hidden = !isEmpty;
+    byId("stage", HTMLElement).toggleAttribute("data-empty", isEmpty);
+    byId("turning", HTMLElement).hidden = !still;
+    const lead = phase === "waiting" ? "Waiting for readings" : "No readings";
+    setText(byId("empty-lead", HTMLElement), still ? "Start turning" : lead);
+    setText(byId("empty-from", HTMLElement), still ? "Turn the sensor slowly through all directions." : `from ${source.name}`);
+    byId("empty-drop", HTMLElement).hidden = still;
+    byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
+    setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
+}
+
+/**
  * What to do next, in the large type.
  * @param {State} state
  * @param {View | null} view
@@ -252,14 +291,14 @@ function drawAdvice(state, view) {
  */
 function advice(state, view) {
     const guidance = view?.guidance ?? null;
+    if (state.phase === "waiting" || isStill(state, view)) return "";
     if (state.phase === "wrong") return sentence(brief(state.words)[0]);
     if (!goesOn(state) && state.readings > 0) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
         const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
-        return `This one has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
+        return `The recording has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
-    if (state.readings === 0) return "Plug the sensor in, then turn it slowly through all directions.";
-    if (state.phase === "good") return "Done: press Finish. Going on makes it better still.";
+    if (state.phase === "good") return "Done: press Finish, or keep turning to make it better.";
     return guidance ? sentence(guidance.words) : "Turn the sensor slowly through all directions.";
 }
 
@@ -471,6 +510,7 @@ function onClick(id, act) {
 }
 
 onNumber("target", (deg) => ({ type: "target", deg }), () => store.state?.target_deg);
+listenForPlace(send);
 onNumber("dip", (deg) => ({ type: "dip", deg }), () => store.state?.dip_deg);
 byId("goal", HTMLSelectElement).addEventListener("change", () => {
     const goal = byId("goal", HTMLSelectElement).value === "attitude" ? "attitude" : "heading";
@@ -499,6 +539,7 @@ onClick("theme", toggleTheme);
 onClick("open", chooseLog);
 onClick("retry", () => connection.retry());
 onClick("back", () => send({ type: "back_to_live" }));
+onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whole")); // which a phone shortens
 onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));

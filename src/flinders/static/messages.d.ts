@@ -26,11 +26,12 @@ export interface SourceState {
   words: string;
 }
 
-/** Something that is wrong, or worth knowing, and what to do about it. */
+/** Something that is wrong, or worth knowing, what to do about it, and intervals that a person may leave out. */
 export interface Reason {
   code: string;
   advice: string;
   severity: "info" | "warning";
+  spans: Array<[number, number]>;
 }
 
 /** A calibration from before, and how far the present one is off it, at the worst level heading. */
@@ -51,8 +52,8 @@ export interface SessionState {
   rejected: number;
   excluded_readings: number;
   rate_hz: number | null;
-  seconds: number;
-  phase: "collecting" | "good" | "limited" | "wrong";
+  seconds: number | null;
+  phase: "waiting" | "collecting" | "good" | "limited" | "wrong";
   words: string;
   reasons: Array<Reason>;
   target_deg: number;
@@ -189,6 +190,14 @@ export interface SetDip {
   deg: number;
 }
 
+/** The site in degrees, north and east positive, and the year: its inclination is taken from a model. */
+export interface SetPlace {
+  type: "place";
+  latitude_deg: number;
+  longitude_deg: number;
+  year: number;
+}
+
 /** What the calibration is for. */
 export interface SetGoal {
   type: "goal";
@@ -242,4 +251,4 @@ export interface BackToLive {
 
 export type FromServer = Hello | SessionState | FitMessage | Notice;
 
-export type ToServer = SetTarget | SetDip | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive;
+export type ToServer = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive;

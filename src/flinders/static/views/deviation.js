@@ -1,5 +1,6 @@
 /** By how much a level compass is off at each heading, before and after correction. */
 
+import { element } from "../dom.js";
 import { drawChart, nothing, tick } from "./charts.js";
 import { freest, path, roundUp } from "./plot.js";
 import { degrees } from "./words.js";
@@ -7,58 +8,94 @@ import { degrees } from "./words.js";
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./plot.js").Panel} Panel */
 
+/** @typedef {NonNullable<View["turn"]>} Turn */
+/** @typedef {{top: number, bottom: number, left: number, right: number}} Box */
+
 /**
- * A level turn: by how much the raw compass is off at each heading, and what is left open after correction (1 σ), each
- * on a scale of its own, with the target.
+ * A level turn: by how much the raw compass is off at each heading, or what is left open after correction (1 σ).
  * @param {Panel} panel
  * @param {View | null} view
  * @param {number | null} target
+ * @param {boolean} isRaw
  */
-function drawDeviation(panel, view, target) {
+function drawDeviation(panel, view, target, isRaw) {
     const turn = view?.turn ?? null;
     const largest = turn ? Math.max(...turn.before_deg.map(Math.abs)) : NaN;
-    const sigmas = (turn?.sigma_deg ?? []).filter((value) => value !== null).map(Number);
-    const worst = sigmas.length > 0 ? Math.max(...sigmas) : NaN;
+    const worst = turn ? largestOf(turn.sigma_deg ?? []) : NaN;
     const said = turn ? `: raw compass off by up to ${degrees(largest)}, after correction ${degrees(worst)} at the worst` : ", none yet";
     if (!panel.begin(`Deviation over heading${said}`)) return;
-    const [left, right] = [3.3 * panel.em, panel.width - 0.9 * panel.em];
-    const middle = 0.25 * panel.em + (panel.height - 1.6 * panel.em) * 0.55;
-    const bottom = panel.height - 1.5 * panel.em;
-    const toX = (/** @type {number} */ heading) => left + ((right - left) * heading) / 360;
+    const box = { left: 3.3 * panel.em, right: panel.width - 0.9 * panel.em, top: 1.1 * panel.em, bottom: panel.height - 1.5 * panel.em };
+    const toX = (/** @type {number} */ heading) => box.left + ((box.right - box.left) * heading) / 360;
     ["N", "E", "S", "W", "N"].forEach((name, i) => {
-        panel.draw("path", { class: "grid", d: `M${toX(90 * i)} ${0.3 * panel.em}V${bottom}` });
-        tick(panel, toX(90 * i), bottom + 1.15 * panel.em, name, "middle");
+        panel.draw("path", { class: "grid", d: `M${toX(90 * i)} ${box.top}V${box.bottom}` });
+        tick(panel, toX(90 * i), box.bottom + 1.15 * panel.em, name, "middle");
     });
-    if (!turn) return nothing(panel, "after the first fit");
-    const closed = (/** @type {readonly (number | null)[]} */ values) => [...values, values[0]];
-    const headings = [...turn.heading_deg, 360];
-    const upper = degreeAxis(panel, { top: 0.3 * panel.em, bottom: middle - 0.9 * panel.em, left, right }, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
+    if (!turn) nothing(panel, "after the first fit");
+    else if (isRaw) drawRaw(panel, turn, box, toX);
+    else drawLeft(panel, turn, target, box, toX);
+}
+
+/**
+ * By how much the raw compass is off.
+ * @param {Panel} panel
+ * @param {Turn} turn
+ * @param {Box} box
+ * @param {(heading: number) => number} toX
+ */
+function drawRaw(panel, turn, box, toX) {
+    const largest = Math.max(...turn.before_deg.map(Math.abs));
+    const toY = degreeAxis(panel, box, [Math.min(roundUp(1.05 * Math.max(largest, 1e-3)), 180)], true);
     const raw = closed(turn.before_deg).flatMap((value, i, all) => {
         const wraps = i > 0 && Math.abs((value ?? 0) - (all[i - 1] ?? 0)) > 180;
-        const point = /** @type {const} */ ([toX(headings[i]), upper(value ?? NaN)]);
+        const point = /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]);
         return wraps ? [/** @type {const} */ ([NaN, NaN]), point] : [point];
     });
     panel.draw("path", { class: "raw", d: path(raw) });
-    const top = Math.max(worst, target ?? 0);
+    tick(panel, box.left, 0.75 * panel.em, "raw", "start", "name");
+}
+
+/**
+ * What is left open after correction, with the target.
+ * @param {Panel} panel
+ * @param {Turn} turn
+ * @param {number | null} target
+ * @param {Box} box
+ * @param {(heading: number) => number} toX
+ */
+function drawLeft(panel, turn, target, box, toX) {
+    const sigmas = turn.sigma_deg ?? [];
+    const top = Math.max(largestOf(sigmas), target ?? 0);
     const end = roundUp(1.2 * (Number.isFinite(top) && top > 0 ? top : 1));
-    const marked = target && target > 0.4 * end ? [target, end] : [end];
-    const lower = degreeAxis(panel, { top: middle, bottom, left, right }, marked, false);
-    const left_open = closed(turn.sigma_deg ?? []).map(
-        (value, i) => /** @type {const} */ ([toX(headings[i]), lower(value ?? NaN)]),
-    );
-    if (sigmas.length === turn.heading_deg.length) {
-        const floor = lower(0);
-        panel.draw("path", { class: "band", d: `${path(left_open)}L${right} ${floor}L${left} ${floor}Z` });
-        panel.draw("path", { class: "corrected", d: path(left_open) });
+    const toY = degreeAxis(panel, box, target && target > 0.4 * end ? [target, end] : [end], false);
+    const curve = closed(sigmas).map((value, i) => /** @type {const} */ ([toX(headingsOf(turn)[i]), toY(value ?? NaN)]));
+    if (sigmas.length > 0 && !sigmas.some((value) => value === null)) {
+        panel.draw("path", { class: "band", d: `${path(curve)}L${box.right} ${toY(0)}L${box.left} ${toY(0)}Z` });
+        panel.draw("path", { class: "corrected", d: path(curve) });
     }
+    tick(panel, box.left, 0.75 * panel.em, "corrected, 1 σ", "start", "name");
     if (!target) return;
-    const level = lower(target);
-    panel.draw("path", { class: "target", d: `M${left} ${level}H${right}` });
+    const level = toY(target);
+    panel.draw("path", { class: "target", d: `M${box.left} ${level}H${box.right}` });
     const lines = [level - 0.3 * panel.em, level + 1.05 * panel.em];
-    const within = lines.filter((y) => y - 0.6 * panel.em >= middle && y <= bottom - 0.2 * panel.em);
-    const place = freest(places(panel, { left, right }, within, "target"), left_open);
+    const within = lines.filter((y) => y - 0.6 * panel.em >= box.top && y <= box.bottom - 0.2 * panel.em);
+    const place = freest(places(panel, box, within, "target"), curve);
     if (place) tick(panel, place.x + place.wide / 2, place.y, place.words, "middle", "aim");
 }
+
+/**
+ * @param {readonly (number | null)[]} values
+ * @returns {number} NaN where none is known.
+ */
+function largestOf(values) {
+    const known = values.filter((value) => value !== null).map(Number);
+    return known.length > 0 ? Math.max(...known) : NaN;
+}
+
+/** @param {readonly (number | null)[]} values All round, with the first again at the end. */
+const closed = (values) => [...values, values[0]];
+
+/** @param {Turn} turn */
+const headingsOf = (turn) => [...turn.heading_deg, 360];
 
 /** @typedef {import("./plot.js").Place} Place */
 
@@ -81,7 +118,7 @@ function places(panel, { left, right }, lines, words) {
 /**
  * A strip of a chart with an axis of degrees, from minus to plus or from zero.
  * @param {Panel} panel
- * @param {{top: number, bottom: number, left: number, right: number}} box
+ * @param {Box} box
  * @param {readonly number[]} marked Degrees to be marked; the last is the end of the strip.
  * @param {boolean} both
  * @returns {(deg: number) => number} Where a number of degrees lies.
@@ -108,25 +145,40 @@ function shortest(deg) {
     return `${String(Number(deg.toPrecision(4))).replace("-", "\u2212")}°`;
 }
 
+/**
+ * Draw the newest turn again.
+ * @type {WeakMap<HTMLElement, () => void>}
+ */
+const redraws = new WeakMap();
+
 /** @type {import("../widgets.js").Widget} */
 export const deviation = {
     name: "deviation",
     title: "Deviation, level",
     place: "side",
     on: ["view", "state"],
-    legend: [
-        ["raw line", "raw"],
-        ["corrected line", "after, 1 σ"],
-    ],
     enlarges: "the deviation",
+    begin({ head, host }) {
+        const button = element("button", "Raw");
+        button.setAttribute("type", "button");
+        button.setAttribute("aria-pressed", "false");
+        button.addEventListener("click", () => {
+            const isRaw = host.classList.toggle("raw");
+            button.setAttribute("aria-pressed", String(isRaw));
+            redraws.get(host)?.();
+        });
+        head.lastElementChild?.before(button);
+    },
     draw({ host }, { view, state }) {
         const target = state?.target_deg ?? view?.heading_error_deg?.target_deg ?? null;
-        drawChart(host, ({ panel }) => drawDeviation(panel, view, target));
+        const redraw = () => drawChart(host, ({ panel }) => drawDeviation(panel, view, target, host.classList.contains("raw")));
+        redraws.set(host, redraw);
+        redraw();
     },
     css: `
         .plot .band { fill: var(--corrected); fill-opacity: 0.22; }
         .plot .target { stroke: var(--ink); stroke-width: 0.125em; stroke-dasharray: 0.17em 0.33em; }
-        .deviation .head, .deviation .key { gap: 0.5rem; }
+        .deviation .head { gap: 0.25rem; }
         @media (max-width: 699px) { .deviation .host { min-height: 12rem; } }
     `,
 };

@@ -98,7 +98,7 @@ function rose(kind, title) {
     }
     ["N", "E", "S", "W"].forEach((name, i) => {
         const angle = (i * Math.PI) / 2;
-        drawing.append(svg("text", { class: "point", x: 60 * Math.sin(angle), y: -60 * Math.cos(angle) + 7.5, "text-anchor": "middle" }, name));
+        drawing.append(svg("text", { class: "point", x: 60 * Math.sin(angle), y: -60 * Math.cos(angle) + 9.5, "text-anchor": "middle" }, name));
     });
     const needle = svg("g", { class: "needle" });
     needle.append(svg("path", { class: "ahead", d: "M0 -84L9 0H-9Z" }), svg("path", { class: "behind", d: "M0 56L7 0H-7Z" }), svg("circle", { class: "hub", r: 6 }));
@@ -144,7 +144,7 @@ export const heading = {
         .rose .edge { fill: none; stroke: var(--line); stroke-width: 2; }
         .rose .short { stroke: var(--strong-line); stroke-width: 1.5; }
         .rose .long { stroke: var(--faint); stroke-width: 3; }
-        .rose .point { font-size: 20px; font-weight: 600; fill: var(--faint); }
+        .rose .point { font-size: 26px; font-weight: 600; fill: var(--faint); }
         .rose .number { font-size: 1.5rem; font-weight: 650; line-height: 1.1; }
         .rose figcaption { font-size: 0.8125rem; color: var(--faint); }
         .rose .hub { fill: var(--panel); stroke-width: 3; }

@@ -53,7 +53,7 @@ function drawStrength(chart, points, view, state) {
     const [left, top] = [Math.round(place.left * panel.ratio), Math.round(place.top * panel.ratio)];
     const wide = Math.min(Math.floor((place.right - place.left) * panel.ratio) + 2, image.width - left);
     const high = Math.min(Math.floor((place.bottom - place.top) * panel.ratio), image.height - top);
-    if (points.count > 0) timeAxis(panel, place, toX, toY, span, unit);
+    if (points.count > 0) timeAxis(panel, place, toX, toY, span, { unit, isTimed: state?.seconds !== null });
     else nothing(panel, "no readings yet");
     if (wide > 3 && high > 3) {
         chart.before.clear(wide, high);
@@ -156,9 +156,9 @@ function strengthSpan(raw, kinds, shown) {
  * @param {(t: number) => number} toX
  * @param {(v: number) => number} toY
  * @param {Span} span
- * @param {string} unit
+ * @param {{unit: string, isTimed: boolean}} how Without times, readings are numbered.
  */
-function timeAxis(panel, place, toX, toY, span, unit) {
+function timeAxis(panel, place, toX, toY, span, { unit, isTimed }) {
     const values = ticks(span, Math.max(2, Math.floor((place.bottom - place.top) / (2.2 * panel.em))));
     for (const value of values) {
         panel.draw("path", { class: "grid", d: `M${place.left} ${toY(value)}H${place.right}` });
@@ -167,12 +167,13 @@ function timeAxis(panel, place, toX, toY, span, unit) {
     tick(panel, place.left + 0.2 * panel.em, 0.75 * panel.em, unit, "start");
     const most = Math.max(2, Math.floor((place.right - place.left) / (4.5 * panel.em)));
     const span_s = { low: place.start, high: place.end };
-    const times = place.end > 120 ? minuteTicks(span_s, most) : ticks(span_s, most);
+    const isLong = isTimed && place.end > 120;
+    const times = isLong ? minuteTicks(span_s, most) : ticks(span_s, most);
     for (const value of times) {
         const x = toX(value);
         const anchor = x > place.right - 1.5 * panel.em ? "end" : "middle";
         panel.draw("path", { class: "tick", d: `M${x} ${place.bottom}v${0.25 * panel.em}` });
-        const words = place.end > 120 ? clock(value) : `${fixed(value, tickDecimals(times))} s`;
+        const words = isLong ? clock(value) : `${fixed(value, tickDecimals(times))}${isTimed ? " s" : ""}`;
         tick(panel, x, place.bottom + 1.15 * panel.em, words, anchor);
     }
     panel.draw("path", { class: "axis", d: `M${place.left} ${place.bottom}H${place.right}` });
@@ -205,7 +206,7 @@ export const strength = {
     legend: [
         ["raw", "raw"],
         ["corrected", "corrected"],
-        ["reject", "left out"],
+        ["reject", "outliers"],
     ],
     enlarges: "the field strength",
     begin({ head, host }, page) {

@@ -163,6 +163,7 @@ export function frequency(rate) {
  * @type {Readonly<Record<string, string>>}
  */
 export const PHASES = Object.freeze({
+    waiting: "Waiting",
     collecting: "Collecting",
     good: "Good",
     limited: "Limited",
@@ -176,17 +177,22 @@ export const PHASES = Object.freeze({
 export const REASONS = Object.freeze({
     gone: "The sensor is gone.",
     "nothing-arrives": "No readings arrive.",
-    stale: "The readings stand still.",
+    stale: "The readings no longer change.",
     "stuck-axis": "An axis is stuck.",
-    "frozen-axis": "An axis has stopped.",
+    "frozen-axis": "An axis no longer changes.",
     saturated: "The sensor is at the end of its range.",
     "wrong-unit": "The unit seems wrong.",
     "field-changed": "The field has changed.",
     noise: "There is too much noise.",
-    outliers: "Many readings do not belong to the rest.",
+    "lasting-noise": "There is slow noise.",
+    "unsteady-field": "The field is unsteady.",
+    "recordings-differ": "The recordings differ.",
+    "axis-swap": "An axis changed its sign or place.",
+    alternating: "Every second reading is off to the other side.",
+    outliers: "Many readings are outliers.",
     structure: "The readings do not fit an ellipsoid.",
     "nonlinear-axis": "An axis of the sensor is not linear.",
-    "axis-lag": "The axes of the sensor are not read at once.",
+    "axis-lag": "The axes are not read at the same time.",
     "axis-ratio": "One axis reads much more than another.",
 });
 
@@ -205,6 +211,7 @@ export const VERDICTS = Object.freeze({
  * @type {Readonly<Record<string, string>>}
  */
 export const ICONS = Object.freeze({
+    waiting: "waiting",
     collecting: "collecting",
     good: "good",
     limited: "limited",
