@@ -139,6 +139,20 @@ def site(motion: str, seed: int, strength: float) -> Attack:
     return Attack(samples, ("rate", "dip"), "site-differs", Site.of(other))
 
 
+def leaning(motion: str, seed: int, strength: float) -> Attack:
+    """An accelerometer that is right, of a vehicle that drives or flies, and slow noise of so many µT.
+
+    The other motions turn on the spot: what is named of those is a false alarm.
+    """
+    _, samples, rng = recorded(motion, seed)
+    memory = np.exp(-1.0 / (10.0 * RATES_HZ[motion]))
+    noise = strength * rng.normal(size=samples.field.shape)
+    noise[1:] *= np.sqrt(1.0 - memory**2)
+    for row in range(1, len(noise)):
+        noise[row] += memory * noise[row - 1]
+    return Attack(replace(samples, field=samples.field + noise), ("dip",), "leans-in-turns")
+
+
 def compass(motion: str, seed: int, strength: float) -> Attack:
     """A yaw from this very compass before it was calibrated, with an offset of so many µT; roll and pitch are right."""
     true, samples, rng = recorded(motion, seed)
@@ -188,6 +202,7 @@ CASES: Final[Mapping[str, tuple[Callable[[str, int, float], Attack], tuple[float
     "axes": (axes, (0, 1, 2)),
     "mirrored": (mirrored, (0, 1, 2)),
     "site": (site, (-3000.0, -1000.0, -500.0, 500.0, 1000.0, 3000.0)),
+    "leaning": (leaning, (0.0, 0.5)),
     "compass": (compass, (2.0, 5.0, 10.0, 20.0, 40.0)),
     "current": (current, (0.0, 0.02, 0.1)),
     "one-axis": (one_axis, (0.0, 0.5, 1.0, 3.0)),

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from flinders.fitting.calibrate import fit as fit
     from flinders.fitting.result import Fit as Fit
     from flinders.fleet import fit_many as fit_many
+    from flinders.live.guided import Session as Session
     from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
@@ -47,6 +48,7 @@ _HOMES: Final = {
     "FitError": "errors",
     "FlindersError": "errors",
     "Samples": "core.samples",
+    "Session": "live.guided",
     "Summary": "summary.summary",
     "Unit": "core.units",
     "compare": "comparison.comparison",

@@ -10,7 +10,8 @@ flinders.errors.ArrayError: field has shape (2, 2): need (..., 3), one x, y, z t
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,34 @@ def frozen(array: Floats) -> Floats:
     copy = np.array(array, dtype=np.float64)
     copy.flags.writeable = False
     return copy
+
+
+class Value:
+    """Fields of a frozen dataclass with arrays, as a value: equal and hashed by its numbers, copied with arrays frozen.
+
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True, eq=False)
+    ... class Offset(Value):
+    ...     field: Floats
+    >>> Offset(np.zeros(3)) == Offset(np.zeros(3)), len({Offset(np.zeros(3)), Offset(np.zeros(3)), Offset(np.ones(3))})
+    (True, 2)
+    """
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        return self._numbers() == other._numbers() if isinstance(other, type(self)) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._numbers())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Make copies by the constructor, which freezes their arrays."""
+        return type(self), tuple(getattr(self, field.name) for field in fields(cast("Any", self)))
+
+    def _numbers(self) -> tuple[object, ...]:
+        """All fields, those that are arrays as tuples."""
+        return tuple(tuple(each.flat) if isinstance(each, np.ndarray) else each for each in self.__reduce__()[1])
 
 
 def column(values: ArrayLike, rows: int, name: str) -> Floats:

@@ -80,6 +80,19 @@ def counted(number: float, noun: str) -> str:
     return f"{number:,.0f} {noun}{'s' * (round(number) != 1)}"
 
 
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Ask whether a word was meant for one of those that are known; nothing where none is like it.
+
+    >>> did_you_mean("ardupilt", ["arduino", "ardupilot"]), did_you_mean("zzz", ["arduino"])
+    (" (did you mean 'ardupilot'?)", '')
+    """
+    from difflib import get_close_matches
+
+    by_folded = {name.casefold(): name for name in known}
+    like = get_close_matches(word.strip().casefold(), by_folded, n=1)
+    return f" (did you mean {by_folded[like[0]]!r}?)" if like else ""
+
+
 def figures(value: float, digits: int = 2) -> str:
     """Write a number to so many significant digits or to the point, with an exponent only where it needs one.
 
@@ -277,7 +290,7 @@ class NotTurned(FitError):
         super().__init__(
             f"the sensor was not turned: its readings follow {disturbances} and hardly anything else ({figures(left)} "
             "of their unit is left, 1 σ). That tells what the disturbance does, and no offset or matrix: give the "
-            "calibration that it belongs to with --previous, or turn the sensor while recording",
+            "calibration that it belongs to with previous=, or turn the sensor while recording",
             left=left,
             disturbances=disturbances,
         )
@@ -398,7 +411,7 @@ class OutputExists(OutputError):
 
     def __init__(self, path: object) -> None:
         self.path = path
-        super().__init__(f"{path} exists: give another name, or overwrite it with --force")
+        super().__init__(f"{path} exists: give another name, or overwrite it with force=True")
 
 
 class NotConfirmed(OutputError):

@@ -36,8 +36,8 @@ def test_three_quarters_of_a_turn(golden: Golden) -> None:
     swing()
     lines = Path("swing.csv").read_text(encoding="utf-8").splitlines()
     Path("arc.csv").write_text("\n".join([*lines[:28], ""]), encoding="utf-8")
-    refused = session("flinders two-axis arc.csv", code=4)
-    fitted = session("flinders two-axis arc.csv --method ellipse --polar arc.svg", code=3)
+    refused = session("flinders two-axis arc.csv --method two-axis", code=4)
+    fitted = session("flinders two-axis arc.csv --polar arc.svg", code=3)
     golden("cli/two-axis-arc.txt", refused + fitted)
     assert Path("arc.svg").read_text(encoding="utf-8").endswith("</svg>\n")
 

@@ -153,7 +153,7 @@ def test_each_way_to_mistake_axes_is_named_where_the_hemisphere_is_known(axes: A
     if axes == Axes():
         frames.refuse_foreign(site_dip_deg=60.0)
         return
-    with pytest.raises(ForeignAxes, match=f"--acceleration-axes={axes}") as refused:
+    with pytest.raises(ForeignAxes, match=f"acceleration_axes='{axes}'") as refused:
         frames.refuse_foreign(site_dip_deg=62.0)
     assert refused.value.axes == axes
     assert refused.value.fitting_deg < 3.0
@@ -183,7 +183,7 @@ def test_axes_that_were_given_are_taken_into_account() -> None:
 def test_axes_that_were_given_and_not_needed_are_to_be_left_out() -> None:
     field, force = tumbled()
     wrong = Axes.of("-y,x,z")
-    with pytest.raises(ForeignAxes, match="leave --acceleration-axes out"):
+    with pytest.raises(ForeignAxes, match="leave acceleration_axes= out"):
         Frames.of(field, wrong.apply(force)).refuse_foreign(applied=wrong)
 
 

@@ -228,7 +228,7 @@ def test_a_stray_field_above_the_earths_gives_any_heading() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("wire", "too little is given: need --current and --distance"),
+        ("wire", "too little is given: need current and distance"),
         ("wire --current 1A", "too little is given"),
         ("pair --current 1A --distance 3cm --field 20uT", "too little is given"),
         ("wire --current 1A --distance 1cm --stray 3uT", "leave out what is to be found"),
@@ -239,8 +239,8 @@ def test_a_stray_field_above_the_earths_gives_any_heading() -> None:
         ("wire --current 3uT --distance 1cm", "--current '3uT': unit 'uT' is not known here; use one of A, mA"),
         ("wire --current 3 --distance 1cm", "--current '3': lacks a unit"),
         ("heading --field 20counts --error 1", "unit 'counts' is not known here"),
-        ("magnet --remanence 1T --distance 3cm", "--remanence and --volume together"),
-        ("magnet --remanence 1T --volume 1cm3 --moment 1Am2 --distance 3cm", "--remanence and --volume together"),
+        ("magnet --remanence 1T --distance 3cm", "remanence and volume together"),
+        ("magnet --remanence 1T --volume 1cm3 --moment 1Am2 --distance 3cm", "remanence and volume together"),
         ("heading --field 20uT --error 120deg", "no more than 90°"),
         ("wire --current 1A --stray", "requires an argument"),
         ("tube --current 1A", "No such command 'tube'"),

@@ -108,7 +108,7 @@ def test_advice_names_the_option_for_the_columns_that_may_be_a_magnetometer() ->
         ColumnGroup(("1", "2", "3"), "a direction"),
         ColumnGroup(("4", "5", "6"), "strength 48.0", is_candidate=True),
     ]
-    may_be = "by their values 4, 5, 6 (strength 48.0) may be it: if so, add --columns 4,5,6"
+    may_be = "by their values 4, 5, 6 (strength 48.0) may be it: if so, add columns='4,5,6'"
     assert advice(judged) == f"{may_be}; others are 1, 2, 3 (a direction)"
 
 

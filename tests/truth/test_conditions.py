@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import pytest
 from tests.program import flinders_
 from tests.worlds import MOTORS, OFFSET_SENSOR
 
@@ -13,11 +14,10 @@ import flinders
 from flinders import Fit, simulate
 from flinders.core.samples import Joined
 from flinders.report.formatting import condition
+from flinders.report.view import view
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    import pytest
 
 
 def test_one_recording_shows_neither() -> None:
@@ -76,6 +76,43 @@ def write(name: str, samples: flinders.Samples) -> None:
     columns = "time_s,mag_x_uT,mag_y_uT,mag_z_uT,acc_x_mps2,acc_y_mps2,acc_z_mps2,current_A"
     rows = np.column_stack([samples.time, samples.field, samples.acceleration, current])
     np.savetxt(name, rows, delimiter=",", header=columns, comments="", fmt="%.5f")
+
+
+RENDERINGS: Final[dict[str, tuple[str, ...]]] = {
+    "terminal": ("calibrate", "1.csv"),
+    "JSON": ("calibrate", "1.csv", "--json"),
+    "report": ("calibrate", "1.csv", "--report", "page.html"),
+    "fleet": ("fleet", "logs", "--out", "rows.parquet", "--workers", "0"),
+    "JSON of a fleet": ("fleet", "logs", "--out", "rows.parquet", "--workers", "0", "--json"),
+    "page of a fleet": ("fleet", "logs", "--out", "rows.parquet", "--workers", "0", "--report", "page.html"),
+}
+"""Commands that state a good verdict."""
+
+
+@pytest.mark.parametrize("rendering", RENDERINGS)
+def test_a_current_that_follows_the_attitude_is_a_condition_wherever_a_verdict_is_stated(
+    rendering: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It hides in the calibration, which looks good: 65 of 71 are wrong (docs/adversary.md)."""
+    monkeypatch.chdir(tmp_path)
+    samples = simulate.tumble(seed=1, sensor=OFFSET_SENSOR).samples
+    down = -np.asarray(samples.acceleration)[:, 2] / 9.81
+    follows = samples.field + np.outer(1.5 * (down > 0.0), [0.6, 0.0, 0.8])
+    (tmp_path / "logs").mkdir()
+    for name in ("1.csv", "logs/unit1.csv"):
+        write(name, replace(samples, field=follows))
+    ran = flinders_(*RENDERINGS[rendering])
+    page = tmp_path / "page.html"
+    said = ran.out + (page.read_text(encoding="utf-8") if page.exists() else "")
+    assert "good" in said.lower()
+    assert ('"constant-iron"' if "--json" in RENDERINGS[rendering] else "currents are constant") in said
+
+
+def test_a_notebook_and_the_live_page_state_it() -> None:
+    samples = simulate.tumble(seed=1).samples
+    fit = flinders.fit(samples)
+    assert condition(fit) in fit._repr_html_()
+    assert view(fit, samples).condition in condition(fit)
 
 
 def test_a_current_that_is_compensated_is_no_condition() -> None:

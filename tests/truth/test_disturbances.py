@@ -170,7 +170,7 @@ def test_a_recording_without_the_column_or_readings_alone_are_refused() -> None:
         flinders.fit(samples, disturbances=("current",))
     with pytest.raises(UsageError, match="voltage"):
         flinders.fit(samples, disturbances=("voltage",))
-    with pytest.raises(UsageError, match="recording"):
+    with pytest.raises(InputError, match="array has no current"):
         flinders.fit(samples.field, disturbances=("current",))
 
 

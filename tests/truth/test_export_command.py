@@ -172,7 +172,7 @@ def test_the_targets_are_listed() -> None:
         ("", 2, "need a calibration file and a target"),
         ("calibration.json", 2, "need a calibration file and a target"),
         ("--to adis16480", 2, "need a calibration file and a target"),
-        ("--to px5 calibration.json", 2, "'px5' is not known: use one of ardupilot, px4"),
+        ("--to px5 calibration.json", 2, "'px5' is not known (did you mean 'px4'?): use one of ardupilot, px4"),
         ("--to adis16480 counts.json", 2, "--unit mG"),
         ("--to adis16480 -", 2, "must be a file"),
         (

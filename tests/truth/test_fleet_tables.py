@@ -276,7 +276,7 @@ def test_units_of_field_that_differ_are_told_with_their_files(folder: Path, monk
     counts = table(0).rename_columns(["unit", "time_s", "mx", "my", "mz"])
     parquet.write_table(table(0), folder / "a.parquet")
     parquet.write_table(counts, folder / "b.parquet")
-    said = "its readings are in uT in a.parquet and in counts in b.parquet: give --unit"
+    said = "its readings are in uT in a.parquet and in counts in b.parquet: give the unit"
     assert rows_of(folder).message[0].startswith(said)
     for module in (plan, worker):
         monkeypatch.setattr(module, "LARGEST", 100)

@@ -12,7 +12,7 @@ from tests.trials import nightly
 
 import flinders
 from flinders import simulate
-from flinders.diagnostics.instruments import wrong_dip
+from flinders.diagnostics.instruments import of_aid_and_gyro, of_scales, wrong_dip
 from flinders.errors import FitError, UsageError
 from flinders.estimators.aiding import FAR_SCALES, parameters_of, solve
 from flinders.fitting.aid_selection import aided_by
@@ -47,12 +47,12 @@ def test_scales_that_run_away_are_held(seed: int) -> None:
     assert np.all(error < 4.0 * np.sqrt(np.diag(found.covariance)[:3]))
 
 
-def test_an_aid_that_goes_against_a_sound_gyro_is_named_whatever_their_order() -> None:
+def test_a_vertical_that_leans_is_named_beside_a_sound_gyro_whatever_their_order() -> None:
     flight = simulate.tumble(seed=1, motion="flight", n=1500).samples
     for aiding in (("rate", "dip"), ("dip", "rate")):
         found, told = aided_by(flight, aiding)
         assert found.aiding == ("rate",)
-        assert [(one.code, one.aid, one.drops) for one in told.mistakes] == [("aids-disagree", "dip", True)]
+        assert [(one.code, one.aid, one.drops) for one in told.mistakes] == [("leans-in-turns", "dip", True)]
 
 
 def test_a_gyro_a_fifth_too_strong_is_named_and_the_fit_made_without_it() -> None:
@@ -175,3 +175,10 @@ def test_a_gyro_as_seldom_as_the_compass_is_left_as_it_is() -> None:
     beside = TimeSeries.of(times, np.sin(times)[:, np.newaxis])
     assert beside is not None
     npt.assert_array_equal(beside.until_next(times), beside.at(times))
+
+
+@pytest.mark.parametrize(("off", "words"), [(0.23, "23%"), (43.2, "more than 100%")])
+def test_scales_of_a_fit_that_went_astray_are_no_absurd_number(off: float, words: str) -> None:
+    for code, mistake in (("gyro-scales", of_scales(off)), ("aids-disagree", of_aid_and_gyro("dip", off))):
+        assert mistake.code == code
+        assert f"scales would be off by {words}," in mistake.words

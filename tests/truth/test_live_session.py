@@ -207,7 +207,7 @@ def test_readings_in_another_unit_are_recognised(unit: str, factor: float) -> No
     samples = simulate.tumble(seed=1).samples
     shown = session_state(after(replace(samples, field=samples.field * factor)))
     assert (shown.phase, codes(shown)) == ("wrong", ["wrong-unit"])
-    assert f"--unit {unit}" in shown.words
+    assert f"try {unit} as their unit" in shown.words
 
 
 def test_counts_are_of_no_unit_and_none_is_wrong() -> None:

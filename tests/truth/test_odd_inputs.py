@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy.testing as npt
 import pytest
 
+import flinders
+from flinders import simulate
 from flinders.errors import InputError, NoMagnetometer, UnreadableInput
 from flinders.readers import read
 
@@ -198,3 +200,9 @@ def test_odd_paths_are_refused(path: str) -> None:
     with pytest.raises(UnreadableInput) as caught:
         read(path)
     assert len(str(caught.value)) < 200
+
+
+@pytest.mark.parametrize("scale", [2.0**-30, 2.0**36, 2.0**42])
+def test_what_is_covered_does_not_depend_on_the_unit(scale: float) -> None:
+    field = simulate.tumble(seed=1, n=1000).samples.field
+    assert flinders.fit(scale * field).coverage.fraction == flinders.fit(field).coverage.fraction

@@ -104,8 +104,8 @@ REFUSED = {
     "acceleration by unit": ([f"{axes(row)} m/s^2" for row in GRAVITY], "tell of acceleration and of no magnetometer"),
     "orientation": ([f"Orientation {axes(row)}" for row in GRAVITY], "of no magnetometer"),
     "angles": (["Yaw: {:.1f} Pitch: {:.1f} Roll: {:.1f}".format(*row) for row in GRAVITY], "of no magnetometer"),
-    "places": (["Lat: {:.5f} Lon: {:.5f} Alt: {:.1f}".format(*row) for row in GRAVITY], "--columns"),
-    "offsets": (["Hard iron offset: {:.2f} {:.2f} {:.2f}".format(*row) for row in FIELD], "no readings|--columns"),
+    "places": (["Lat: {:.5f} Lon: {:.5f} Alt: {:.1f}".format(*row) for row in GRAVITY], "columns="),
+    "offsets": (["Hard iron offset: {:.2f} {:.2f} {:.2f}".format(*row) for row in FIELD], "no readings|columns="),
     "sensors in turn": (
         [str(tuple(row)) for both in zip(GRAVITY.tolist(), FIELD.tolist(), strict=True) for row in both],
         "no readings are recognised",
@@ -120,19 +120,19 @@ REFUSED = {
     ),
     "a label of more than three": (
         [f"MAG, {100 * n}, 0, " + ", ".join(map(str, row)) for n, row in enumerate(FIELD.tolist())],
-        "may be it: if so, add --columns 4,5,6",
+        "may be it: if so, add columns='4,5,6'",
     ),
     "signs behind letters": ([axes(row).replace(": ", "") for row in FIELD], "no readings are recognised"),
-    "angles behind a label": (["ypr\t{:.2f}\t{:.2f}\t{:.2f}".format(*row) for row in FIELD], "--columns"),
+    "angles behind a label": (["ypr\t{:.2f}\t{:.2f}\t{:.2f}".format(*row) for row in FIELD], "columns="),
     "angles in a tuple": ([f"Heading: {tuple(row)}" for row in FIELD.tolist()], "of no magnetometer"),
-    "acceleration of the world": (["aworld {:.0f} {:.0f} {:.0f}".format(*row) for row in FIELD], "--columns 2,3,4"),
+    "acceleration of the world": (["aworld {:.0f} {:.0f} {:.0f}".format(*row) for row in FIELD], "columns='2,3,4'"),
     "positions": ([f"pos {axes(row)}" for row in FIELD], "of no magnetometer"),
     "a quaternion with names": (
         ["w,x,y,z", *("{:.4f},{:.4f},{:.4f},{:.4f}".format(*row) for row in QUATERNIONS)],
         "w, x, y, z .a quaternion",
     ),
     "millimetres": (["x={:.1f}mm y={:.1f}mm z={:.1f}mm".format(*row) for row in FIELD], "no readings are recognised"),
-    "labels that change": ([f"a{n:06x}: mag {int(row[0])} 2 3" for n, row in enumerate(FIELD)], "--columns"),
+    "labels that change": ([f"a{n:06x}: mag {int(row[0])} 2 3" for n, row in enumerate(FIELD)], "columns="),
     "sensors in turn by a key": (
         [
             json.dumps({"sensor": sensor, **dict(zip("xyz", row, strict=True))})
@@ -155,7 +155,7 @@ def test_what_is_no_magnetometer_is_not_read_as_one(lines: list[str], says: str,
 
 
 def test_a_message_counts_the_numbers_of_a_line_rightly(path: Path) -> None:
-    with pytest.raises(InputError, match=r"this line is --pattern '\{x\}, \{y\}, \{z\};'"):
+    with pytest.raises(InputError, match=r"this line is pattern='\{x\}, \{y\}, \{z\};'"):
         read(path, ["M = [", *["{:.2f}, {:.2f}, {:.2f};".format(*row) for row in FIELD], "];"])
 
 
@@ -174,7 +174,7 @@ def test_a_pattern_reads_numbers_right_behind_letters(path: Path) -> None:
 
 def test_readings_that_begin_like_comments_are_read_by_a_pattern_which_the_refusal_names(path: Path) -> None:
     lines = ["#M-R={:.2f},{:.2f},{:.2f}".format(*row) for row in FIELD]
-    with pytest.raises(InputError, match="say how with --pattern"):
+    with pytest.raises(InputError, match="say how with pattern="):
         read(path, lines)
     np.testing.assert_allclose(read(path, lines, pattern="#M-R={x},{y},{z}").field, FIELD, atol=1e-9)
     transcript = Transcript("the board")
@@ -235,7 +235,7 @@ def test_the_first_line_of_output_counts_and_quotes_what_is_no_reading(path: Pat
 
 def test_a_pattern_reads_what_is_not_recognised(path: Path) -> None:
     lines = [f"<{x:.2f}/{y:.2f}/{z:.2f}/{n}>" for n, (x, y, z) in enumerate(FIELD)]
-    with pytest.raises(InputError, match=r"this line is --pattern '<\{x\}/\{y\}/\{z\}/\{n4\}>'"):
+    with pytest.raises(InputError, match=r"this line is pattern='<\{x\}/\{y\}/\{z\}/\{n4\}>'"):
         read(path, lines)
     np.testing.assert_allclose(read(path, lines, pattern="<{x}/{y}/{z}/{n4}>").field, FIELD, atol=1e-9)
 
@@ -248,7 +248,7 @@ def test_a_pattern_without_three_names_is_a_wrong_use(pattern: str, path: Path) 
 
 def test_a_pattern_is_for_text_only(tmp_path: Path) -> None:
     np.save(tmp_path / "tumble.npy", FIELD)
-    with pytest.raises(flinders.errors.UsageError, match="leave --pattern out"):
+    with pytest.raises(flinders.errors.UsageError, match="leave pattern= out"):
         flinders.read(tmp_path / "tumble.npy", pattern="{x} {y} {z}")
 
 

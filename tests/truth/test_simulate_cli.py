@@ -146,7 +146,6 @@ def test_nothing_is_overwritten_without_force_and_nothing_is_left_half_done(ther
         ("two-axis --scale 1,nan", "need two numbers"),
         ("two-axis --points 5", "5 is not in the range x>=6"),
         ("two-axis --polar -", "standard output is for the recording"),
-        ("two-axis --polar rose.svg", "a table is written, name it .csv; flinders two-axis --polar draws"),
         ("tumble.csv", "No such command 'tumble.csv'"),
     ],
 )

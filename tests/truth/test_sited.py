@@ -155,7 +155,7 @@ def test_a_turn_about_another_axis_asks_for_that_axis() -> None:
     truth, site = Turned().record(1, 300)
     samples = truth.samples
     turned = Samples.of(samples.field[:, [2, 0, 1]], unit="uT", acceleration=samples.acceleration)
-    with pytest.raises(Refused, match="map that axis to z with --axes"):
+    with pytest.raises(Refused, match="map that axis to z"):
         flinders.fit(turned, aiding=("dip",), site=site)
 
 

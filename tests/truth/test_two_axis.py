@@ -656,7 +656,12 @@ def test_a_turn_that_was_not_made_with_it_loaded_is_refused(
         ("turn.csv -o c.json", 6, "c.json exists"),
         ("turn.csv --polar nowhere/rose.svg", 6, "no such folder"),
         ("few.csv", 4, "5 usable readings, 'two-axis' needs at least 6"),
-        ("arc.csv", 4, "not evenly spaced, the mean costs up to 23° of heading; use --method ellipse"),
+        (
+            "arc.csv --method two-axis",
+            4,
+            "not evenly spaced, the mean costs up to 23° of heading; use --method ellipse",
+        ),
+        ("arc.csv", 3, "the mean of these points is refused: fitted by least squares instead"),
         ("arc.csv --method ellipse", 3, "the mean would cost up to 23° of heading"),
         ("side.csv", 4, "this looks like a turn in the plane yz, not xy"),
         ("turn.csv --plane yz", 4, "never changes in this recording: z = 0"),
@@ -688,7 +693,7 @@ def test_what_a_tired_person_types_ends_in_a_message(line: str, code: int, messa
 
 def test_a_refused_turn_is_drawn_and_marked() -> None:
     save("arc.csv", read(np.arange(0.0, 270.0, 10.0)))
-    ended = run("two-axis arc.csv --polar rose.svg -o c.json")
+    ended = run("two-axis arc.csv --method two-axis --polar rose.svg -o c.json")
     assert ended.exit_code == 4
     assert "written to rose.svg" in ended.output
     assert "no calibration was written" in ended.output

@@ -263,7 +263,7 @@ def test_in_whatever_order_they_stand_nothing_but_the_magnetometer_is_proposed(o
     values = np.column_stack([SENSORS[sensor] for sensor in sensors])
     first = 1 + sum(SENSORS[sensor].shape[1] for sensor in sensors[: sensors.index("field")])
     proposed = [group.option for group in groups(values, range(values.shape[1])) if group.is_candidate]
-    assert proposed == [f"--columns {first},{first + 1},{first + 2}"]
+    assert proposed == [f"columns='{first},{first + 1},{first + 2}'"]
 
 
 def test_a_sensor_at_rest_is_judged_by_its_strength() -> None:
@@ -308,8 +308,8 @@ def test_real_magnetometers_may_be_one_by_their_values_and_few_other_sensors_may
 @pytest.mark.parametrize(
     ("name", "option"),
     [
-        ("jremington_icm20948/icm_20948_get_cal_data_OUTPUT.txt", "--columns 4,5,6"),
-        ("pichim_betaflight/20231014_apex5_mag_gyro.txt", "--columns 1,2,3"),
+        ("jremington_icm20948/icm_20948_get_cal_data_OUTPUT.txt", "columns='4,5,6'"),
+        ("pichim_betaflight/20231014_apex5_mag_gyro.txt", "columns='1,2,3'"),
     ],
 )
 def test_of_real_captures_of_six_columns_the_magnetometer_is_proposed(

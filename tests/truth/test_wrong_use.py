@@ -21,6 +21,7 @@ from flinders.diagnostics.instruments import circular, of_instruments, one_axis,
 from flinders.errors import UsageError
 from flinders.estimators.aiding import solve
 from flinders.estimators.mounting import by_rate, by_vertical
+from flinders.fitting.aid_selection import aided_by
 from flinders.geometry.ellipsoid import Ellipsoid
 from flinders.likelihood.site_field import Site
 
@@ -148,3 +149,11 @@ def test_a_current_that_only_has_noise_is_named(trials: Choose) -> None:
 def test_with_needs_a_name() -> None:
     with pytest.raises(UsageError, match="names nothing"):
         recorded([""])
+
+
+def test_an_aid_with_which_a_fit_goes_astray_is_left_out_and_named() -> None:
+    """A drive that leans in bends, and a fit that knows too little by itself to see it."""
+    attack = CASES["leaning"][0]("drive", 6, 0.0)
+    best, aiding = aided_by(attack.samples, attack.aiding)
+    assert best.aiding == ()
+    assert [(one.code, one.drops) for one in aiding.mistakes] == [("aid-diverged", True)]

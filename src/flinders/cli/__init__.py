@@ -21,6 +21,7 @@ main = Program(
     commands=Commands(  # type: ignore[arg-type]  # click only reads them
         "info",
         "calibrate",
+        "show",
         "apply",
         "heading",
         "swing",

@@ -12,7 +12,7 @@ from flinders.cli._program import EXITS
 from flinders.errors import FitError, FlindersError, InputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from rich.console import RenderableType
 
@@ -41,6 +41,7 @@ class MultiSensor:
     is_joint: bool  # all are fitted jointly
     reference: str | None  # the one into whose axes the others are then turned
     by: Filter | None
+    told_by: Callable[[Log], dict[str, Any]]  # options of `flinders.fit` by the place that the log knows
 
     def calibrate(self, reading: dict[str, Any], options: dict[str, Any]) -> int:
         """Calibrate each magnetometer, or all of them jointly, and print a table of the results."""
@@ -54,6 +55,7 @@ class MultiSensor:
             parts = {instrument.name: Counted(instrument) for instrument in log.instruments}
             paths = [_named(self.output, number) for number in range(1, len(parts) + 1)]
             Outputs.of(*(("the calibration", each) for each in paths), force=self.force).check([self.path])
+            options = {**options, **self.told_by(log)}
             if self.is_joint:
                 multi = self._fitted_jointly(log, parts, options)
             made = self._each(parts, options) if multi is None else ((one.name, one.fit) for one in multi.members)
@@ -97,7 +99,8 @@ class MultiSensor:
         chosen = None if self.reference is None else log.sensor(self.reference).name
         if len(parts) < 2:
             raise UsageError(f"{log.source} has one magnetometer: leave --joint out")
-        asked = {name: options[name] for name in OF_JOINT_FITS if options.get(name) is not None}
+        names = [name for name in OF_JOINT_FITS if name != "site" or options.get("aiding")]
+        asked = {name: options[name] for name in names if options.get(name) is not None}
         return fit_multi(parts, reference=chosen, **asked)
 
     def _each(self, parts: Mapping[str, Counted], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:

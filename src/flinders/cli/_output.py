@@ -17,6 +17,7 @@ from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
+from flinders.cli._wording import in_options
 from flinders.errors import UsageError, figures
 
 if TYPE_CHECKING:
@@ -38,9 +39,9 @@ lines are hard to read."""
 
 
 def say(message: str) -> None:
-    """Say something in passing; whoever closed stderr does not want to hear it."""
+    """Say something in passing, in words of the command line; whoever closed stderr does not want to hear it."""
     with contextlib.suppress(OSError, ValueError):
-        click.echo(message, err=True)
+        click.echo(in_options(message), err=True)
 
 
 def print_json(fields: dict[str, Any]) -> None:
@@ -60,11 +61,11 @@ def print_result(
         show(page(), err=err)
 
 
-def print_fit(fit: Fit, *, err: bool = False) -> None:
+def print_fit(fit: Fit, *, err: bool = False, is_verbose: bool = False, is_dip_assumed: bool = False) -> None:
     """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it."""
     from flinders.report.fit_pages import of_fit
 
-    show(of_fit(fit), err=err)
+    show(of_fit(fit, is_verbose=is_verbose, is_dip_assumed=is_dip_assumed), err=err)
     for line in aiding_lines(fit):
         say(line)
 
@@ -302,19 +303,19 @@ def aiding_lines(fit: Fit) -> list[str]:
     >>> from flinders.fitting.aiding import Aiding, AidingSensor
     >>> rate = AidingSensor("rate", True, 0.4, 2.0, 0.5)
     >>> dip = AidingSensor("dip", False, words="claims no less: 0.60° with it, 0.50° without")
-    >>> print(*aiding_lines(SimpleNamespace(aiding=Aiding((rate, dip)))), sep="\n")
+    >>> print(*aiding_lines(SimpleNamespace(aiding=Aiding((rate, dip)), findings=())), sep="\n")
     rate changed the heading by 0.40°: worst error 2.00° without it, 0.50° with it
     dip was left out: claims no less: 0.60° with it, 0.50° without
     """
     if fit.aiding is None:
         return []
-    lines = []
+    lines, said = [], [finding.advice for finding in fit.findings]
     for aid in fit.aiding.each:
         claims = aid.words or f"worst error {aid.before_deg:.2f}° without it, {aid.after_deg:.2f}° with it"
         lines.append(
             f"{aid.name} changed the heading by {aid.changed_deg:.2f}°: {claims}"
             if aid.kept
-            else f"{aid.name} was left out: {aid.words}"
+            else f"{aid.name} was left out{', as said above' if aid.words in said else f': {aid.words}'}"
         )
     if fit.aiding.acceleration_bias is not None and fit.aiding.acceleration_bias_sigma is not None:
         x, y, z = (f"{value:.3f}" for value in fit.aiding.acceleration_bias_sigma)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli._output import print_fit, print_json, say
+from flinders.cli._wording import in_options
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
@@ -140,7 +141,7 @@ def print_error(error: FlindersError, *, as_json: bool, more: Mapping[str, Any] 
 
 def _as_dict(error: FlindersError) -> dict[str, Any]:
     """The error as a result: a refusal has the keys of a fit, with null where there is none."""
-    about: dict[str, Any] = {"code": error.code, "message": str(error), "exit_code": error.exit_code}
+    about: dict[str, Any] = {"code": error.code, "message": in_options(str(error)), "exit_code": error.exit_code}
     if not isinstance(error, FitError):
         evidence = getattr(error, "evidence", None)
         return {"error": about if evidence is None else {**about, "evidence": dict(evidence)}}

@@ -28,7 +28,10 @@ FOREIGN: Final = 3.0
 ODD, UNEVEN = 1.3, 0.1
 """Strength, as a factor, and spread, as a fraction, from which on a calibration of unknown accuracy does not suit."""
 SUITED, LEAST_UNEVEN = 3.0, 0.02
-"""Times what noise and claim make of the spread of one that states them; 2 % bend a heading by 3° and more."""
+"""Times what noise and claim make of the spread of one that states them; 2 % bend a heading by 3° and more.
+
+Of 992 recordings that suit none is doubted (``python -m benchmarks.suitability``).
+"""
 OUTLYING, OUTLIERS = 3.0, 0.1
 """Times that spread from which on a reading is an outlier, and their share up to which a calibration may suit."""
 ENOUGH_TO_JUDGE: Final = 1000
@@ -271,7 +274,7 @@ class HeadingLog:
 
 def open_log(
     command: str,
-    calibration: str,
+    calibration: str | None,
     recording: str,
     *,
     place: Place,
@@ -283,7 +286,7 @@ def open_log(
     by: Filter | None = None,
     **reading: Any,
 ) -> HeadingLog:
-    """Open a recording with a calibration, and find out where it was made."""
+    """Open a recording with a calibration, or as it is, and find out where it was made."""
     from flinders.core.axes import Axes
     from flinders.heading.compass import LEVEL, Compass
 
@@ -291,7 +294,9 @@ def open_log(
     turned = Axes.of(accelerometer.acceleration_axes)
     if place.place is not None and place.date is not None:
         site_of(place.place, place.date)  # what is wrong with them is said before anything is read
-    fit, compensator = in_use(command, calibration, [recording], fixed)
+    fit, compensator = (
+        _as_it_is(recording, **reading) if calibration is None else in_use(command, calibration, [recording], fixed)
+    )
     refuse_calibrations([recording])
     opened = open_with(fit.calibration, recording, once=True, **reading)
     if accelerometer.acceleration is not None:
@@ -304,6 +309,21 @@ def open_log(
         say(f"{bias_words(bias)}, by {calibration}: removed")
     compass = Compass(fit.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
     return HeadingLog(fit, opened, compass, Preparation.of(compensator, by), site, dip_deg)
+
+
+def _as_it_is(recording: str, **reading: Any) -> tuple[Fit, Compensator]:
+    """A calibration that changes nothing, for a recording as it is."""
+    import numpy as np
+
+    from flinders.core.calibration import Calibration
+    from flinders.core.compensation import Compensator
+    from flinders.fitting.result import Fit
+    from flinders.readers import open_recording
+
+    opened = open_recording(recording, **reading)
+    length = float(np.median(np.linalg.norm(next(iter(opened.blocks())).field, axis=1)))
+    calibration = Calibration.identity(field_strength=length, raw=opened.unit, axes=opened.axes)
+    return Fit(calibration, name="no calibration"), Compensator(calibration)
 
 
 def _name_acceleration(recording: Recording, columns: str) -> None:

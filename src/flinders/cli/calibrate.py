@@ -11,15 +11,28 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._completion import methods
-from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_of
-from flinders.cli._output import Output, plot_fit, print_fit, print_json, progress, refuse_report, refuse_twice, say
+from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_in, site_of
+from flinders.cli._output import (
+    Output,
+    plot_fit,
+    print_fit,
+    print_json,
+    progress,
+    refuse_report,
+    refuse_twice,
+    say,
+    show,
+)
 from flinders.cli._program import GOOD, LIMITED
+from flinders.core.units import MICROTESLA
 from flinders.errors import FitError, NotTurned, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Provenance
+    from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording
     from flinders.estimators import Estimator
     from flinders.fitting.result import Fit
@@ -60,6 +73,7 @@ class OutputOptions(option.Group, heading=option.OUTPUT):
         "--convergence", what="the convergence", metavar="FILE",
         help="Also draw (FILE.svg) or list (FILE.csv) how the estimate converges, for methods that can be watched.",
     )  # fmt: skip
+    verbose: bool = option.flag("--verbose", "Also print what is true of nearly every calibration.")
     plots: bool = option.member("--plot/--no-plot", default=True, help="Draw the readings, on a terminal.")
     force: bool = option.force()
     as_json: bool = option.as_json()
@@ -123,6 +137,9 @@ class Estimation(option.Group, heading=option.METHOD):
         help="Prior standard deviation of the soft iron, for directions that were not seen [default: 0.3].",
     )  # fmt: skip
     robust: bool = option.flag("--robust", "Look for outliers whether or not the residuals ask for it.")
+    even_if_refused: bool = option.flag(
+        "--even-if-refused", "Of a published recipe, also print the numbers that are refused, marked as such."
+    )
     alignment_sigma_deg: float | None = option.member(
         "--alignment-sigma", type=option.positive, metavar="DEG",
         help="How well the mounting is known, 1 σ about each axis: its heading error is stated on its own.",
@@ -151,6 +168,8 @@ class Estimation(option.Group, heading=option.METHOD):
 
     def _refuse_of_others(self) -> None:
         """Refuse options that go with another method; all methods are imported only where they are asked about."""
+        if self.even_if_refused:
+            self._refuse_but_recipes()
         if self.robust and self.method != "auto":
             raise UsageError(
                 f"--robust goes with --method auto: leave it out, or use --method robust instead of {self.method}"
@@ -164,6 +183,14 @@ class Estimation(option.Group, heading=option.METHOD):
             raise UsageError(
                 f"--prior goes with --method {' or '.join(with_prior)}: {self.method} has none, leave --prior out"
             )
+
+    def _refuse_but_recipes(self) -> None:
+        """Refuse to show the numbers of a method whose refusal is meant."""
+        from flinders.estimators import METHODS
+
+        recipes = [name for name, kind in METHODS.items() if ".reference." in kind.__module__]
+        if self.method not in recipes:
+            raise UsageError(f"--even-if-refused goes with --method {' or '.join(recipes)}: leave it out")
 
 
 class Sensors(option.Group):
@@ -197,8 +224,9 @@ class SiteOptions(option.Group, heading=option.SITE):
     """Where and when a recording was made."""
 
     place: str | None = option.member(
-        "--at", metavar="LAT,LON[,ALT]",
-        help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date).",
+        "--at", metavar="LAT,LON[,ALT]|none",
+        help="Site of the recording: its dip and strength then count (World Magnetic Model; with --date) [default: "
+        "what a log says; none leaves that out].",
     )  # fmt: skip
     date: str | None = option.member("--date", metavar="DAY", help="Day of the recording, such as 2026-11-21.")
     gain_sigma: float | None = option.member(
@@ -211,7 +239,7 @@ class SiteOptions(option.Group, heading=option.SITE):
 
         Axes that were typed are those of the vehicle, z down.
         """
-        if self.place is None:
+        if self.place is None or self.is_left_out:
             if self.date is not None:
                 raise UsageError("--date goes with --at: give both, or neither")
             if self.gain_sigma is not None:
@@ -222,9 +250,30 @@ class SiteOptions(option.Group, heading=option.SITE):
                 "the field changes with the years: give the day of the recording with --at, such as --date "
                 "2026-11-21, or leave --at out"
             )
+        return self._options(site_of(self.place, self.date))
+
+    @property
+    def is_left_out(self) -> bool:
+        """The place that a log knows shall not count."""
+        return self.place is not None and self.place.strip().casefold() == "none"
+
+    def told_by(self, log: object) -> dict[str, Any]:
+        """Options of `flinders.fit` that a log, or a magnetometer of one, tells, and say so; none where one is typed.
+
+        Readings in counts know no strength.
+        """
+        field = site_in(log) if self.place is None else None
+        unit = getattr(log, "unit", None)
+        if field is None or (unit is not None and unit.inside != MICROTESLA):
+            return {}
+        say(f"{getattr(log, 'source', '')}: the log says where and when: {field}; used, unless --at says otherwise")
+        return self._options(field)
+
+    def _options(self, field: SiteField) -> dict[str, Any]:
+        """Options of `flinders.fit` at a place."""
         from flinders.likelihood.site_field import Site
 
-        site = replace(Site.of(site_of(self.place, self.date)), z_down=option.is_typed("axes"))
+        site = replace(Site.of(field), z_down=option.is_typed("axes"))
         if self.gain_sigma is not None:
             site = replace(site, gain_sigma=self.gain_sigma)
         return {"site": site} if option.is_typed("dip_deg") else {"site": site, "dip_deg": site.inclination_deg}
@@ -386,6 +435,7 @@ def command(options: Calibrate) -> int:
         recording, asked["sensor"] = opened(
             recordings, options.sensors.sensor, progress=watch, **options.reading.as_dict()
         )
+        asked |= options.site.told_by(recording)
         run = _Run(recording, options, asked, own)
         try:
             fit = run.fitted()
@@ -440,7 +490,16 @@ def _each(options: Calibrate, asked: dict[str, Any]) -> int:
         is_joint=options.sensors.joint,
         reference=options.sensors.reference,
         by=options.by,
+        told_by=options.site.told_by,
     ).calibrate(options.reading.as_dict(), asked)
+
+
+def _propose_unit(calibration: Calibration) -> None:
+    """Say in which unit counts would have the strength of the earth's field, if in any."""
+    from flinders.report.recording import unit_remark
+
+    if words := unit_remark(calibration.field_strength, calibration.unit):
+        say(f"! {words}")
 
 
 class _Run:
@@ -475,7 +534,17 @@ class _Run:
         except FitError as refusal:
             self._report(refusal)
             self._trace()
+            if self.options.estimation.even_if_refused and not self.files.as_json:
+                self._show_refused(refusal)
             raise
+
+    def _show_refused(self, refusal: FitError) -> None:
+        """Print the numbers of a recipe that are refused."""
+        from flinders.fitting.result import Refused
+        from flinders.report.fit_pages import of_refused_recipe
+
+        if isinstance(refusal, Refused):
+            show(of_refused_recipe(refusal.fit))
 
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
@@ -488,19 +557,30 @@ class _Run:
         if not files.as_json and files.report_text != "-":
             if files.plots:
                 plot_fit(fit, self.recording, err=outputs.is_printed)
-            print_fit(fit, err=outputs.is_printed)
+            is_assumed = "site" not in self.asked and not option.is_typed("dip_deg")
+            print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose, is_dip_assumed=is_assumed)
         self._report(fit)
-        if not files.output:
-            nothing = "no calibration file" if files.exports or files.convergence else "nothing"
-            say(f"{nothing} was written: name a file with -o calibration.json")
-        elif files.output != "-":
-            say(f"written to {files.output}")
+        if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
+            _propose_unit(fit.calibration)
+        self._say_written()
         if files.exports:
             from flinders.cli.export import write_exports
 
             write_exports(fit, files.exports, outputs, files=self.provenance.files, calibration=files.output)
         if files.as_json:
             print_json(fit.as_dict())
+
+    def _say_written(self) -> None:
+        """Say where the calibration is, and what to do with it."""
+        files = self.files
+        if not files.output:
+            nothing = "no calibration file" if files.exports or files.convergence else "nothing"
+            say(f"{nothing} was written: name a file with -o calibration.json")
+        elif files.output != "-":
+            say(f"written to {files.output}")
+            if not files.exports:
+                target = next(filter(None, (file.autopilot for file in self.provenance.files)), "arduino")
+                say(f"next: flinders export --to {target} {files.output}, or to another of flinders targets")
 
     def _trace(self) -> None:
         """Write how the estimate converges, where that was asked for."""

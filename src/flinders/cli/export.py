@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import SourceFile
     from flinders.fitting.result import Fit
-    from flinders.targets import Target
 
 
 class ExportCommand(option.Group):
@@ -70,6 +69,7 @@ def command(options: ExportCommand) -> None:
     refused, not cut, and so is a target without room for soft iron that matters.
     """
     from flinders.fitting.export import export_fit, limit_lines
+    from flinders.targets import taking
 
     if options.listed:
         print_targets(as_json=options.as_json)
@@ -79,7 +79,7 @@ def command(options: ExportCommand) -> None:
             "need a calibration file and a target: flinders export --to ardupilot calibration.json; "
             "flinders targets names them"
         )
-    target = _taking(options.target, options)
+    target = taking(options.target, compass=options.compass, code_name=options.name)
     path = options.output or "-"
     is_fields = options.as_json and path != options.output  # --json takes the place of the text on standard output
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
@@ -99,20 +99,6 @@ def command(options: ExportCommand) -> None:
     for note in notes:
         say(note if options.compass is None else f"! {note}")
     outputs.say_written()
-
-
-def _taking(name: str, options: ExportCommand) -> Target:
-    """Look up a target, and refuse options that it does not take."""
-    from flinders.targets import find, registry
-
-    target = find(name)
-    if options.compass is not None and not target.compasses:
-        takes = ", ".join(each.name for each in registry().values() if each.compasses)
-        raise UsageError(f"--compass goes with {takes}: {target.name} holds one compass only")
-    if options.name is not None and not target.named:
-        takes = ", ".join(each.name for each in registry().values() if each.named)
-        raise UsageError(f"--name goes with {takes}: {target.name} has no names to choose, leave it out")
-    return target
 
 
 def named(values: Sequence[str]) -> tuple[tuple[str, str], ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import is_calibration, site_of
+from flinders.cli._inputs import is_calibration, site_in, site_of
 from flinders.cli._output import print_result, progress
 from flinders.errors import UsageError
 
@@ -90,11 +90,6 @@ def _words(name: str, value: object) -> list[str]:
 
 def _site(log: Log, place: option.Place) -> SiteField | None:
     """The field at the place that is given, or that the log knows, on its day."""
-    from flinders.core.geomag import FIRST_YEAR, LAST_YEAR, site_field, year_of
-
     if place.place is not None:
         return site_of(place.place, place.date or (log.begun.date().isoformat() if log.begun else None))
-    position = log.position
-    if position is None or log.begun is None or not FIRST_YEAR <= log.begun.year < LAST_YEAR:
-        return None
-    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=year_of(log.begun))
+    return site_in(log)

@@ -68,7 +68,12 @@ class Report(option.Group):
         "the report", "HTML file to write, - for standard output [default: report.html]."
     )
     pdf: str | None = option.member(
-        "--pdf", what="its PDF", metavar="FILE", help="Also print it to PDF, by a browser that is installed."
+        "--pdf",
+        what="its PDF",
+        metavar="[FILE]",
+        is_flag=False,
+        flag_value="report.pdf",
+        help="Also print it to PDF, by a browser that is installed [FILE: report.pdf].",
     )
     force: bool = option.force()
     as_json: bool = option.as_json()

@@ -17,8 +17,8 @@ from flinders.errors import UsageError, counted
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from flinders.comparison.recovery import Recovery
     from flinders.simulate import Perturbation, Sensor, Simulated
-    from flinders.simulate.two_axis import Polar
 
 MOTIONS: Final = {
     "hand": "tumbled by hand for a minute, smooth in time",
@@ -254,7 +254,9 @@ class TwoAxis(Simulation):
     )  # fmt: skip
     noise: float = _size("--noise", "White noise in µT, 1 σ per axis.", default=0.25, show_default=True)
     polar: str | None = option.member(
-        "--polar", metavar="FILE", help="Also write radius, heading and its error at each point."
+        "--polar",
+        metavar="FILE",
+        help="Also write radius, heading and its error at each point (FILE.csv), or draw the points (FILE.svg).",
     )
 
 
@@ -326,7 +328,7 @@ def three_axis(options: ThreeAxis) -> int:
 Example:
   flinders simulate two-axis
   flinders simulate two-axis --scale 1.2,0.9 --offset 12,-8 --skew 5
-  flinders simulate two-axis -o swing.csv --polar rose.csv
+  flinders simulate two-axis -o swing.csv --polar rose.svg
 """,
 )
 def two_axis(options: TwoAxis) -> int:
@@ -340,8 +342,6 @@ def two_axis(options: TwoAxis) -> int:
     from flinders.report.comparison_pages import of_recovery
     from flinders.simulate import TwoAxis as Compass
 
-    if options.polar and Path(options.polar).suffix.lower() == ".svg":
-        raise UsageError(f"--polar {options.polar}: a table is written, name it .csv; flinders two-axis --polar draws")
     options.check((), options.polar)
     found = recover(
         Compass(options.scale, options.offset, options.skew_deg, options.noise),
@@ -353,8 +353,12 @@ def two_axis(options: TwoAxis) -> int:
     if options.output:
         options.write(found.swung)
     if options.polar:
-        _write_polar(found.polar, options.polar, force=options.force)
-    print_result(found.as_dict, lambda: of_recovery(found.true, found.estimate, found.polar), as_json=options.as_json)
+        _write_polar(found, options.polar, force=options.force)
+    print_result(
+        found.as_dict,
+        lambda: of_recovery(found.true, found.estimate, found.polar, found.turn),
+        as_json=options.as_json,
+    )
     if found.refusal is not None:
         say(f"refused: this would be no calibration to use; {found.refusal}")
         return REFUSED
@@ -374,11 +378,16 @@ def _summary(simulated: Simulated) -> str:
     return "; ".join([*parts, *simulated.disturbances])
 
 
-def _write_polar(polar: Polar, path: str, *, force: bool) -> None:
-    """Write a swing in polar coordinates."""
-    from flinders.core.files import replacing
+def _write_polar(found: Recovery, path: str, *, force: bool) -> None:
+    """Draw a swing, or write it in polar coordinates."""
+    from flinders.core.files import replacing, write_text
+    from flinders.report.drawings import turn_drawing
 
-    columns = polar.as_dict()
+    if Path(path).suffix.lower() == ".svg":
+        write_text(turn_drawing(found.turn, found.fit), path, force=force)
+        say(f"drawn in {path}")
+        return
+    columns = found.polar.as_dict()
     with replacing(path, force=force) as file:
         file.write(",".join(columns) + "\n")
         file.writelines(

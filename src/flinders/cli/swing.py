@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import is_calibration, site_of
+from flinders.cli._inputs import is_calibration, is_recording, site_of
 from flinders.cli._output import print_json, progress, say
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.cli._stream import HeadingLog, open_log
@@ -41,7 +41,7 @@ class KnownHeadings(option.Group):
 class SwingOptions(option.Group):
     """A table, or a calibration and a recording; and what is written of the curve."""
 
-    inputs: tuple[str, ...] = option.argument("TABLE | CALIBRATION LOG", nargs=-1)
+    inputs: tuple[str, ...] = option.argument("TABLE | [CALIBRATION] LOG", nargs=-1)
     output: str | None = option.output(
         "the card", "Also write the card, as comma-separated text; - for standard output.", heading=option.OUTPUT
     )
@@ -104,7 +104,7 @@ class Swing:
         """How the command ends."""
         from flinders.report.heading_pages import limits
 
-        missed = any(abs(half.off_deg) > target_deg for half in self.halves)
+        missed = bool(self.rests) and any(abs(half.off_deg) > target_deg for half in self.halves)
         if self.deviation is None:
             return REFUSED if missed else GOOD
         return LIMITED if missed or limits(self.deviation, target_deg) else GOOD
@@ -120,6 +120,7 @@ Example:
   flinders swing swing.csv --svg curve.svg -o card.csv
   flinders swing calibration.json log.csv --headings 0,45,90,135,180,225,270,315
   flinders swing calibration.json log.csv
+  flinders swing corrected.csv
 
 \b
 Exit codes:
@@ -132,13 +133,16 @@ def command(options: SwingOptions) -> int:
     """Find the deviation of a compass: its coefficients A to E with their uncertainty, and the deviation card.
 
     TABLE has one heading a line, in degrees, under a header: compass and magnetic, compass and true (with --at),
-    or compass and deviation; a column sigma is used. Or give a CALIBRATION and a LOG in which the sensor rests on
-    one heading after another: --headings names them; without it, the half-turn test alone is made, which needs no
-    known heading: where the sensor was turned by 180°, so should its heading have been.
+    or compass and deviation; a column sigma is used. Or give a LOG in which the sensor rests on one heading after
+    another, with the CALIBRATION that corrects it, or alone where it is to be taken as it is: --headings names them;
+    without it, the half-turn test alone is made, which needs no known heading: where the sensor was turned by 180°, so
+    should its heading have been.
     """
     inputs, target_deg = options.inputs, options.target_deg
     options.checked_outputs()
-    if len(inputs) == 1:
+    if len(inputs) == 1 and _is_raw(inputs[0]):
+        swing = _of_log(None, inputs[0], options)
+    elif len(inputs) == 1:
         options.refuse_of_recording()
         swing = _of_table(inputs[0], options.known.sigma_deg, options.place)
     elif len(inputs) == 2:
@@ -151,6 +155,19 @@ def command(options: SwingOptions) -> int:
     else:
         _show(swing, options)
     return swing.exit_code(target_deg)
+
+
+def _is_raw(path: str) -> bool:
+    """Whether a file is no table of headings but a recording, whose compass is taken as it is."""
+    from flinders.errors import InputError
+    from flinders.readers.swing import read_swing
+
+    try:
+        if path != "-":  # standard input can be read once
+            read_swing(path)
+    except InputError:
+        return not is_calibration(path) and is_recording(path)
+    return False
 
 
 def _of_table(path: str, sigma_deg: float | None, place: option.Place) -> Swing:
@@ -176,7 +193,21 @@ def _of_table(path: str, sigma_deg: float | None, place: option.Place) -> Swing:
     if "sigma" in columns and sigma_deg is not None:
         raise UsageError(f"{path} has a column of sigma: leave --sigma out")
     sigma: Floats | float | None = columns.get("sigma", sigma_deg)
-    return Swing(fit(compass, deviation, sigma_deg=sigma), site)
+    curve = fit(compass, deviation, sigma_deg=sigma)
+    halves = _half_turns(compass, compass + deviation, curve.sigma_deg if sigma is None else sigma)
+    return Swing(curve, site, halves=halves)
+
+
+def _half_turns(compass: Floats, magnetic: Floats, sigma_deg: Floats | float | None) -> tuple[HalfTurn, ...]:
+    """Pair the headings of a table that are half a turn apart."""
+    import numpy as np
+
+    from flinders.heading.stationary import Rest, half_turns
+
+    sigmas = np.broadcast_to(np.nan if sigma_deg is None else sigma_deg, compass.shape).tolist()
+    rows = enumerate(zip(compass.tolist(), sigmas, strict=True))
+    rests = [Rest(place, place + 1, heading, sigma, sigma) for place, (heading, sigma) in rows]
+    return half_turns(rests, magnetic.tolist())
 
 
 def _site_of_table(path: str, place: option.Place, *, is_true: bool) -> SiteField | None:
@@ -188,7 +219,7 @@ def _site_of_table(path: str, place: option.Place, *, is_true: bool) -> SiteFiel
     return None if place.place is None else site_of(place.place, place.date)
 
 
-def _of_log(calibration: str, recording: str, options: SwingOptions) -> Swing:
+def _of_log(calibration: str | None, recording: str, options: SwingOptions) -> Swing:
     """Find the rests of a recording, fit their deviations where headings are known, and pair them."""
     from flinders.heading.stationary import half_turns
 
@@ -225,7 +256,7 @@ def _deviation(
     return fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
 
 
-def _rests(calibration: str, recording: str, options: SwingOptions) -> tuple[HeadingLog, tuple[Rest, ...]]:
+def _rests(calibration: str | None, recording: str, options: SwingOptions) -> tuple[HeadingLog, tuple[Rest, ...]]:
     """Go through a recording and find its rests."""
     import numpy as np
 
@@ -243,7 +274,7 @@ def _rests(calibration: str, recording: str, options: SwingOptions) -> tuple[Hea
         )
         pairs = [(headings.magnetic_deg, samples.time) for _, samples, headings in log.headings()]
     say(f"{log}; {log.corrector.read_words(log.recording)}")
-    if not log.corrector.is_plausible:
+    if calibration is not None and not log.corrector.is_plausible:
         say("! these readings do not suit the calibration: see flinders check")
     heading = np.concatenate([headings for headings, _ in pairs])
     times = [time for _, time in pairs if time is not None]

@@ -118,8 +118,8 @@ def command(options: TwoAxis) -> int:
 
     The mean of points equally spaced in heading is the offset; the eigenvalues and eigenvectors of their scatter are
     the soft iron. Where the points turn out not to be equally spaced it says so, and by how many degrees the mean is
-    wrong: --method ellipse fits the ellipse of least squares instead. The result holds for this plane alone: exit
-    code 3, as of everything limited.
+    wrong; if that refuses it, the ellipse of least squares is fitted instead (--method ellipse). The
+    result holds for this plane alone: exit code 3, as of everything limited.
     """
     from flinders.comparison.composition import composed, refuse_unloaded
     from flinders.core.calibration_file import dumps
@@ -135,7 +135,7 @@ def command(options: TwoAxis) -> int:
             if first is not None:
                 refuse_unloaded(first, turn, dip_deg=dip_deg, source=source.source)
             try:
-                fit = _fit(source, turn, first, dip_deg, options)
+                fit = _fit_or_ellipse(source, turn, first, dip_deg, options)
             except Refused as refusal:
                 _draw(turn, refusal.fit, options)
                 raise
@@ -203,6 +203,20 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - one of the p
         say(f"! the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}")
 
 
+def _fit_or_ellipse(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
+    """Fit by the mean, and by the ellipse of least squares where that is refused and nobody asked for the mean."""
+    from flinders.fitting.result import Refused
+
+    if option.is_typed("method"):
+        return _fit(source, turn, first, dip_deg, options)
+    try:
+        return _fit(source, turn, first, dip_deg, options)
+    except Refused:
+        fit = _fit(source, turn, first, dip_deg, replace(options, method="ellipse"))
+        say("the mean of these points is refused: fitted by least squares instead, as --method ellipse does")
+        return fit
+
+
 def _fit(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
     """Fit by the method that was asked for; where that is refused, say how the points are spaced."""
     from flinders.fitting.calibrate import fit
@@ -244,8 +258,11 @@ def _show(fit: Fit, turn: Turn, both: Fit | None, options: TwoAxis) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.report.fit_pages import of_turn
 
-    outputs = options.outputs
-    outputs.print(lambda: _as_dict(fit, turn, both), lambda: of_turn(fit, turn, composed=both, after=options.after))
+    outputs, is_assumed = options.outputs, both is None and not option.is_typed("dip_deg")
+    outputs.print(
+        lambda: _as_dict(fit, turn, both),
+        lambda: of_turn(fit, turn, composed=both, after=options.after, is_dip_assumed=is_assumed),
+    )
     outputs.say_written()
     if options.output is None:
         say("no calibration was written: name a file with -o calibration.json")

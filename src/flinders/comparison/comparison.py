@@ -488,10 +488,10 @@ def refuse_unlike(a: Fit, b: Fit) -> None:
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(
             f"{a.name} is for readings in {label(a.calibration.unit)}, {b.name} for {label(b.calibration.unit)}: "
-            "calibrate both with one unit (counts need --scale)"
+            "calibrate both with one unit (counts need scale=)"
         )
     for what in ("axes", "frame"):
         ours, theirs = getattr(a.calibration, what), getattr(b.calibration, what)
         if ours != theirs:
-            how = "with the same --axes" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
+            how = "with the same axes=" if what == "axes" else "from readings in the same axes, sensor's or vehicle's"
             raise AxesError(f"{a.name} has {what} {ours}, {b.name} has {what} {theirs}: calibrate both {how}")

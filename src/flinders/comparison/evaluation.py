@@ -185,7 +185,7 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     if fit.calibration.unit != truth.unit:
         raise UnitError(
             f"{fit.name} is for readings in {label(fit.calibration.unit)}, the truth is in {label(truth.unit)}: "
-            "calibrate with the unit of the recording (counts need --scale)"
+            "calibrate with the unit of the recording (counts need scale=)"
         )
     dip_deg = truth.field.dip_deg if dip_deg is None else dip_deg
     met = _Met(fit.calibration, *mapped(truth, fit.calibration.axes), truth.field.strength)

@@ -16,10 +16,12 @@ import numpy as np
 
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Refused
+from flinders.geometry.plane import PlaneEllipse, Turn
 from flinders.simulate import TwoAxis, swing
 from flinders.simulate.two_axis import Polar
 
 if TYPE_CHECKING:
+    from flinders.fitting.result import Fit
     from flinders.simulate import Simulated
 
 
@@ -34,6 +36,10 @@ class Recovery:
         The recording.
     polar : Polar
         The recording around the compass rose, before and after correction.
+    fit : Fit
+        Of the method ``level``, also one that is refused.
+    turn : Turn
+        The points of the recording, and the ellipses through them: of mean and scatter, and of the fit.
     refusal : Refused, optional
         Why it would be no calibration to use.
     """
@@ -42,6 +48,8 @@ class Recovery:
     estimate: TwoAxis
     swung: Simulated
     polar: Polar
+    fit: Fit
+    turn: Turn
     refusal: Refused | None = None
 
     @property
@@ -60,7 +68,13 @@ class Recovery:
             "noise": (self.true.noise, self.estimate.noise),
         }
         pairs = {name: {"true": true, "found": estimate} for name, (true, estimate) in numbers.items()}
-        return {"verdict": self.verdict, "recovery": pairs, "polar": self.polar.as_dict(), "unit": "uT"}
+        return {
+            "verdict": self.verdict,
+            "recovery": pairs,
+            "turn": self.turn.as_dict(),
+            "polar": self.polar.as_dict(),
+            "unit": "uT",
+        }
 
 
 def recover(
@@ -83,5 +97,8 @@ def recover(
     shape = field_strength * np.linalg.inv(calibration.matrix)
     centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
     horizontal = field_strength * math.cos(dip)
-    estimate = TwoAxis.from_ellipse(centre, math.cos(dip) * shape[:2, :2], horizontal, noise=result.noise or 0.0)
-    return Recovery(compass, estimate, swung, Polar.of(swung, calibration.matrix, calibration.offset), refusal)
+    ellipse = PlaneEllipse(centre, math.cos(dip) * shape[:2, :2])
+    estimate = TwoAxis.from_ellipse(centre, ellipse.shape, horizontal, noise=result.noise or 0.0)
+    polar = Polar.of(swung, calibration.matrix, calibration.offset)
+    turn = Turn.of("xy", swung.samples.field[:, :2], ellipse)
+    return Recovery(compass, estimate, swung, polar, result, turn, refusal)

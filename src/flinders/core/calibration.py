@@ -16,12 +16,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 from msgspec import to_builtins
 
-from flinders.arrays import Floats, floats, frozen, matrix, triple, vectors
+from flinders.arrays import Floats, Value, floats, frozen, matrix, triple, vectors
 from flinders.core.axes import Axes
 from flinders.core.calibration_file import (
     Correction,
@@ -35,6 +36,7 @@ from flinders.core.calibration_file import (
     write,
 )
 from flinders.core.disturbance import BY_KEY, Disturbance, checked, effect, known, named
+from flinders.core.files import write_bytes, write_text
 from flinders.core.notebook import correction
 from flinders.core.units import COUNTS, MICROTESLA, Unit, label
 from flinders.deprecation import renamed_attribute
@@ -53,7 +55,7 @@ ROTATIONS: Final = get_args(Rotation)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
+class Calibration(Value):
     """``corrected = matrix @ (raw - offset)``, and ``|corrected| = field_strength``.
 
     Attributes
@@ -429,6 +431,63 @@ class Calibration:
             Where there is a file already, unless `force`; where it cannot be written.
         """
         write(self.to_document(), path, force=force)
+
+    def export(
+        self,
+        target: str,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        compass: int | None = None,
+        name: str | None = None,
+        lossy: bool = False,
+        force: bool = False,
+    ) -> str:
+        """Write it for what uses it: an autopilot, a device, a program.
+
+        Parameters
+        ----------
+        target : str
+            One of `flinders.targets.registry`, such as ``"arduino"``, ``"ardupilot"``, ``"c"``.
+        path : str or path, optional
+            Also write the file there, whole or not at all.
+        compass : int, optional
+            Which one of an autopilot, as it counts; by default its first.
+        name : str, optional
+            What names in code begin with, for code of two sensors in one program.
+        lossy : bool
+            Write it also where what the target cannot hold costs more than 1° of heading.
+        force : bool
+            Write over a file that is there.
+
+        Returns
+        -------
+        str
+            Content of the file; of one in bytes, what is in it.
+
+        Raises
+        ------
+        UsageError
+            For a target that is not known, or a compass or name that it does not take.
+        NotExportable, UnitError
+            Where the target cannot hold the calibration.
+        OutputExists, OutputError
+            Where there is a file already, unless `force`; where it cannot be written.
+
+        Examples
+        --------
+        >>> text = Calibration.identity(field_strength=48.0, raw=Unit.of("uT")).export("esphome")
+        >>> text.splitlines()[0][:9]
+        '# ESPHome'
+        """
+        # targets are above this package, and found by name, as those of plugins are
+        targets = import_module("flinders.targets")
+        row = targets.taking(target, compass=compass, code_name=name)
+        export = row.render(self, asked=targets.ExportOptions(compass=compass, lossy=lossy, name=name))
+        if path is not None:
+            write = write_text if export.data is None else write_bytes
+            write(export.content, path, force=force)
+        text: str = export.text
+        return text
 
     @classmethod
     def from_document(cls, document: Document, *, source: str = "calibration") -> Calibration:

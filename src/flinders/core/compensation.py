@@ -120,11 +120,11 @@ def lacking_words(calibration: Calibration, lacking: Sequence[Disturbance], sour
     cost = figures(min(calibration.disturbance_deg(worst), 180.0))
     names, one = " and ".join(disturbance.name for disturbance in lacking), len(lacking) == 1
     at = worst.amount(worst.farthest) + ("" if one else f" of {worst.name}")
-    options = " ".join(f"--fix {disturbance.name}={disturbance.reference:g}" for disturbance in lacking)
+    options = ", ".join(f"{disturbance.name}={disturbance.reference:g}" for disturbance in lacking)
     return (
         f"{source} has no {names}, which the calibration corrects for: without {'it' if one else 'them'} headings are "
         f"off by up to {cost}° at {at} (dip 60°). Record {'it' if one else 'them'} beside the readings, or take the "
-        f"calibration at one value with {options}"
+        f"calibration at one value with calibration.at({options})"
     )
 
 

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.arrays import Floats, floats, frozen, vectors
+from flinders.arrays import Floats, Value, floats, frozen, vectors
 from flinders.errors import ArrayError, UsageError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ _NUMBERED: Final = re.compile(rf"({'|'.join(MOTORS)})([1-9]\d?)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Disturbance:
+class Disturbance(Value):
     """An offset, and for a temperature a scale, that follows something else.
 
     Attributes

@@ -17,7 +17,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from flinders.arrays import Floats, column, floats, table
 from flinders.core.axes import Axes
 from flinders.core.disturbance import KINDS, MOST, MOTORS, motor, motors, place_of
 from flinders.core.units import Unit
-from flinders.errors import ArrayError, AxesError, UnitError, UsageError, figures
+from flinders.errors import ArrayError, AxesError, UnitError, UsageError, figures, needs
 from flinders.geometry.quaternions import attitudes, of_matrix, product
 
 if TYPE_CHECKING:
@@ -69,6 +69,21 @@ COLUMNS: Final = (
     "currents", "throttles",
 )  # fmt: skip
 """What `Samples` has of each reading."""
+
+NAMES: Final = {
+    "time": ("time_s", ""),
+    "field": ("mag_{}_{unit}", "xyz"),
+    "acceleration": ("acc_{}_mps2", "xyz"),
+    "rate": ("gyro_{}_radps", "xyz"),
+    "temperature": ("temperature_degC", ""),
+    "current": ("current_A", ""),
+    "throttle": ("throttle_share", ""),
+    "currents": ("current{}_A", ""),
+    "throttles": ("throttle{}_share", ""),
+    "attitude": ("attitude_{}", "wxyz"),
+    "strength": ("reference_strength_{unit}", ""),
+}
+"""What each of `COLUMNS` is called for the readers, and the axes of a vector; motors are counted from 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,6 +288,31 @@ class Samples:
             axes=axes,
         )
 
+    def as_columns(self) -> dict[str, Floats]:
+        """Give each column, (N,), under a name that says its unit and that `flinders.read` understands.
+
+        >>> list(Samples.of([[20.0, 0.0, 45.0]], unit="uT", time=[0.0], throttles=[[0.2, 0.3]]).as_columns())
+        ['time_s', 'mag_x_uT', 'mag_y_uT', 'mag_z_uT', 'throttle1_share', 'throttle2_share']
+        """
+        unit, columns = self.unit.inside, dict[str, Floats]()
+        for kind, (name, axes) in NAMES.items():
+            values: Floats | None = getattr(self, kind)
+            if values is None:
+                continue
+            for place, values_of_one in enumerate(np.atleast_2d(values.T)):
+                columns[name.format(axes[place] if axes else place + 1, unit=unit)] = values_of_one
+        return columns
+
+    def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
+        """As a table of Arrow, with the columns of `as_columns`; ``to_pandas()`` of it gives a frame of pandas.
+
+        Raises
+        ------
+        MissingExtra
+            Without pyarrow.
+        """
+        return needs("pyarrow", "parquet", "a table of Arrow").table(self.as_columns())
+
     def blocks(self, rows: int = BLOCK) -> Iterator[Samples]:
         """Yield the rows in order, so many at a time, as views."""
         for start in range(0, len(self), rows):
@@ -385,7 +425,7 @@ class Joined:
             if other.unit.inside != first.unit.inside:
                 raise UnitError(
                     f"{other.source} is in {other.unit.inside}, {first.source} in {first.unit.inside}: "
-                    "give --unit (and --scale for counts) so that all are in one unit"
+                    "give unit= (and scale= for counts) so that all are in one unit"
                 )
             if frame_of(other) != frame_of(first):
                 raise AxesError(
@@ -457,7 +497,7 @@ class TimeSpan:
             if given is not None and not (np.isfinite(given) and given >= 0):
                 raise UsageError(f"--{name} is {given:g}: need seconds from the beginning of the recording, 0 or more")
         if span.end <= span.start:
-            raise UsageError(f"--from {span.start:g} --to {span.end:g}: nothing lies between; the end comes second")
+            raise UsageError(f"from {span.start:g} to {span.end:g} s: nothing lies between; the end comes second")
         return span
 
     @property
@@ -486,7 +526,7 @@ class SpanClock:
         if self._span.is_all:
             return np.ones(len(samples), dtype=np.bool_)
         if samples.time is None:
-            raise UsageError(f"{self._source} has no time: leave --from and --to out, or cut it with a text editor")
+            raise UsageError(f"{self._source} has no time: leave start= and end= out, or cut it with a text editor")
         known = samples.time[np.isfinite(samples.time)]
         if len(known):
             self._beginning = known[0] if np.isnan(self._beginning) else self._beginning

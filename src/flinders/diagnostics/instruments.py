@@ -82,6 +82,12 @@ FAR_SITE_DEG, FAR_SITE_SIGMAS = 2.0, 3.0
 """A dip that is off by more, and by more of what both are known to, is another place's."""
 
 
+LEAN_DEG, LEAN_SIGMAS = 1.5, 3.0
+"""A vertical that leans by more, and by more of what a fit claims of headings, is none in turns.
+
+Of 1,002 that do not lean none is named (``python -m benchmarks.wrong_use --cases leaning --seeds 167``).
+"""
+
 STEEP_DEG: Final = 10.0
 """A steeper dip has a sign that no iron near it turns round."""
 
@@ -182,7 +188,8 @@ def of_scales(off: float) -> Mistake:
     >>> of_scales(0.2).words[:76]
     "the gyro's scales would be off by 20%, and those of gyros are by 2% or so: c"
     """
-    return _certain("gyro-scales", "rate", {"scales_off": off, "usual": SCALE_SIGMA})
+    numbers = {"scales_off": min(off, 1.0), "usual": SCALE_SIGMA}
+    return _certain("gyro-scales", "rate", numbers, amount=_share(off))
 
 
 def of_aid_and_gyro(aid: str, off: float) -> Mistake:
@@ -190,19 +197,39 @@ def of_aid_and_gyro(aid: str, off: float) -> Mistake:
     why = (
         "it leans, as an accelerometer does in steady turns" if aid == "dip" else "it lags, or is that of another body"
     )
-    return _certain("aids-disagree", aid, {"scales_off": off}, why=why)
+    return _certain("aids-disagree", aid, {"scales_off": min(off, 1.0)}, amount=_share(off), why=why)
 
 
-def of_turns(samples: Samples, aided: Aided) -> Mistake | None:
-    """Whether the vertical of an accelerometer leans in turns.
+def _share(off: float) -> str:
+    """An error of a scale; of a fit that went astray no more than that it is absurd."""
+    return f"{off:.0%}" if off <= 1.0 else "more than 100%"
+
+
+def of_turns(samples: Samples, aided: Aided, claimed_deg: float = 0.0) -> Mistake | None:
+    """Whether the vertical of an accelerometer leans in turns, by more than what a fit claims explains.
+
+    A fit without the accelerometer shows it best: one with it bends until little of the lean is left.
 
     >>> from flinders import simulate
     >>> flown = simulate.tumble(seed=1, motion="flight", n=1500).samples
-    >>> mistake = of_turns(flown, solve(flown, ("dip",)))
+    >>> mistake = of_turns(flown, solve(flown, ()))
     >>> mistake is not None and mistake.code
     'leans-in-turns'
     """
-    return _mistake("leans-in-turns", "dip", {"lean_deg": lean_in_turns_deg(samples, aided)})
+    limit = max(LEAN_DEG, LEAN_SIGMAS * claimed_deg)
+    numbers = {"lean_deg": lean_in_turns_deg(samples, aided), "lean_limit_deg": limit}
+    return _mistake("leans-in-turns", "dip", numbers)
+
+
+def is_diverged(aid: str, before_deg: float, after_deg: float) -> Mistake | None:
+    """Whether a fit has gone astray with an aid: it claims many times the heading error of the fit without it.
+
+    >>> mistake = is_diverged("dip", 2.1, 180.0)
+    >>> mistake is not None and mistake.words[:75]
+    "the fit claims a heading error of 180° with 'dip', 2.1° without: what it me"
+    """
+    numbers = {"times_claim": after_deg / max(before_deg, 1e-9), "with_deg": after_deg, "without_deg": before_deg}
+    return _mistake("aid-diverged", aid, numbers)
 
 
 def is_implausible(aided: Aided, aid: str) -> Mistake | None:

@@ -2,12 +2,14 @@
 
 A vehicle that turns at the rate ω at speed s is accelerated by sω to one side of its body, and its vertical v leans to
 the other, by ωw, with w at rest in the body. In the dip of a fit, |v| sin I − vᵀq, that leaves ω wᵀq: means over a
-second are regressed on the three products, and |w| times the rms rate is the lean.
+second are regressed on the three products, and |w| times the rms rate is the lean. Where a fit knows
+nothing of the accelerometer, its rotation against the magnetometer leaves a multiple of each of v × q, and its bias one
+of each of q − (vᵀq)v: both are regressed on as well.
 
 >>> from flinders import simulate
 >>> from flinders.estimators.aiding import solve
 >>> swayed, flown = (simulate.tumble(seed=1, motion=motion, n=1500).samples for motion in ("swayed", "flight"))
->>> lean_in_turns_deg(swayed, solve(swayed, ("dip",))) < 0.1, lean_in_turns_deg(flown, solve(flown, ("dip",))) > 10.0
+>>> lean_in_turns_deg(swayed, solve(swayed, ())) < 0.2, lean_in_turns_deg(flown, solve(flown, ())) > 10.0
 (True, True)
 """
 
@@ -29,8 +31,8 @@ if TYPE_CHECKING:
 MEAN_S: Final = 1.0
 """Over which noise is averaged; turns last longer."""
 
-FEWEST: Final = 10
-"""Means of three unknowns."""
+FEWEST: Final = 20
+"""Means of nine unknowns."""
 
 
 def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
@@ -41,7 +43,7 @@ def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
     samples : Samples
         With times and an acceleration, or there is nothing to see.
     aided : Aided
-        A fit to them with ``dip``.
+        A fit to them, best without ``dip``: that one bends until less of the lean is left.
 
     Returns
     -------
@@ -59,11 +61,13 @@ def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
     q = field / np.maximum(lengths(field), 1e-300)[:, np.newaxis]
     turning = np.gradient(np.unwrap(np.deg2rad(np.nan_to_num(magnetic_heading_deg(q, -vertical)))), time)
     left = dip.residuals(vertical[np.newaxis], q[np.newaxis], aided.parameters.sine)[0]
-    rows = _means(np.column_stack([left, turning, turning[:, np.newaxis] * q]), time)
+    across = q - np.einsum("ni,ni->n", vertical, q)[:, np.newaxis] * vertical
+    others = () if "sine" in aided.layout else (np.cross(vertical, q), across)
+    rows = _means(np.column_stack([left, turning, turning[:, np.newaxis] * q, *others]), time)
     if len(rows) < FEWEST:
         return 0.0
     rows -= rows.mean(axis=0)
-    lean = np.linalg.lstsq(rows[:, 2:], rows[:, 0], rcond=1e-6)[0]
+    lean = np.linalg.lstsq(rows[:, 2:], rows[:, 0], rcond=1e-6)[0][:3]
     return float(np.rad2deg(np.linalg.norm(lean) * np.std(rows[:, 1])))
 
 

@@ -18,7 +18,7 @@ from importlib import import_module
 from pkgutil import walk_packages
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from flinders.errors import UsageError
+from flinders.errors import UsageError, did_you_mean
 from flinders.estimators.algebraic import fit_error
 from flinders.estimators.base import Estimate, Estimator, Method
 from flinders.estimators.data import Readings, within_range
@@ -116,7 +116,7 @@ def method_of(name: str) -> type[Estimator]:
             "benchmarks/emulations of the source repository"
         )
     if name not in METHODS:
-        raise UsageError(f"method {name!r} is not known: use one of {', '.join(METHODS)}")
+        raise UsageError(f"method {name!r} is not known{did_you_mean(name, METHODS)}: use one of {', '.join(METHODS)}")
     return METHODS[name]
 
 

@@ -82,7 +82,7 @@ def scatter_at_rest(acceleration: Floats) -> float:
 
 def _gradients(first: Floats, second: Floats) -> Floats:
     """(N, 9) wβ + wΓw′ as linear functions of (β, Γ), of (N, 3) w and w′: of unit length, without noise along them."""
-    return np.concatenate([first, np.einsum("ni,nij->nj", first, by_symmetric(second))], axis=1)
+    return np.concatenate([first, by_symmetric(first, second)], axis=1)
 
 
 def _reliable(jacobian: Floats, along: Floats, weights: Floats, sigma: float) -> tuple[Floats, Floats]:

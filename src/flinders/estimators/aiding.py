@@ -48,7 +48,7 @@ from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA, Acceleromete
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.joint import JointProblem, deviance, initial, misfits, without_outliers
 from flinders.likelihood.parameters import ROTATION_SIGMA, TERMS
-from flinders.likelihood.solver import bias_corrected, levenberg_marquardt
+from flinders.likelihood.solver import CORRECTED, EASED, STEPS, bias_corrected, levenberg_marquardt
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -83,6 +83,12 @@ FAR_SCALES: Final = 5.0
 
 SEARCHED: Final = 2000
 """Readings that starts are tried on; all of them from where the best leads."""
+
+SEARCH_STEPS, APPROACH_STEPS = 20, 4
+"""Of a long recording, from each start with some readings, and from there with all: those of the correction follow."""
+
+GLANCE: Final = 2
+"""Steps of the correction, of a long recording, before verticals are looked at: correlated ones get another weight."""
 
 FEWEST: Final = 12
 """Readings that are needed."""
@@ -339,9 +345,10 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
     problem = put.problem(gyro_scale)
     _refuse_nothing(problem, put.samples)
-    best = _searched(problem.thinned(SEARCHED), _begins(problem, put, start, near))
+    search_steps, approach_steps = (SEARCH_STEPS, APPROACH_STEPS) if problem.is_long else (STEPS, STEPS)
+    best = _searched(problem.thinned(SEARCHED), _begins(problem, put, start, near), search_steps)
     if len(put.samples) >= 2 * SEARCHED:
-        best = levenberg_marquardt(problem, initial(problem, best.at))
+        best = levenberg_marquardt(problem, initial(problem, best.at), approach_steps)
     late = _whole_intervals(best.at.delay, problem.interval)
     if not late or put.samples.rate is None:
         return _Solved(problem, best, 0.0)
@@ -351,7 +358,7 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
     return _Solved(behind, levenberg_marquardt(behind, initial(behind, behind.begin_near(at, problem.layout))), late_s)
 
 
-def _searched(problem: JointProblem, begins: Iterable[Parameters]) -> JointIterate:
+def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
     """Where the best of some starts leads, the first that leaves no more than noise.
 
     Raises
@@ -361,7 +368,7 @@ def _searched(problem: JointProblem, begins: Iterable[Parameters]) -> JointItera
     """
     best: JointIterate | None = None
     for begin in begins:
-        iterate = levenberg_marquardt(problem, initial(problem, begin))
+        iterate = levenberg_marquardt(problem, initial(problem, begin), steps)
         if best is None or deviance(problem, iterate) < deviance(problem, best):
             best = iterate
         if not misfits(iterate):
@@ -444,14 +451,13 @@ def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
 
 def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
     """Take off what the sphere's curvature adds, and say how far to trust what is left."""
-    iterate, equations = bias_corrected(problem, iterate)
-    iterate, equations = _spanned(problem, iterate, equations)
+    steps = GLANCE if problem.is_long else CORRECTED
+    iterate, equations = _spanned(problem, *bias_corrected(problem, iterate, steps=steps))
     inverse = _inverse(equations)
     walk = random_walk_of(problem, iterate, inverse)
     for _ in range(WALKED):
         iterate = replace(iterate, weights=iterate.weights._replace(own=walk.own))
-        left = equations.gradient - equations.bent - walk.bent + equations.prior.gradient
-        if float(left @ inverse @ left) < STILL**2:
+        if (problem.is_long and walk.variance == 0.0) or _left(equations, walk.bent) < STILL:
             break
         iterate, equations = bias_corrected(problem, iterate, walk.bent)
         inverse = _inverse(equations)
@@ -488,15 +494,23 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
 
 def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations) -> tuple[JointIterate, Equations]:
     """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
-    span = span_of(problem, iterate)
     for _ in range(SPANNED):
-        if abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN:
-            break
-        iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
-        iterate, equations = bias_corrected(problem, iterate)
         span = span_of(problem, iterate)
-        iterate = replace(iterate, weights=iterate.weights._replace(vertical=span.noise))
+        is_same = abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN
+        if is_same and (not problem.is_long or _left(equations) < EASED):
+            break
+        if not is_same:
+            iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
+        iterate, equations = bias_corrected(problem, iterate)
+        if not is_same:
+            iterate = replace(iterate, weights=iterate.weights._replace(vertical=span_of(problem, iterate).noise))
     return iterate, equations
+
+
+def _left(equations: Equations, bias: Floats | float = 0.0) -> float:
+    """Length of the step that is left to take, in standard deviations."""
+    gradient = equations.unbiased(bias).gradient + equations.prior.gradient
+    return math.sqrt(max(float(gradient @ _inverse(equations) @ gradient), 0.0))
 
 
 def _inverse(equations: Equations) -> Floats:

@@ -93,7 +93,7 @@ class Level:
         """
         check_prior(self.prior)
         if self.prior is None:
-            raise UsageError("level needs a prior for what lies across the plane: leave prior=None or --prior none out")
+            raise UsageError("level needs a prior for what lies across the plane: leave prior=None out")
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to x and y.

@@ -311,7 +311,7 @@ def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[
 def _lacking(source: str, name: str, there: Sequence[str]) -> str:
     """Say that a recording lacks a column, and what it has."""
     has = f" ({', '.join(there)} were)" if there else ""
-    return f"{source} has no {name}: record it beside the readings{has}, or leave --with {name} out"
+    return f"{source} has no {name}: record it beside the readings{has}, or leave {name} out"
 
 
 def _changes(name: str, values: Floats) -> bool:

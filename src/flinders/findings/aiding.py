@@ -90,7 +90,7 @@ ROWS: Final = (
         action="check its range and how often it is logged; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "the gyro's scales would be off by {scales_off:.0%}, and those of gyros are by {usual:.0%} or so: "
+            "the gyro's scales would be off by {amount}, and those of gyros are by {usual:.0%} or so: "
             "check its range and how often it is logged; it was not used"
         ),
         plain="The gyro turns {number:.0%} too much or too little, which no sound gyro does. It was not used.",
@@ -120,7 +120,7 @@ ROWS: Final = (
         action="leave that aid out: an accelerometer leans in steady turns; it was not used",
         rule=Rule("scales_off", (Grade("limits", 0.0),), limit=Limit(0.1)),
         said=(
-            "beside {aid!r} the gyro's scales would be off by {scales_off:.0%}, and without it they are not: "
+            "beside {aid!r} the gyro's scales would be off by {amount}, and without it they are not: "
             "{why}; it was not used, leave {aid!r} out"
         ),
         plain="Gyro and vertical do not go together. The vertical was not used.",
@@ -131,9 +131,9 @@ ROWS: Final = (
         subject="aiding",
         grades="limits",
         number="angle (rms) by which the accelerometer's vertical leans with the rate of turning, degrees",
-        limit="1.5",
+        limit="1.5, or three times the heading error that is claimed without it",
         action="leave it out, or record while turning on the spot; it was not used",
-        rule=Rule("lean_deg", (Grade("limits", 1.5),)),
+        rule=Rule("lean_deg", (Grade("limits", 1.0, "lean_limit_deg"),)),
         said=(
             "the accelerometer's vertical leans by {lean_deg:.1f}° (rms) as the body turns, which is what moves it "
             "along: it was not used; leave 'dip' out, or record while turning on the spot"
@@ -160,6 +160,22 @@ ROWS: Final = (
         ),
         plain="What was recorded of how the body was held does not go with the compass. It was not used.",
         remedy="Check in which direction the recorded attitude turns, its times, and that it is of the same body.",
+    ),
+    CatalogueRow(
+        code="aid-diverged",
+        subject="aiding",
+        grades="limits",
+        number="times more heading error that is claimed with an aid than without it",
+        limit="4",
+        action="leave it out, or turn the sensor through more directions; it was not used",
+        rule=Rule("times_claim", (Grade("limits", 4.0),)),
+        said=(
+            "the fit claims a heading error of {with_deg:.0f}° with {aid!r}, {without_deg:.2g}° without: what it "
+            "measures contradicts the field, or the turning leaves too much open; it was not used, leave {aid!r} out or"
+            " turn the sensor through more directions"
+        ),
+        plain="What was recorded of how the body was held makes the calibration worse. It was not used.",
+        remedy="Turn the vehicle through more directions, or calibrate without that instrument.",
     ),
     CatalogueRow(
         code="aid-empty",

@@ -32,7 +32,7 @@ ROWS: Final = (
         rule=Rule("flatness", (Grade("refuses", 1.0, "flatness_limit"),), comparison="<"),
         said=(
             "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. "
-            "Of a turn about the vertical axis of a vehicle that cannot be turned over, map that axis to z with --axes"
+            "Of a turn about the vertical axis of a vehicle that cannot be turned over, map that axis to z (axes)"
         ),
         plain=(
             "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any "
@@ -81,9 +81,9 @@ ROWS: Final = (
         action="leave the readings as they are, where the advice says so: the calibration hardly improves on them",
         rule=Rule("uncorrected_deg", (Grade("note", -1.0),), limit=Limit(1.0, "worst_deg")),
         said=(
-            "the readings were corrected before: as recorded they give headings to {uncorrected_deg:angle} (worst "
-            "heading), and with this calibration, which is shrunk towards leaving them as they are, to "
-            "{worst_deg:angle}: {leave}"
+            "the readings were corrected before: as recorded they give headings to {uncorrected_deg:angle} ± "
+            "{worst_deg:angle} (worst heading), and with this calibration, which is shrunk towards leaving them as "
+            "they are, to {worst_deg:angle}: {leave}"
         ),
         plain="The readings were corrected before, and are off by {angle} of heading as they are.",
         remedy="If they are good enough, leave them as they are.",

@@ -32,6 +32,7 @@ from flinders.diagnostics.instruments import (
     circular,
     dip_of,
     is_at_another_site,
+    is_diverged,
     is_far,
     is_implausible,
     of_aid_and_gyro,
@@ -173,11 +174,11 @@ class _Selection:
         tried = (*(used for used in self.used if used not in replaced), name)
         aided = self.solver(tried, rotation=self.rotation, near=self.best)
         self.was_elsewhere = self.was_elsewhere or is_at_another_site(aided, self.site)
-        if (contradiction := _contradiction(self.samples, aided, name)) is not None:
+        claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
+        if (contradiction := _contradiction(self.samples, aided, name) or is_diverged(name, *claims)) is not None:
             self.mistakes += [] if self.is_auto else [contradiction]
             self.reports.append(AidingSensor(name, kept=False, words=contradiction.words))
             return
-        claims = claim_deg(self.best, self.dip_deg), claim_deg(aided, self.dip_deg)
         report = AidingSensor(name, True, change_deg(self.best, aided, self.dip_deg), *claims)
         trial = _AidTrial(self.standing, _Candidate(self.samples, aided, self.rotation))
         if self.is_auto and (against := trial.against(report)):
@@ -188,12 +189,21 @@ class _Selection:
         self.standing, self.used = trial.candidate, tried
 
     def _mistake_of(self, name: str) -> Mistake | None:
-        """Why a sensor cannot be used; an attitude, where its yaw comes from this magnetometer."""
+        """Why a sensor cannot be used, so that no fit with it is needed."""
         drops = next((mistake for mistake in reversed(self.mistakes) if mistake.aid == name and mistake.drops), None)
         if drops is None and name == "attitude":
             drops = circular(self.samples, self.best, self.dip_deg)
             self.mistakes += [] if drops is None else [drops]
+        if drops is None and name == "dip":
+            drops = of_turns(self.samples, self._mounted(), claim_deg(self.best, self.dip_deg))
+            self.mistakes += [] if drops is None or self.is_auto else [drops]
         return drops
+
+    def _mounted(self) -> Aided:
+        """The fit with the sensors that are used, in body axes as well as they are known."""
+        if self.rotation is None or self.best.sees_rotation:
+            return self.best
+        return replace(self.best, parameters=replace(self.best.parameters, rotation=self.rotation))
 
     def _turned_by(self, trial: _AidTrial, report: AidingSensor) -> AidingSensor | None:
         """Take over the rotation alone, of the first sensor that proves one."""

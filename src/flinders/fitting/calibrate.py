@@ -11,12 +11,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias, cast
 
 import numpy as np
 
+from flinders.core.axes import Axes
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.samples import Samples, frame_of
+from flinders.core.units import Unit
 from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
 from flinders.diagnostics.unmoved import require_moved, was_turned
@@ -30,6 +32,7 @@ from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, halves_apart, repeated
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.shrinkage import shrunk
+from flinders.fitting.source import recording_of
 from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error
@@ -37,16 +40,14 @@ from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
 from flinders.summary.coverage import Coverage, RecordCoverage
-from flinders.summary.summary import Statistics, is_flat
+from flinders.summary.summary import Statistics, Summary, is_flat
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import ArrayLike
 
-    from flinders.core.axes import Axes
     from flinders.core.samples import Recording
-    from flinders.core.units import Unit
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
@@ -55,7 +56,12 @@ if TYPE_CHECKING:
     from flinders.fitting.claim import Claim
     from flinders.likelihood.site_field import Site
     from flinders.native.engine import Records
-    from flinders.summary.summary import Summary
+    from flinders.readers import AnySource
+
+    AnyReadings: TypeAlias = Recording | Summary | ArrayLike | AnySource
+
+OF_READING: Final = ("columns", "pattern", "scale", "topic", "as_logged", "start", "end")
+"""Options of `flinders.read`, which a fit of a file takes by their defaults."""
 
 LOOKED_AT: Final = 5_000
 """Readings of a longer recording that are looked at for a change in time."""
@@ -209,15 +215,15 @@ class _Evidence(NamedTuple):
 
 
 def fit(
-    source: Recording | Summary | ArrayLike,
+    source: AnyReadings,
     *,
     method: str = "auto",
     field_strength: float | None = None,
     target_deg: float = 1.0,
     dip_deg: float | None = None,
     alignment_sigma_deg: float | None = None,
-    unit: Unit | None = None,
-    axes: Axes | None = None,
+    unit: str | Unit | None = None,
+    axes: str | Axes | None = None,
     sensor: str | None = None,
     disturbances: Sequence[str] = (),
     aiding: str | Sequence[str] = (),
@@ -231,8 +237,9 @@ def fit(
 
     Parameters
     ----------
-    source : Samples, Recording, Summary or (N, 3) array-like
-        Readings. A `Summary` is enough for the methods that need only sums; ``auto`` then is ``consistent``.
+    source : Samples, Recording, Summary, (N, 3) array-like, path, open file or data frame
+        Readings; what `flinders.read` reads is read, with columns chosen by their names. A `Summary` is enough for the
+        methods that need only sums; ``auto`` then is ``consistent``.
     method : str
         One of `flinders.estimators.METHODS`.
     field_strength : float, optional
@@ -245,10 +252,13 @@ def fit(
     alignment_sigma_deg : float, optional
         How well the mounting is known, 1 σ about each axis; its heading error is stated separately, since no
         magnetometer sees it. Of a level turn at a known site it also says how steep a tilt can be, see docs/level.md.
-    unit, axes : Unit, Axes, optional
-        Of an array or a Summary; a recording brings its own.
+    unit : str or Unit, optional
+        What an array or a file is in, as `flinders.read` takes it: ``"uT"``, ``"mG"``; a recording brings its own.
+    axes : str or Axes, optional
+        Where each axis comes from, such as ``"x,-y,-z"``; a recording brings its own. A Summary was made in its axes
+        and in the unit that `unit` is inside.
     sensor : str, optional
-        Name or serial number, kept with the calibration.
+        Name or serial number, kept with the calibration; of a log, which magnetometer, by number or name.
     disturbances : sequence of str
         What the offset shall follow: ``current``, ``throttle``, ``temperature``, of columns that the recording has;
         ``currents`` and ``throttles`` of each motor by itself, or one by one, as ``current1``.
@@ -273,7 +283,10 @@ def fit(
     ArrayError
         For readings of the wrong shape.
     UsageError
-        For a method or option that does not exist, or numbers out of range.
+        For a method or option that does not exist, or numbers out of range; its `UnitError` and `AxesError` for a unit
+        or axes that cannot be used.
+    InputError
+        For a file or table that cannot be read, as `flinders.read`.
     Unmoved
         For readings of a sensor that was hardly turned, see `flinders.diagnostics.unmoved`.
     NotTurned, InputError
@@ -294,6 +307,9 @@ def fit(
     if aiding and (method != "auto" or set(options) - {"prior"}):
         raise UsageError("aids go with method='auto' and its prior alone: leave other methods and options out")
     estimator = estimator_of(method, options, {"dip_deg": request.dip_deg, "field_strength": field_strength})
+    unit = Unit.of(unit) if isinstance(unit, str) else unit
+    axes = Axes.of(axes) if isinstance(axes, str) else axes
+    source, sensor = recording_of(source, unit, axes, sensor)
     source, driving, tried = _compensated(source, disturbances, request)
     frame = _Frame.of(source, unit, axes)
     evidence = _estimated(Readings.of(source), estimator, request, frame.unit)
@@ -310,20 +326,18 @@ def fit(
 class _Compensated(NamedTuple):
     """Readings less their disturbances, those disturbances, and what there is to say of each column."""
 
-    source: Recording | Summary | ArrayLike
+    source: Recording | Summary
     driving: Driving | None = None
     tried: tuple[AidingSensor, ...] = ()
 
 
-def _compensated(
-    source: Recording | Summary | ArrayLike, disturbances: Sequence[str], request: Request
-) -> _Compensated:
+def _compensated(source: Recording | Summary, disturbances: Sequence[str], request: Request) -> _Compensated:
     """Compensate readings for disturbances: those that are named, else with all aiding sensors those that help."""
     tried: tuple[AidingSensor, ...] = ()
-    if request.aiding == AUTO and not disturbances and hasattr(source, "blocks"):
+    if request.aiding == AUTO and not disturbances and not isinstance(source, Summary):
         from flinders.fitting.disturbance_selection import earned
 
-        disturbances, tried = earned(cast("Recording", source), spread=request.prior, dip_deg=request.dip_deg)
+        disturbances, tried = earned(source, spread=request.prior, dip_deg=request.dip_deg)
     if not disturbances:
         return _Compensated(source, tried=tried)
     from flinders.estimators.disturbance import with_disturbances
@@ -462,7 +476,10 @@ def estimator_of(method: str, options: dict[str, Any], site: dict[str, Any]) -> 
     except TypeError:
         own = [name for name in known if name not in site]
         unknown = [name for name in options if name not in own]
-        raise UsageError(f"{method} takes {', '.join(own) or 'no options'}; got {', '.join(unknown)}") from None
+        of_reading = f": {unknown[0]}= goes to flinders.read" if unknown[0] in OF_READING else ""
+        raise UsageError(
+            f"{method} takes {', '.join(own) or 'no options'}; got {', '.join(unknown)}{of_reading}"
+        ) from None
 
 
 def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aiding | None]:

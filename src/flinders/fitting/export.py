@@ -60,7 +60,7 @@ def _compass_of(fit: Fit, target: Target, asked: int | None) -> tuple[int | None
         return asked, []
     device = f" (device id {min(devices)})" if len(devices) == 1 else ""
     if asked is None:
-        number = only_number(fit, known, "compass", "--compass")
+        number = only_number(fit, known, "compass", "compass=")
         return number, [f"for compass {number} of the vehicle{device}"]
     numbers = " and ".join(map(str, sorted(known)))
     return asked, [f"for compass {asked}, as asked; it was made from compass {numbers} of the vehicle{device}"]
@@ -108,7 +108,7 @@ def refuse_on_top(fit: Fit, autopilot: str) -> None:
         raise NotExportable(
             f"{fit.name} was made from {logged[0]} as logged, after the calibration that was in force on board: its "
             f"numbers come on top of that one, and {autopilot} would put them in its place. Calibrate again without "
-            "--as-logged",
+            "as_logged=True",
             beyond=(),
             as_logged=logged,
         )

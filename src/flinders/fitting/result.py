@@ -34,6 +34,7 @@ from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes
+from flinders.findings.conditions import stated
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.aiding import Aiding
@@ -583,7 +584,7 @@ class Fit(Outcome):
             calibration.offset.tolist(),
             label(calibration.unit),
             title=title,
-            words=[good, *words],
+            words=[good, *filter(None, [stated(self.conditions)]), *words],
             offset_sigma=self.offset_sigma.tolist() if self.states_uncertainty else None,
         )
 

@@ -380,7 +380,7 @@ class KeyedTable:
         if keys is None:
             raise UsageError(
                 f"{file.name} does not say which unit a row is of: need a column such as unit or serial, or name it "
-                f"with --unit-column; there are {', '.join(names[:24])}"
+                f"with unit_column=; there are {', '.join(names[:24])}"
             )
         table = table_of(
             file.kind,

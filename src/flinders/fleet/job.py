@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from flinders.core.files import locked, reason, refuse_existing, write_all, write_text
 from flinders.errors import FlindersError, OutputError, UsageError, counted
+from flinders.findings.conditions import CONDITIONS
 from flinders.fleet import worker
 from flinders.fleet.dataset import PARQUET
 from flinders.fleet.plan import plan_of
@@ -246,6 +247,7 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
+        fields["conditions"] = list(CONDITIONS) if self.verdicts.get("good") else []
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
         return fields
 
@@ -291,7 +293,8 @@ class Checkpoint:
         self._refuse_foreign()
         if self.done and not resume and not force:
             raise UsageError(
-                f"{self.folder} holds what an earlier run has done: go on with --resume, or begin again with --force"
+                f"{self.folder} holds what an earlier run has done: go on with resume=True, or begin again with "
+                "force=True"
             )
         if not resume:
             for path in self.folder.iterdir():
@@ -321,7 +324,7 @@ class Checkpoint:
         if self.done:
             raise UsageError(
                 f"{self.folder} is of a run with other files, options or another release: name those again, or begin "
-                "again with --force and without --resume"
+                "again with force=True and without resume=True"
             )
         about = {"fingerprint": plan.fingerprint, "partitions": len(plan.partitions)}
         write_text(json.dumps(about) + "\n", path, force=True)
@@ -565,7 +568,7 @@ class Progress:
         if not done:
             self._checkpoint.remove()
             return ""
-        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with --resume"
+        return f"{done:,} of {counted(self._partitions, 'partition')} are done, and kept: go on with resume=True"
 
     def _log_unread(self, rows: Any) -> None:  # noqa: ANN401 - pyarrow ships no types
         """Log each recording that could not be read, up to `UNREAD` of them."""

@@ -226,6 +226,14 @@ class UnitResults(FitColumns):
         arrays = [_array(arrow, name, getattr(self, name)) for name in NAMES]
         return arrow.Table.from_arrays(arrays, schema=schema())
 
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Stream of Arrow: ``polars.DataFrame(rows)``, ``pyarrow.table(rows)`` and DuckDB take the rows as they are."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+    def to_pandas(self) -> Any:  # noqa: ANN401
+        """As a data frame of pandas, missing numbers as NaN; raises as `to_arrow`, and ImportError without pandas."""
+        return self.to_arrow().to_pandas()
+
     @classmethod
     def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
         """From a table of Arrow that has the columns of `schema`; those `LATER` may be missing.

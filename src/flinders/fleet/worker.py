@@ -22,10 +22,13 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
+from flinders.core.axes import Axes
 from flinders.core.samples import CountedRecording, Samples
+from flinders.core.units import Unit
 from flinders.deprecation import warn
 from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
 from flinders.fitting.batch import FitColumns, fit_batch
+from flinders.fitting.source import recording_of
 from flinders.fleet import storage
 from flinders.fleet.dataset import (
     BATCH,
@@ -88,7 +91,7 @@ class NoUnit(InputError):
         self.rows = rows
         super().__init__(
             f"{counted(rows, 'row')} of {where} name no unit: fitted to none; fill the column of units in, or name "
-            "another one with --unit-column"
+            "another column of them"
             if rows
             else f"{where} lies in a folder of no unit: give that folder a name"
         )
@@ -130,7 +133,7 @@ def fit_many(
     Parameters
     ----------
     table : mapping, or table
-        Units by name, each Samples, a recording or an (N, 3) array in `unit`; or a table of all their readings with a
+        Units by name, each what `flinders.fit` takes but sums, in `unit`; or a table of all their readings with a
         column that says which unit a row is of: of pyarrow, or anything with ``__arrow_c_stream__`` (pandas, polars).
     columns, unit, scale, axes
         As `flinders.read`.
@@ -194,8 +197,8 @@ def fit_many(
 def _of_unit(name: str, source: Any, options: Options) -> Job | UnitResult:  # noqa: ANN401
     """Job of one unit of a mapping, or the row of its error."""
     try:
-        if not hasattr(source, "blocks"):
-            source = Samples.of(source, unit=options.unit or "counts", scale=options.scale, axes=options.axes)
+        unit = None if options.unit is None else Unit.of(options.unit, options.scale)
+        source, _ = recording_of(source, unit, Axes.of(options.axes))
     except FlindersError as error:
         return UnitResult(unit=name).with_error(error)
     return Job(name, "", source, 0)

@@ -139,7 +139,7 @@ class Frames:
         back how the acceleration was turned before, `applied`, fits, whatever its hand, that comes first.
         """
         seen = [(axes, *self.dip(axes)) for axes in EVERY]
-        back = next(axes for axes in EVERY if _after(axes, applied) == EVERY[0])
+        back = next(axes for axes in EVERY if after(axes, applied) == EVERY[0])
         allowed = [one for one in seen if (one[1] * sign > 0.0 if sign else not one[0].is_mirror or one[0] == back)]
         if not allowed:
             return ()
@@ -147,7 +147,7 @@ class Frames:
         fits = [axes for axes, _, scatter in allowed if scatter <= limit]
         if back not in fits:
             return tuple(fits)
-        turned_over = _after(Axes.of(OPPOSITE), back)  # fits as well, and is no other attitude
+        turned_over = after(Axes.of(OPPOSITE), back)  # fits as well, and is no other attitude
         return (back, *(axes for axes in fits if axes not in (back, turned_over)))
 
     def refuse_foreign(self, *, site_dip_deg: float | None = None, applied: Axes = EVERY[0]) -> None:
@@ -175,7 +175,7 @@ class Frames:
         )
         raise ForeignAxes(
             f"accelerometer and magnetometer do not share their axes: {evidence}; {_advice(fitting, applied)}",
-            axes=_after(fitting[0], applied),
+            axes=after(fitting[0], applied),
             scatter_deg=scatter_deg,
             fitting_deg=self._in_degrees(self.dip(fitting[0])[0], best),
         )
@@ -191,14 +191,14 @@ def usual_length(force: Floats) -> float | None:
 
 def _advice(fitting: tuple[Axes, ...], applied: Axes) -> str:
     """Say what is wrong with the axes, and with which option it comes right."""
-    names = [str(_after(axes, applied)) for axes in fitting[:3]]
+    names = [str(after(axes, applied)) for axes in fitting[:3]]
     mistake = Axes.of(names[0])
     advice = f"{_named(mistake)}: {remedy(mistake)}"
     if mistake == EVERY[0]:
         advice = f"as they were recorded they do: {remedy(mistake)}"
     elif mistake.is_mirror and names[0] != OPPOSITE:
         advice += (
-            "; one of the two is left-handed, and if that is the magnetometer, calibrate it again with --axes instead"
+            "; one of the two is left-handed, and if that is the magnetometer, calibrate it again with axes= instead"
         )
     if len(fitting) > 1:
         advice += (
@@ -212,10 +212,10 @@ def remedy(axes: Axes, applied: Axes = EVERY[0]) -> str:
     """Say what to do so that the acceleration, turned as `applied` before, is turned by `axes` on top of that.
 
     >>> remedy(Axes.of("y,x,-z")), remedy(Axes.of(OPPOSITE), Axes.of(OPPOSITE))
-    ('give --acceleration-axes=y,x,-z', 'leave --acceleration-axes out')
+    ("give acceleration_axes='y,x,-z'", 'leave acceleration_axes= out')
     """
-    whole = _after(axes, applied)
-    return "leave --acceleration-axes out" if whole == EVERY[0] else f"give --acceleration-axes={whole}"
+    whole = after(axes, applied)
+    return "leave acceleration_axes= out" if whole == EVERY[0] else f"give acceleration_axes='{whole}'"
 
 
 def _named(axes: Axes) -> str:
@@ -238,7 +238,7 @@ def _named(axes: Axes) -> str:
     return ", and ".join(parts)
 
 
-def _after(axes: Axes, applied: Axes) -> Axes:
+def after(axes: Axes, applied: Axes) -> Axes:
     """One mapping in place of two, of which `applied` was the first."""
     order = tuple(applied.order[index] for index in axes.order)
     signs = tuple(sign * applied.signs[index] for index, sign in zip(axes.order, axes.signs, strict=True))

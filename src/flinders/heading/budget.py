@@ -403,7 +403,7 @@ class Budget:
         """
         made = [self.given[name].value for name in ("remanence", "volume") if name in self.given]
         if len(made) == 1 or (made and "moment" in self.given):
-            raise UsageError("give --moment, or --remanence and --volume together")
+            raise UsageError("give moment, or remanence and volume together")
         if made:
             self.found["moment"] = magnet_moment(remanence=made[0], volume=made[1])
             self.why["moment"] = "m = B_r V / µ₀"
@@ -418,19 +418,17 @@ class Budget:
         """
         heading = [name for name in ("field", "stray", "error") if name in self.given]
         if len(heading) > 2:
-            raise UsageError(
-                "--field, --stray and --error are all given, and two of them make the third: leave out one"
-            )
+            raise UsageError("field, stray and error are all given, and two of them make the third: leave out one")
         if len(heading) == 2:
             self.find_heading()
         missing = [name for name in (*names, "stray") if name not in self.known]
-        options = " and ".join(f"--{name}" for name in names)
+        options = " and ".join(names)
         if not missing:
             raise UsageError(f"{options} make a stray field, and another is given: leave out what is to be found")
         if len(missing) > 1:
             raise UsageError(
-                f"too little is given: need {options} to find the stray field, or all but one of them and --stray, "
-                "or --field and --error, to find that one"
+                f"too little is given: need {options} to find the stray field, or all but one of them and stray, "
+                "or field and error, to find that one"
             )
         solved = solve(**{name: self.known.get(name) for name in (*names, "stray")})
         self.found[missing[0]], self.why[missing[0]] = getattr(solved, missing[0]), solved.formula

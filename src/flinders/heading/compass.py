@@ -101,7 +101,7 @@ class Compass:
         if samples.acceleration is None:
             raise NoAccelerometer(
                 f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
-                "name its columns with --acceleration, or say --level if the sensor never tilts"
+                "name its columns with acceleration=, or say level=True if the sensor never tilts"
             )
         force = self._unbiased(self.acceleration_axes.apply(samples.acceleration))
         magnetic = FORMULAS[self.formula](corrected, force)

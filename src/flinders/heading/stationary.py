@@ -107,18 +107,21 @@ def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tu
     return tuple(_rest(headings, (start + 1) * size, (stop - 1) * size) for start, stop in joined)
 
 
-def half_turns(rests: Sequence[Rest]) -> tuple[HalfTurn, ...]:
-    """Pair each rest with the next that is about half a turn away.
+def half_turns(rests: Sequence[Rest], known_deg: Sequence[float] = ()) -> tuple[HalfTurn, ...]:
+    """Pair each rest with the next that is about half a turn away, by (N,) known headings where those are given.
 
     >>> north, south = Rest(0, 100, 1.0, 0.5, 0.1), Rest(200, 300, 178.0, 0.5, 0.1)
     >>> [round(half.off_deg, 9) for half in half_turns([north, south])]
     [-3.0]
+    >>> [round(half.off_deg, 9) for half in half_turns([north, south], [0.0, 178.0])]
+    [-1.0]
     """
     halves = []
     for place, first in enumerate(rests):
-        for second in rests[place + 1 :]:
-            off = float(folded(second.heading_deg - first.heading_deg - 180.0))
-            if abs(off) <= SLACK_DEG:
+        for other, second in enumerate(rests[place + 1 :], place + 1):
+            turn = known_deg[other] - known_deg[place] if len(known_deg) else 180.0
+            off = float(folded(second.heading_deg - first.heading_deg - turn))
+            if abs(off) <= SLACK_DEG and abs(float(folded(turn - 180.0))) <= WITHIN_DEG:
                 halves.append(HalfTurn(first, second, off, float(np.hypot(first.sigma_deg, second.sigma_deg))))
                 break
     return tuple(halves)

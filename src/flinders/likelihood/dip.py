@@ -168,22 +168,26 @@ def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     return scaled + bias / rest[..., np.newaxis], rest
 
 
-def by_errors(down: Floats, errors: Floats) -> Floats:
-    """(..., 3, 9) how the vertical of `upright` moves with the errors."""
+def by_errors(rows: Floats, down: Floats, errors: Floats) -> Floats:
+    """(..., 9) how rᵀv moves with the errors, of (..., 3) rows r and the verticals v of `upright`."""
     vertical, rest = upright(down, errors)
     whole = np.eye(3) + symmetric(errors[3:])
-    by_bias = np.broadcast_to(whole, (*down.shape, 3)) / rest[..., np.newaxis, np.newaxis]
-    direct = np.concatenate([by_bias, by_symmetric(down + errors[:3] / rest[..., np.newaxis])], axis=-1)  # ρ as it is
-    along = np.einsum("...i,...i->...", vertical, down @ whole)
-    length = np.einsum("...i,...ij->...j", vertical, direct) / np.maximum(along, LEAST_REST)[..., np.newaxis]
-    moved: Floats = direct + np.einsum("i,...j->...ij", whole @ errors[:3], length) / rest[..., np.newaxis, np.newaxis]
-    return moved
+    lengthened = np.einsum("...i,...i->...", vertical, down @ whole)
+    share = (rows @ (whole @ errors[:3])) / (rest * np.maximum(lengthened, LEAST_REST))
+    rows = rows + share[..., np.newaxis] * vertical  # ρ moves with the errors, too
+    rest = rest[..., np.newaxis]
+    return np.concatenate([rows @ whole / rest, by_symmetric(rows, down + errors[:3] / rest)], axis=-1)
 
 
-def by_symmetric(vectors: Floats) -> Floats:
-    """(..., 3, 6) how Γx moves with the upper triangle of Γ, of (..., 3) vectors x."""
-    moved: Floats = np.einsum("ijk,...j->...ik", symmetric(np.eye(6)), vectors)
-    return moved
+def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
+    """(..., 6) how rᵀΓx moves with the upper triangle of Γ, of (..., 3) rows r and vectors x.
+
+    >>> by_symmetric(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 0.0]))
+    array([1., 2., 0., 3., 3., 3.])
+    """
+    first, second = np.moveaxis(rows, -1, 0), np.moveaxis(vectors, -1, 0)
+    crossed = [first[i] * second[j] + first[j] * second[i] for i, j in ((0, 1), (0, 2), (1, 2))]
+    return np.stack([*(first * second), *crossed], axis=-1)
 
 
 def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:
@@ -264,7 +268,7 @@ def fill(
         raised = q - height[..., np.newaxis] * down
         off = residuals(down, q, sine) / np.maximum(np.einsum("wni,wni->wn", raised, raised), LEAST_RAISED)
         agreed = recorded + off[..., np.newaxis] * raised
-        jacobian[..., columns["accelerometer"]] = np.einsum("wni,wnij->wnj", raised, by_errors(agreed, errors))
+        jacobian[..., columns["accelerometer"]] = by_errors(raised, agreed, errors)
     if moved is not None:
         jacobian[..., of_gyro] = np.einsum("wni,wnij->wnj", down, moved)
 

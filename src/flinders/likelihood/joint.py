@@ -139,7 +139,12 @@ class JointProblem:
     @property
     def settled(self) -> float:
         """Standard deviations: such a step is the last. Of many readings, as long a one as of their correction."""
-        return SETTLED if self.readings < MANY else EASED
+        return EASED if self.is_long else SETTLED
+
+    @property
+    def is_long(self) -> bool:
+        """There are so many readings that a step costs more than what is left to gain by it."""
+        return self.readings >= MANY
 
     def thinned(self, readings: int) -> Self:
         """The same with about so many readings, spread over the recording."""

@@ -216,7 +216,7 @@ class Equations:
         return math.sqrt(squares / max(expected, 1.0))
 
 
-def levenberg_marquardt(problem: Problem[P, G, W], iterate: Iterate[P, G, W]) -> Iterate[P, G, W]:
+def levenberg_marquardt(problem: Problem[P, G, W], iterate: Iterate[P, G, W], steps: int = STEPS) -> Iterate[P, G, W]:
     """Take steps until they are small beside what is claimed, with the weights that residuals ask for.
 
     Parameters
@@ -224,14 +224,16 @@ def levenberg_marquardt(problem: Problem[P, G, W], iterate: Iterate[P, G, W]) ->
     problem : Problem
     iterate : Iterate
         Where to begin.
+    steps : int, optional
+        At most.
 
     Returns
     -------
     Iterate
-        Where no step makes the fit better, or after `STEPS`.
+        Where no step makes the fit better, or after so many.
     """
     damping = INITIAL_DAMPING
-    for _ in range(STEPS):
+    for _ in range(steps):
         equations = Equations.of(problem, iterate)
         step, moved, damping = _accepted(problem, iterate, equations, damping)
         weighed = problem.reweighed(iterate if moved is None else moved, equations)
@@ -248,6 +250,7 @@ def bias_corrected(
     iterate: Iterate[P, G, W],
     bias: Floats | float = 0.0,
     observed: Callable[[Iterate[P, G, W], NormalEquations], NormalEquations] | None = None,
+    steps: int = CORRECTED,
 ) -> tuple[Iterate[P, G, W], Equations]:
     """Take off the mean gradient that noise makes, by Gauss–Newton steps; also the equations at the end.
 
@@ -260,8 +263,10 @@ def bias_corrected(
         Mean gradient beyond that which the groups know of.
     observed : callable, optional
         Takes out of the groups' normal equations at an iterate what noise alone pretends.
+    steps : int, optional
+        At most.
     """
-    for _ in range(CORRECTED):
+    for _ in range(steps):
         equations = Equations.of(problem, iterate)
         plain = equations.unbiased(bias)
         whole = (plain if observed is None else observed(iterate, plain)) + equations.prior

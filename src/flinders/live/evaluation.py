@@ -205,10 +205,10 @@ def _of_unit(fit: Fit) -> Iterator[Reason]:
     if calibration.unit != MICROTESLA or low <= radius <= high:
         return
     likely = [unit for unit, factor in OTHER_UNITS.items() if low <= radius / factor <= high]
-    hint = f": as readings in {likely[0]} would be; try --unit {likely[0]}" if likely else ": check --unit and --scale"
+    hint = f"as readings in {likely[0]} would be; try {likely[0]} as their unit" if likely else "check unit and scale"
     yield Reason(
         "wrong-unit",
-        f"the field is {figures(radius, 3)} µT, and the earth's {low:g} to {high:g} µT{hint}. Headings do not depend "
+        f"the field is {figures(radius, 3)} µT, and the earth's {low:g} to {high:g} µT: {hint}. Headings do not depend "
         "on it",
     )
 

@@ -28,7 +28,7 @@ real fl_cell_side(const real *field, size_t rows)
             largest = value > largest ? value : largest;
         }
     const real finest = fl_ldexp(1, -40);
-    if (!(finest < largest && largest < 1 / finest)) return 1;
+    if (!(finest < largest && largest < (real)FL_LARGEST)) return 1;
     for (int axis = 0; axis < 3; axis++) middle[axis] /= (real)n;
     for (size_t i = 0; i < n; i++) {
         const real *reading = field + 3 * i * stride;

@@ -27,7 +27,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, Final, TypeAlias, cast
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from flinders.core.plugins import plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
 from flinders.readers._columns import IN_SAMPLES
+from flinders.readers._frame import is_frame, open_frame
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
@@ -68,6 +69,8 @@ __all__ = [
 ]
 
 AnyPath: TypeAlias = "str | os.PathLike[str]"
+AnySource: TypeAlias = "AnyPath | IO[bytes] | IO[str] | Any"
+"""What is one recording; frames need no types here, as their packages need not be there."""
 FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
@@ -88,7 +91,7 @@ READERS: Final = _rows()
 
 
 def open_recording(
-    path: AnyPath | Sequence[AnyPath],
+    path: AnySource | Sequence[AnySource],
     *,
     columns: str | None = None,
     pattern: str | None = None,
@@ -108,8 +111,9 @@ def open_recording(
 
     Parameters
     ----------
-    path : str, path or sequence of them
-        A file, ``"-"`` for standard input, or several recordings of one sensor.
+    path : str, path, file object, data frame, or sequence of them
+        A file, ``"-"`` for standard input, an open file, a table in memory (of pandas, polars or pyarrow, or any with
+        ``__arrow_c_stream__``), or several recordings of one sensor.
     columns : str, optional
         Three names, or numbers from 1, of the magnetometer's columns: ``"mx,my,mz"``, ``"4,5,6"``.
     pattern : str, optional
@@ -147,7 +151,7 @@ def open_recording(
         For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
         cannot be used.
     """
-    paths = [path] if isinstance(path, (str, os.PathLike)) else list(path)
+    paths = [path] if is_source(path) else list(cast("Sequence[AnySource]", path))
     if not paths:
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
     options = _Options(
@@ -163,7 +167,7 @@ def open_recording(
         flat=flat,
         progress=progress,
     )
-    return _of_one_sensor([_open(_source_of(each, once=once), options) for each in paths])
+    return _of_one_sensor([_opened(each, options, once=once) for each in paths])
 
 
 def _of_one_sensor(recordings: Sequence[FileRecording]) -> Recording:
@@ -173,7 +177,7 @@ def _of_one_sensor(recordings: Sequence[FileRecording]) -> Recording:
         if other.unit != first.unit:
             raise UnitError(
                 f"{first.source} is in {first.unit.name} and {other.source} in {other.unit.name}: "
-                "recordings of one sensor need one unit; say which with --unit"
+                "recordings of one sensor need one unit; say which with unit="
             )
     return Joined((first, *others)) if others else first
 
@@ -260,7 +264,7 @@ def holds_log(
 
 
 def read(
-    path: AnyPath | Sequence[AnyPath],
+    path: AnySource | Sequence[AnySource],
     *,
     columns: str | None = None,
     pattern: str | None = None,
@@ -322,6 +326,23 @@ class _Options:
     flat: str | None = None
 
 
+def is_source(source: object) -> bool:
+    """Whether `open_recording` takes it as one recording: a path, an open file, or a table in memory."""
+    return isinstance(source, (str, os.PathLike)) or hasattr(source, "read") or is_frame(source)
+
+
+def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecording:
+    """Open a table in memory, or what a path or an open file holds."""
+    if isinstance(source, (str, os.PathLike)) or hasattr(source, "read"):
+        return _open(_source_of(cast("AnyPath", source), once=once), options)
+    for option in ("pattern", "topic", "as_logged"):
+        if getattr(options, option):
+            raise UsageError(f"a table in memory has named columns and nothing else: leave {option}= out")
+    recording = open_frame(source, **{name: getattr(options, name) for name in OF_TABLES})
+    recording.span = options.span
+    return recording
+
+
 def _open(file: Source, options: _Options) -> FileRecording:
     """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
     reader = _reader_of(file.name, file.head())
@@ -336,7 +357,7 @@ def _is_folder(path: AnyPath) -> bool:
 
 def _source_of(path: AnyPath, *, once: bool = False) -> Source:
     """Find what a path names; a folder of ROS goes by the description in it, and weighs what all in it does."""
-    if _is_folder(path) and is_bag_folder(Path(path)):
+    if not hasattr(path, "read") and _is_folder(path) and is_bag_folder(Path(path)):
         folder = Path(path)
         size = sum(member.stat().st_size for member in folder.iterdir() if member.is_file())
         return File(folder.name, folder / METADATA, size)
@@ -362,16 +383,16 @@ def _reader_of(name: str, head: bytes) -> Reader:
 def _table_of(file: Source, reader: Reader, options: _Options) -> TextRecording | TableRecording:
     """Open the columns of one magnetometer; of several, that which is meant."""
     if options.as_logged:
-        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave --as-logged out")
+        raise UsageError(f"{file.name} does not say what was corrected before it was written: leave as_logged= out")
     of_table: dict[str, Any] = {name: getattr(options, name) for name in OF_TABLES}
     if options.topic is not None:
         if not reader.takes_topic:
-            raise UsageError(f"{file.name} has no topics and no members: leave --topic out")
+            raise UsageError(f"{file.name} has no topics and no members: leave topic= out")
         of_table["topic"] = options.topic
     if reader.open is open_text:
         recording: TextRecording | TableRecording = open_text(file, pattern=options.pattern, **of_table)
     elif options.pattern is not None:
-        raise UsageError(f"{file.name} is no text ({reader.title}): leave --pattern out")
+        raise UsageError(f"{file.name} is no text ({reader.title}): leave pattern= out")
     else:
         disk = on_disk(file)
         assert reader.open is not None
@@ -403,7 +424,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     for option in ("columns", "pattern", *(() if reader.takes_unit else ("unit",)), "scale"):
         if getattr(options, option) is not None:
             raise UsageError(
-                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave --{option} out"
+                f"{file.name} is a log ({reader.title}), which knows its own columns and units: leave {option}= out"
             )
     disk = on_disk(file)
     assert reader.log is not None
@@ -413,6 +434,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     beginning = np.nan if options.span.is_all else _beginning(log)
     of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
     of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
+    of_log |= {"position": log.position, "begun": log.begun}
     return replace(log, instruments=tuple(replace(instrument, **of_log) for instrument in log.instruments))
 
 
@@ -430,7 +452,7 @@ def _begun(columns: Columns) -> datetime | None:
 def _chosen(log: Log, options: _Options) -> Instrument:
     """Take the magnetometer that was asked for, or the first, which then names the others."""
     if options.choice.sensor is not None and options.topic is not None:
-        raise UsageError("--sensor and --topic both say which magnetometer of a log it is: leave one of them out")
+        raise UsageError("sensor= and topic= both say which magnetometer of a log it is: leave one of them out")
     choice = options.choice if options.topic is None else Choice(options.topic)
     names = [instrument.name for instrument in log.instruments]
     chosen = log.instruments[choice.among(names, log.source)]

@@ -16,7 +16,7 @@ import numpy as np
 
 from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import NoMagnetometer, UnitError, UsageError
+from flinders.errors import NoMagnetometer, UnitError, UsageError, did_you_mean
 from flinders.geometry import quaternions
 from flinders.readers._likeness import advice, ascends, groups
 from flinders.readers._names import (
@@ -130,7 +130,7 @@ class Columns:
         own, others = Unit.of(strength.unit), tuple(column for column in self.auxiliary if column is not strength)
         if own.inside == unit.inside:
             return replace(self, auxiliary=(*others, replace(strength, factor=own.scale / unit.scale)))
-        reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give --unit, or --scale)"
+        reason = f"{strength.names[0]} (in {own.inside}, the field in {unit.inside}: give unit=, or scale=)"
         return replace(self, auxiliary=others, left_out=(*self.left_out, reason))
 
     def taken(self, values: Floats, column: Column) -> Floats:
@@ -370,7 +370,7 @@ def _refuse_unclear(names: Sequence[str], values: Floats, source: str, quoted: s
         columns = ",".join(names[cell].strip() for cell in others[0].cells)
         raise NoMagnetometer(
             f"no readings of a magnetometer among the columns of {source}: by its name each is something else, {what}; "
-            f"say which three columns are what the sensor read, such as --columns '{columns}' if those are it after all"
+            f"say which three columns are what the sensor read, such as columns='{columns}' if those are it after all"
         )
     width = values.shape[1]
     judged = groups(values, [place for place in range(width) if not names or tells_nothing(names[place])], names)
@@ -385,7 +385,7 @@ def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, a
     if choice.sensor is None:
         return columns
     if not choice.is_name:
-        raise UsageError("--columns and --sensor both say which magnetometer it is: leave one of them out")
+        raise UsageError("columns= and sensor= both say which magnetometer it is: leave one of them out")
     wanted = choice.sensor.strip().casefold()
     for number, other in enumerate(magnetometers, 1):
         if wanted in (str(number), other.name.casefold()):
@@ -393,7 +393,7 @@ def _named(columns: Columns, magnetometers: Sequence[Columns], choice: Choice, a
                 return columns
             own = columns.name or "none of its magnetometers"
             raise UsageError(
-                f"--columns {asked} is {own} in {source}, and --sensor {choice.sensor} says {other.name}: leave one of "
+                f"columns='{asked}' is {own} in {source}, and sensor='{choice.sensor}' says {other.name}: leave one of "
                 "them out, or name the sensor differently"
             )
     return replace(columns, name="")
@@ -438,7 +438,7 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
         raise UsageError(f"acceleration {asked!r}: lines differ in length, so that columns cannot be counted")
     own = _column(ACCELERATION, wanted_places(asked, names, width), names)
     if taken := [name for name, cell in zip(own.names, own.cells, strict=True) if cell in columns.field.cells]:
-        raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see --columns")
+        raise UsageError(f"acceleration {asked!r}: {', '.join(taken)} is read as the magnetometer; see columns=")
     others = tuple(column for column in columns.auxiliary if column.kind != ACCELERATION)
     return replace(columns, auxiliary=(*others, own))
 
@@ -452,7 +452,8 @@ def _place(asked: str, names: list[str], width: int) -> int:
     if asked.isdecimal() and 1 <= int(asked) <= width:
         return int(asked) - 1
     there = f"its columns are {', '.join(names)}" if names else f"it has no header and {width} columns"
-    raise UsageError(f"there is no column {asked!r}: {there}; give three names or numbers from 1 to {width}")
+    meant = did_you_mean(asked, names)
+    raise UsageError(f"there is no column {asked!r}{meant}: {there}; give three names or numbers from 1 to {width}")
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:

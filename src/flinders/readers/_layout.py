@@ -254,7 +254,7 @@ def sniff(
     if not lines:
         blank = not any(text.strip() for text in texts)
         content = "blank lines" if blank else "comments"
-        marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with --pattern"
+        marked = "" if blank else f"; where readings begin with {' or '.join(COMMENTS)}, say how with pattern="
         raise UnreadableInput(f"{name} holds only {content}: need lines of numbers, one reading each{marked}")
     for some, least in ((lines[:TRIED], 3), (lines, 3), *([(lines, 2)] if flat else [])):
         best = max((_cut(some, signs, least) for signs in _signs_of(some)), key=_Cut.score)
@@ -428,7 +428,7 @@ def _refuse_numbered(name: str, rows: Sequence[Sequence[str]]) -> None:
             last = ",".join(str(cell) for cell in range(width - 2, width + 1))
             raise NoMagnetometer(
                 f"column {place + 1} of {name} says which sensor each line is of ({', '.join(sorted(words))}): keep "
-                f"the lines of one of them; --columns {last} reads all as one sensor"
+                f"the lines of one of them; columns='{last}' reads all as one sensor"
             )
 
 
@@ -443,7 +443,7 @@ def _refuse_mixed(name: str, header: Sequence[str], rows: Sequence[Sequence[str]
             what = f"keep the lines of {wanted}" if wanted else "give the recording of the magnetometer"
             raise NoMagnetometer(
                 f"{column} of {name} says which sensor each line is of, such as {others[0]!r}: {what}, or "
-                "read them all with --columns"
+                "read them all with columns="
             )
 
 
@@ -455,7 +455,7 @@ def _refuse_thousands(name: str, rows: Sequence[Sequence[str]], columns: Columns
     if len(grouped) >= 3 and 100 <= max(whole, default=0) < 1000 and all(map(_GROUPED.fullmatch, grouped)):
         raise UnreadableInput(
             f"numbers of {name} such as {grouped[0]!r} beside {max(whole):.0f} have {decimal!r} between thousands, it "
-            "seems: save it without a separator of thousands, or name the columns with --columns where it is the "
+            "seems: save it without a separator of thousands, or name the columns with columns= where it is the "
             "decimal sign"
         )
 
@@ -472,11 +472,11 @@ def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, li
     if header:
         return NoMagnetometer(
             f"no magnetometer among the columns of {name}: {', '.join(header)}; "
-            "say which three it is with --columns X,Y,Z, by name or by number"
+            "say which three it is with columns='X,Y,Z', by name or by number"
         )
     return _other_labels(name, text, line) or NoMagnetometer(
         f"{name} has {values.shape[1]} columns and no header{line}: need three, x y z, "
-        "or four with the time first; say which are the magnetometer with --columns X,Y,Z, by number; they go from "
+        "or four with the time first; say which are the magnetometer with columns='X,Y,Z', by number; they go from "
         f"{ranges(values)}"
     )
 
@@ -491,7 +491,7 @@ def _other_labels(name: str, text: str, line: str) -> NoMagnetometer | None:
     what = " and ".join(sorted(others)) or ", ".join(dict.fromkeys(filter(None, names)))
     return NoMagnetometer(
         f"the labels of {name} tell of {what} and of no magnetometer{line}: let the board print its magnetometer "
-        "too, or say which numbers it is with --pattern"
+        "too, or say which numbers it is with pattern="
     )
 
 
@@ -525,8 +525,8 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     line = f" (line {place + 1}: {shown(text)!r})"
     if numbers and (other := _other_labels(name, text, line)):
         return other
-    example = f"; this line is --pattern '{pattern_of(text[:PRINTED])}', if those are its x, y and z" if numbers else ""
+    example = f"; this line is pattern={pattern_of(text[:PRINTED])!r}, if those are its x, y and z" if numbers else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "
-        f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or --pattern, which says how a line is printed{example}"
+        f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or pattern=, which says how a line is printed{example}"
     )

@@ -17,7 +17,6 @@ hard iron; rates and angles near none.
 
 from __future__ import annotations
 
-import shlex
 from itertools import combinations, groupby
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -52,7 +51,7 @@ WIDEST: Final = 24  # columns that are judged; a wider table would fill the scre
 class ColumnGroup(NamedTuple):
     """Columns that belong together, and what they may be."""
 
-    names: tuple[str, ...]  # as ``--columns`` takes them
+    names: tuple[str, ...]  # as `columns` takes them
     what: str  # what their values look like
     is_candidate: bool = False  # they may be a magnetometer
     is_known: bool = False  # they are plainly something else: a quaternion, a direction, gravity
@@ -63,7 +62,7 @@ class ColumnGroup(NamedTuple):
     @property
     def option(self) -> str:
         """What says that these are the magnetometer."""
-        return f"--columns {shlex.quote(','.join(self.names))}"
+        return f"columns={','.join(self.names)!r}"
 
 
 def groups(values: Floats, free: Iterable[int], names: Sequence[str] = ()) -> list[ColumnGroup]:
@@ -99,7 +98,7 @@ def advice(judged: Sequence[ColumnGroup]) -> str:
     able = [group for group in judged if group.is_candidate]
     others = ", ".join(str(group) for group in judged if not group.is_candidate)
     if not able:
-        return f"by their values none may be it, they are {others}; if three are after all, say so with --columns X,Y,Z"
+        return f"by their values none may be it, they are {others}; if three are after all, say so with columns='X,Y,Z'"
     options = " or ".join(group.option for group in able)
     do = f"if so, add {options}" if len(able) == 1 else f"say which with {options}"
     return f"by their values {' or '.join(map(str, able))} may be it: {do}" + f"; others are {others}" * bool(others)

@@ -107,6 +107,8 @@ class Instrument:
     notes: tuple[str, ...] = ()  #: what to know about it, a sentence each
     others: tuple[str, ...] = ()  #: names of the log's other magnetometers, where nobody has said which is meant
     damage: tuple[str, ...] = ()  #: what of the file could not be read, where it was cut short or is broken
+    position: Position | None = None  #: where the log was made
+    begun: datetime | None = None  #: and when, UTC
     file: Source | None = None  #: the bytes it was read from, as they lie on the disk
     temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
     #: called once a block with the bytes read so far, by the share of `readings`, and those there are

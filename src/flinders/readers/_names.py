@@ -574,7 +574,7 @@ class Choice:
     >>> Choice(preferred="mag_bow").among(["mag_left", "mag_right"], "two.csv")
     Traceback (most recent call last):
     flinders.errors.UsageError: two.csv has no magnetometer mag_bow, which the calibration is for: there are 1
-        (mag_left), 2 (mag_right); say with --sensor which one it is for
+        (mag_left), 2 (mag_right); say with sensor= which one it is for
     """
 
     sensor: str | None = None  # asked for, by its number from 1 or its name
@@ -600,16 +600,14 @@ class Choice:
         what = f"{source} has no magnetometer {wanted.strip() or repr(wanted)}"
         if self.sensor is None:
             raise UsageError(
-                f"{what}, which the calibration is for: there {verb} {there}; say with --sensor which one it is for"
+                f"{what}, which the calibration is for: there {verb} {there}; say with sensor= which one it is for"
             )
         raise UsageError(f"{what}: there {verb} {there or 'none'}")
 
     def refuse_alone(self, source: str) -> None:
         """Refuse to choose from a table of one magnetometer."""
         if self.sensor is not None and not self.is_name:
-            raise UsageError(
-                f"{source} has one magnetometer: leave --sensor out; its columns are chosen with --columns"
-            )
+            raise UsageError(f"{source} has one magnetometer: leave sensor= out; its columns are chosen with columns=")
 
 
 FIRST: Final = Choice()  # Nobody says which

@@ -102,7 +102,7 @@ def unapplied(
         try:
             raw[rows] = parameters[each].unapply(field[rows], **more)
         except ArrayError as error:
-            raise ArrayError(f"{source}: {error}; take the readings --as-logged") from None
+            raise ArrayError(f"{source}: {error}; take the readings with as_logged=True") from None
     return raw
 
 

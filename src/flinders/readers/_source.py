@@ -40,6 +40,7 @@ import zlib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE, BOM_UTF32_BE, BOM_UTF32_LE
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast
 
@@ -210,13 +211,15 @@ def refuse_foreign(name: str, head: bytes) -> None:
         raise UnreadableInput(f"{name} is {kind.name}: {kind.advice}")
 
 
-def find(path: str | os.PathLike[str], *, once: bool = False, check: Check = refuse_foreign) -> Source:
-    """Find what a path names, a file, a pipe or a device; ``"-"`` is standard input.
+def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: Check = refuse_foreign) -> Source:
+    """Find what a path names, a file, a pipe or a device; ``"-"`` is standard input, and an open file is read on.
 
     Where one pass is enough (`once`), what can be read only once is not kept, and comes as it arrives; else it is
     copied, if its first bytes pass the `check`. A path where there is nothing, nothing readable, a folder or an empty
     file raises `UnreadableInput`.
     """
+    if not isinstance(path, (str, os.PathLike)):
+        return _of_open_file(path, check)
     text = os.fspath(path)
     if text == "-":
         return _piped("standard input", _standard_input(), once, check)
@@ -294,6 +297,14 @@ def refusal(name: str, error: OSError | ValueError) -> UnreadableInput:
             return UnreadableInput(f"{name} cannot be read: {reason(error)}{advice}")
         case _:
             return UnreadableInput(f"{name} is not a file name: {error}")
+
+
+def _of_open_file(file: IO[Any], check: Check) -> Source:
+    """Copy what is left in an open file, of bytes or of text."""
+    name = str(getattr(file, "name", type(file).__name__))
+    pieces = iter(partial(file.read, CHUNK), file.read(0))
+    chunks = (piece.encode() if isinstance(piece, str) else piece for piece in pieces)
+    return spooled(name, _checked(name, chunks, check))
 
 
 def _standard_input() -> io.BufferedIOBase:

@@ -183,12 +183,12 @@ def _unknown(name: str, table: Table, first: Floats) -> str:
     if not table.names:
         return (
             f"{name} has {table.width} columns without names: need three, x y z, or four with the time first; say "
-            f"which are the magnetometer with --columns X,Y,Z, by number; they go from {ranges(first)}"
+            f"which are the magnetometer with columns='X,Y,Z', by number; they go from {ranges(first)}"
         )
     more = f" and {len(table.names) - MOST_NAMED} more" if len(table.names) > MOST_NAMED else ""
     return (
         f"no magnetometer among the columns of {name}: {', '.join(map(shown, table.names[:MOST_NAMED]))}{more}; "
-        "say which three it is with --columns X,Y,Z, by name or by number"
+        "say which three it is with columns='X,Y,Z', by name or by number"
     )
 
 

@@ -122,7 +122,7 @@ def _likely(name: str, there: list[zipfile.ZipInfo]) -> zipfile.ZipInfo:
         )
     raise NoMagnetometer(
         f"{name} has {len(texts)} recordings, and none is named like a magnetometer: {_listed(texts)}; "
-        "say which with --topic"
+        "say which with topic="
     )
 
 

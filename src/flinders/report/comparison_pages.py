@@ -29,6 +29,7 @@ from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import VERDICTS
 from flinders.geometry.ellipsoid import upper
+from flinders.report.fit_pages import plane_rows
 from flinders.report.fleet import STATES, about_order, chance, when
 from flinders.report.formatting import FINEST, angle, degrees, on_the_point, p_value, with_uncertainty
 from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from flinders.estimators import Method
     from flinders.findings import Severity, Verdict
     from flinders.fitting.result import Fit
+    from flinders.geometry.plane import Turn
     from flinders.heading.error_propagation import HeadingError
     from flinders.report.fleet import BatchDrift, FleetDrift
     from flinders.simulate.two_axis import Polar, TwoAxis
@@ -109,8 +111,8 @@ def of_evaluation(evaluation: Evaluation) -> RenderableType:
     return page(_true_errors(evaluation), _true_parameters(evaluation), _evaluation_verdict(evaluation))
 
 
-def of_recovery(true: TwoAxis, estimate: TwoAxis, polar: Polar) -> RenderableType:
-    """Lay out a swung two-axis compass: true and estimated parameters, the headings before and after."""
+def of_recovery(true: TwoAxis, estimate: TwoAxis, polar: Polar, turn: Turn) -> RenderableType:
+    """Lay out a swung two-axis compass: its parameters, true and estimated, the recipe, headings before and after."""
     rows = [
         (name, f"{expected:.4f}{unit}", f"{value:.4f}{unit}", f"{round(value - expected, 4) + 0.0:+.4f}{unit}")
         for name, expected, value, unit in recovery_rows(true, estimate)
@@ -121,6 +123,7 @@ def of_recovery(true: TwoAxis, estimate: TwoAxis, polar: Polar) -> RenderableTyp
     ]
     return page(
         table(("parameter", "true", "found", "error"), rows),
+        table(("recipe", "mean and scatter", "least squares"), plane_rows(turn, "µT")),
         table(("heading", "error, rms", "worst", "radius"), headings),
     )
 

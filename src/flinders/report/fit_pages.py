@@ -23,13 +23,16 @@ from rich.text import Text
 from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
+from flinders.estimators.reference.minmax import MinMax
 from flinders.findings import first_causes, limit_of
 from flinders.fitting.advice import movement
+from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
 from flinders.geometry.plane import across
 from flinders.report.formatting import (
     aligned,
     condition,
+    date_of,
     degrees,
     matrix_entries,
     mounting,
@@ -38,9 +41,10 @@ from flinders.report.formatting import (
     p_value,
     reach,
     shown_findings,
+    summary,
     written_time,
 )
-from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
+from flinders.report.terminal import COLOURS, facts, lines, notes, page, styled, table, verdict, whole_columns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -54,33 +58,76 @@ if TYPE_CHECKING:
     from flinders.diagnostics.repeatability import Repeats
     from flinders.errors import FlindersError
     from flinders.findings import Finding, Verdict
-    from flinders.fitting.axis_extremes import Extremes
     from flinders.geometry.plane import PlaneEllipse, Turn
 
 NEGLIGIBLE: Final = 0.1
 """Of the target: what costs less is not worth a word."""
 
 
-def of_fit(fit: Fit) -> RenderableType:
-    """Lay out a fit: before and after, the numbers with their uncertainty, the verdict and what limits it.
+IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
+"""Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
 
-    Of a refused one no number of the calibration is shown: none can be trusted, and what stands on a screen is
-    copied into a firmware sooner or later. It says why, how to do better, and what is odd about the recording.
-    Calibrations put together are shown each against the others.
+
+def of_fit(fit: Fit, *, is_verbose: bool = False, is_dip_assumed: bool = False) -> RenderableType:
+    """Lay out a fit: plain words, before and after, the numbers with their uncertainty, the verdict and its limits.
+
+    What is true of nearly every fit is shown if `is_verbose`. Of a refused one no number of the calibration is shown:
+    none can be trusted, and what stands on a screen is copied into a firmware sooner or later. It says why, how to do
+    better, and what is odd about the recording. Calibrations put together are shown each against the others.
     """
     is_refused = fit.verdict == "refused"
     result = None if is_refused else numbers(fit.calibration, fit.offset_sigma, fit.noise)
     if fit.method == "merged" and fit.repeats is not None:
         blocks = _merged_parts(fit.repeats), result, _merged_verdict(fit, fit.repeats)
         return Group(page(*blocks), findings(shown_findings(fit)))
-    before = None if is_refused else _before_and_after(fit)
+    tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit))
     turn = "" if fit.verdict == "good" else movement(fit)
-    return Group(page(before, result, _fit_verdict(fit)), findings(shown_findings(fit), turn))
+    said = _fit_verdict(fit, is_dip_assumed=is_dip_assumed)
+    return Group(page(*tops, result, said), findings(_shown(fit, is_verbose=is_verbose), turn))
+
+
+def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
+    """Findings that the page of a fit shows."""
+    return [each for each in shown_findings(fit) if is_verbose or each.code not in IN_NEARLY_EVERY_FIT]
+
+
+def of_recipe(fit: Fit) -> RenderableType | None:
+    """Lay out what a recipe of the extremes publishes: its table; None for any other method."""
+    if not fit.method.startswith(MinMax.name):
+        return None
+    centre, half = fit.ellipsoid.centre, fit.ellipsoid.shape.diagonal()
+    return extremes_table(Extremes(fit.calibration, centre - half, centre + half))
+
+
+def of_refused_recipe(fit: Fit) -> RenderableType:
+    """Lay out the numbers of a recipe whose fit is refused, which are shown only where somebody insists."""
+    mark = Text(f"REFUSED, not fit for use: what {fit.method} calculates all the same, to be compared", "bold red")
+    return page(mark, of_recipe(fit), numbers(fit.calibration, np.full(3, np.nan), fit.noise))
+
+
+def of_file(fit: Fit, *, is_verbose: bool) -> RenderableType:
+    """Lay out a calibration that was loaded: where it comes from, its numbers, and what its file claims of them."""
+    provenance, calibration = fit.provenance, fit.calibration
+    files = [f"{file.name}, {counted(file.rows, 'reading')}" for file in provenance.files] if provenance else []
+    origin = [
+        ("made", f"{date_of(provenance.date)}, Flinders {provenance.flinders}" if provenance else ""),
+        ("from", "; ".join(files)),
+        ("sensor", calibration.sensor or ""),
+        ("readings", f"in {calibration.raw.name}, axes {calibration.axes}"),
+    ]
+    sigma = fit.offset_sigma if fit.states_uncertainty else np.full(3, np.nan)
+    basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
+    rests_on = filter(None, (condition(fit),))
+    said = _quality(fit, "", "as its file says", basis, *rests_on) if fit.states_uncertainty else "Its uncertainty is not stated."
+    known = facts([(name, words) for name, words in origin if words])
+    return Group(
+        page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose))
+    )
 
 
 def of_extremes(extremes: Extremes) -> RenderableType:
     """Lay out what six typed numbers give, of which nothing is claimed."""
-    said = _graded(extremes.verdict, "accuracy not known, with these limits:", "six typed numbers; minmax")
+    said = _graded(extremes.verdict, "accuracy not known, with limits:", "six typed numbers; minmax")
     result = numbers(extremes.calibration, np.full(3, np.nan), math.nan)
     return Group(page(extremes_table(extremes), result, said), findings(extremes.findings))
 
@@ -115,7 +162,9 @@ def of_several(together: Together, target_deg: float) -> RenderableType:
     return page(table(headings, rows), said)
 
 
-def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) -> RenderableType:
+def of_turn(
+    fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None, is_dip_assumed: bool = False
+) -> RenderableType:
     """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
     mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
     headings = (
@@ -125,7 +174,8 @@ def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) ->
     )
     recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
     words = spacing_words(turn, fit.target_deg, is_mean=is_mean(fit))
-    return Group(page(recipe, words), of_fit(fit), *([] if composed is None else [_composed(composed, after)]))
+    own = of_fit(fit, is_dip_assumed=is_dip_assumed)
+    return Group(page(recipe, words), own, *([] if composed is None else [_composed(composed, after)]))
 
 
 # ---------------------------------------------------------------------------------------------------------- one fit
@@ -175,22 +225,24 @@ def _before_and_after(fit: Fit) -> Table:
     return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
 
 
-def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table:
+def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str, is_dip_assumed: bool = False) -> Table:
     """The verdict of a calibration, for whom its number holds, and what it rests on."""
     if fit.verdict == "refused":
         return _graded(fit.verdict, f"not fit for use, {refused}", basis)
     within = good_to(fit)
     words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
-    return _graded(fit.verdict, words, f"{basis}; level vehicle, dip {fit.heading_error_deg.dip_deg:.3g}°", *more)
+    dip = f"dip {fit.heading_error_deg.dip_deg:.3g}°{' (assumed)' if is_dip_assumed else ''}"
+    return _graded(fit.verdict, words, f"{basis}; level, {dip}", *more)
 
 
-def _fit_verdict(fit: Fit) -> Table:
+def _fit_verdict(fit: Fit, *, is_dip_assumed: bool) -> Table:
     is_surface = not (fit.is_flat or fit.plane or fit.noise > limit_of("noise", "refuses") * fit.ellipsoid.radius)
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
-    return _quality(fit, good, "no calibration was written", basis, *filter(None, (adds, condition(fit))))
+    more = filter(None, (adds, condition(fit)))
+    return _quality(fit, good, "no calibration was written", basis, *more, is_dip_assumed=is_dip_assumed)
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed
@@ -370,7 +422,7 @@ def _composed(composed: Fit, after: str | None) -> RenderableType:
     """Lay out the numbers to be loaded, what is claimed of them, and what is open."""
     error = composed.heading_error_deg
     words = good_to(composed) if error.worst < ANY_ANGLE else "nothing is claimed of a heading"
-    basis = f"{in_words(turns_of(composed.method))}; level vehicle, dip {error.dip_deg:.3g}°"
+    basis = f"{in_words(turns_of(composed.method))}; level, dip {error.dip_deg:.3g}°"
     said = _graded(composed.verdict, f"{words}, with limits:", basis)
     title = Text(f"composed with {after}, to be loaded in its place", "bold")
     result = Group(title, numbers(composed.calibration, np.full(3, np.nan), composed.noise))

@@ -16,6 +16,7 @@ import numpy as np
 
 from flinders.errors import figures
 from flinders.findings import first_causes
+from flinders.findings.conditions import stated
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.verdict import OF_THE_RECORDING
@@ -28,24 +29,13 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
     from flinders.core.disturbance import Disturbance
-    from flinders.findings import Condition, Finding
+    from flinders.findings import Finding
     from flinders.fitting.result import Fit
 
 FINEST: Final = 2e-4
 """Of the field: an offset that is rounded to this moves no heading by more than a fiftieth of a degree."""
 SOURCES: Final = {name: term.instrument for name, term in TERMS.items()}
 """What each aiding sensor is called."""
-CONDITIONS: Final[dict[Condition, str]] = {
-    "uniform-field": "no iron is near",
-    "constant-iron": "currents are constant",
-}
-"""What a good verdict rests on, in words."""
-
-CERTAINTY: Final[dict[Condition, str]] = {
-    "uniform-field": "record elsewhere too",
-    "constant-iron": "record the currents",
-}
-"""What would show it."""
 DECIMALS: Final = 6
 """Most decimals of a number that is shown with its uncertainty, and those of a matrix with entries about one."""
 
@@ -191,6 +181,20 @@ def aligned(*rows: Sequence[str]) -> list[list[str]]:
 # ------------------------------------------------------------------------------------------------------- words on a fit
 
 
+def summary(fit: Fit) -> str:
+    """How good a calibration is, how far off the compass was and will be, in two sentences."""
+    good = "is good" if fit.verdict == "good" else "can be used, with limits"
+    error = fit.heading_error_deg
+    with_it = f"with it, by {degrees(error.rms)} on average and by {degrees(error.worst)} at the worst heading"
+    return f"The calibration {good}. Without it headings are off by {uncorrected(fit)}; {with_it}."
+
+
+def uncorrected(fit: Fit) -> str:
+    """How far headings are off without the calibration."""
+    worst = fit.uncorrected_heading_error_deg.worst
+    return "any angle: the compass does not work" if worst > 100 else f"up to {degrees(worst)}"
+
+
 def shown_findings(fit: Fit) -> list[Finding]:
     """Findings that a page shows, first causes; of a refused fit no notes but those on the recording."""
     causes = first_causes(fit.findings)
@@ -245,7 +249,4 @@ def condition(fit: Fit) -> str:
     >>> condition(fit(simulate.tumble(seed=1).samples))
     'holds if no iron is near and currents are constant: record elsewhere too'
     """
-    if not fit.conditions:
-        return ""
-    words = " and ".join(CONDITIONS[code] for code in fit.conditions)
-    return f"holds if {words}: {CERTAINTY[fit.conditions[0]]}"
+    return stated(fit.conditions)

@@ -13,7 +13,7 @@ from rich.text import Text
 from flinders.core.axes import Axes
 from flinders.errors import counted
 from flinders.geometry.angles import folded, shown_heading
-from flinders.heading.axis_consistency import OPPOSITE, remedy
+from flinders.heading.axis_consistency import EVERY, OPPOSITE, after
 from flinders.heading.compass import AS_THEY_ARE, LEVEL
 from flinders.heading.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.heading.stationary import hard_iron
@@ -70,7 +70,7 @@ def of_headings(
 def _heading_error(claims: Mapping[str, Any]) -> str:
     level, tilted = claims["level"], claims["tilted"]
     if level is None:
-        return "the calibration states no uncertainty"
+        return "an unknown accuracy: the calibration states no uncertainty"
     bound = degrees(claims["bound"])
     words = f"{degrees(level.rms)} rms, {degrees(level.worst)} at worst (95 % within {bound}), while level"
     if tilted is not None:
@@ -173,9 +173,9 @@ def _dip_notes(
     dip, scatter = voyage.frames.dip_deg
     if claims["dip_from"] == "seen" and dip < 0.0:
         words = (
-            f"the field is seen to point up by {-dip:.0f}°: right in the south; north of the magnetic equator the "
-            f"acceleration has the opposite sign, and headings run backwards: {remedy(Axes.of(OPPOSITE), turned)}; "
-            "--at or --dip tells"
+            f"the field is seen to point up by {-dip:.0f}°. South of the magnetic equator that is right: say so with "
+            f"--at LATITUDE,LONGITUDE or --dip {dip:.0f}. North of it the acceleration has the opposite sign, and "
+            f"headings run backwards: {_opposite(turned)}"
         )
         yield "limits", words
     if site is not None and abs(dip - site.inclination_deg) > max(OFF_DEG, 2.0 * scatter):
@@ -184,6 +184,12 @@ def _dip_notes(
             "calibrated, or sensors that do not sit square to each other"
         )
         yield "limits", words
+
+
+def _opposite(turned: Axes) -> str:
+    """The option that turns the acceleration round, on top of how it is turned already."""
+    whole = after(Axes.of(OPPOSITE), turned)
+    return "leave --acceleration-axes out" if whole == EVERY[0] else f"give --acceleration-axes={whole}"
 
 
 # -------------------------------------------------------------------------------------------------------------- a swing
@@ -408,10 +414,15 @@ def _blame(halves: Sequence[HalfTurn]) -> str:
 def _half_turns_table(halves: Sequence[HalfTurn]) -> Table:
     rows = [
         (shown_heading(half.first.heading_deg, 2), shown_heading(half.second.heading_deg, 2),
-         f"{180.0 + half.off_deg:.2f}°", f"{half.off_deg:+.2f} ± {half.sigma_deg:.2f}°")
+         f"{180.0 + half.off_deg:.2f}°", f"{half.off_deg:+.2f}{_give_or_take(half.sigma_deg)}°")
         for half in halves
     ]  # fmt: skip
     return table((Column("turned by 180°, from", justify="right"), "to", "the heading by", "off by"), rows)
+
+
+def _give_or_take(sigma_deg: float) -> str:
+    """Write an uncertainty; nothing where it is not known."""
+    return f" ± {sigma_deg:.2f}" if math.isfinite(sigma_deg) else ""
 
 
 def _half_turns_verdict(halves: Sequence[HalfTurn], target_deg: float) -> Table:

@@ -33,6 +33,7 @@ from flinders.report.formatting import (
     offset_entries,
     on_the_point,
     shown_findings,
+    uncorrected,
 )
 from flinders.report.html_file import filled
 
@@ -74,6 +75,7 @@ def _of_fit(fit: Fit) -> dict[str, Any]:
         "offsets": [(axis, value.rstrip()) for axis, value in zip("xyz", offsets, strict=True)],
         "matrix": [(axis, "   ".join(row)) for axis, row in zip("xyz", rows, strict=True)],
         "mounting": mounting(fit).replace(" (1 σ)", ""),
+        "uncorrected": uncorrected(fit),
         "upside_down": UPSIDE_DOWN,
         "tilt": next((tilt for tilt in TILTS if tilt > fit.attitude_limit_deg), UPSIDE_DOWN),
         "side": "" if is_whole else unseen_side(fit.coverage),

@@ -18,7 +18,7 @@ from flinders.core.files import replacing
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
@@ -32,7 +32,7 @@ def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]
 
     `corrected`, (N, 3) in the unit of the samples, makes three more columns, named with ``_cal``.
     """
-    columns = dict(_columns(samples))
+    columns = samples.as_columns()
     if corrected is not None:
         columns |= {f"mag_{axis}_{samples.unit.inside}_cal": corrected[:, i] for i, axis in enumerate("xyz")}
     yield ",".join(columns)
@@ -44,31 +44,3 @@ def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = F
     """Write a recording, whole or not at all; raises as `flinders.core.files.replacing`."""
     with replacing(path, force=force) as file:
         file.writelines(f"{line}\n" for line in lines(samples))
-
-
-def _columns(samples: Samples) -> Mapping[str, Floats]:
-    """What there is, by the name of its column."""
-    columns: dict[str, Floats] = {}
-    if samples.time is not None:
-        columns["time_s"] = samples.time
-    for name, unit, table in (
-        ("mag", samples.unit.inside, samples.field),
-        ("acc", "mps2", samples.acceleration),
-        ("gyro", "radps", samples.rate),
-    ):
-        if table is not None:
-            columns |= {f"{name}_{axis}_{unit}": table[:, place] for place, axis in enumerate("xyz")}
-    if samples.temperature is not None:
-        columns["temperature_degC"] = samples.temperature
-    if samples.current is not None:
-        columns["current_A"] = samples.current
-    if samples.throttle is not None:
-        columns["throttle_share"] = samples.throttle
-    for table, name in ((samples.currents, "current{}_A"), (samples.throttles, "throttle{}_share")):
-        if table is not None:
-            columns |= {name.format(place + 1): values for place, values in enumerate(table.T)}
-    if samples.attitude is not None:
-        columns |= {f"attitude_{axis}": samples.attitude[:, place] for place, axis in enumerate("wxyz")}
-    if samples.strength is not None:
-        columns[f"reference_strength_{samples.unit.inside}"] = samples.strength
-    return columns

@@ -31,6 +31,9 @@ MAX_CELLS: Final = 4096
 SMALLEST_SIDE: Final = 2.0**-40
 """Of the largest reading: finer cells hold nothing but rounding."""
 
+LARGEST: Final = 1e15
+"""As `FL_LARGEST` of the engine, which refuses larger readings."""
+
 LOOKED_AT: Final = 512
 """Readings that tell how large cells shall be."""
 
@@ -152,7 +155,7 @@ def natural_side(field: Floats) -> float:
     some = field[:: max(1, len(field) // LOOKED_AT)]
     largest = float(np.abs(some).max())
     # No magnetometer reads what squares badly: any side will do.
-    if not SMALLEST_SIDE < largest < 1.0 / SMALLEST_SIDE:
+    if not SMALLEST_SIDE < largest < LARGEST:
         return 1.0
     centre = some.mean(axis=0)
     offsets = some - centre

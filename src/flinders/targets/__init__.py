@@ -19,7 +19,7 @@ from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.plugins import plugin_rows
-from flinders.errors import DocumentError, PluginError, UsageError
+from flinders.errors import DocumentError, PluginError, UsageError, did_you_mean
 from flinders.targets._target import Export, ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ __all__ = [
     "find",
     "read_back",
     "registry",
+    "taking",
 ]
 
 FIRST: Final = (
@@ -77,8 +78,21 @@ def find(name: str) -> Target:
     """
     known = registry().get(name.strip().casefold())
     if known is None:
-        raise UsageError(f"target {name!r} is not known: use one of {', '.join(registry())}")
+        meant = did_you_mean(name, registry())
+        raise UsageError(f"target {name!r} is not known{meant}: use one of {', '.join(registry())}")
     return known
+
+
+def taking(name: str, *, compass: int | None = None, code_name: str | None = None) -> Target:
+    """Look up a target as `find`, and refuse a compass or a name for code that it does not take: `UsageError`."""
+    target = find(name)
+    if compass is not None and not target.compasses:
+        takes = ", ".join(each.name for each in registry().values() if each.compasses)
+        raise UsageError(f"compass= goes with {takes}: {target.name} holds one compass only")
+    if code_name is not None and not target.named:
+        takes = ", ".join(each.name for each in registry().values() if each.named)
+        raise UsageError(f"name= goes with {takes}: {target.name} has no names to choose, leave it out")
+    return target
 
 
 def read_back(
@@ -122,7 +136,9 @@ def read_back(
     if target is None:
         name = next((name for name, reader in readable.items() if reader.sniff(content[:HEAD])), None)
         if name is None:
-            raise DocumentError(f"{source}: is no file of {', '.join(readable)}: name the target with --from, if it is")
+            raise DocumentError(
+                f"{source}: is no file of {', '.join(readable)}: name the target with target=, if it is"
+            )
     else:
         name = find(target).name
         if name not in readable:
@@ -130,6 +146,6 @@ def read_back(
     reader = readable[name]
     if compass is not None and reader.which is None:
         several = dict.fromkeys(row.family for row in registry().values() if row.compasses)
-        raise UsageError(f"--compass goes with {' and '.join(several)}: {name} holds one compass only")
+        raise UsageError(f"compass= goes with {' and '.join(several)}: {name} holds one compass only")
     more = {"compass": compass} if reader.which is not None else {}
     return name, reader.read(content, source, strength=strength, **more)

@@ -243,13 +243,13 @@ class CompassParameters:
             others = "mG, uT" if cls.unit == "G" else "G, uT"
             raise UnitError(
                 f"the calibration is in counts, and {cls.who}'s parameters are in {cls.unit}: calibrate again with "
-                f"--unit {cls.unit} (or {others} …), or with --scale where the microtesla in one count are known"
+                f"unit='{cls.unit}' (or {others} …), or with scale= where the microtesla in one count are known"
             )
         root, angle = without_turn(in_recorded_axes(followed(calibration)[0])[0])
         if angle > MOST_TURN_DEG and not lossy:
             raise NotExportable(
                 f"the calibration turns readings by {figures(angle)}°, and {cls.who}'s symmetric matrix cannot: "
-                "flinders export --lossy writes the rest, and says what roll, pitch and yaw then belong into the "
+                "lossy=True writes the rest, and says what roll, pitch and yaw then belong into the "
                 f"mounting ({by})",
                 beyond=(beyond,),
                 turn_deg=angle,
@@ -328,9 +328,9 @@ class ParameterFile:
             raise DocumentError(f"{source}: holds no offsets of a compass: need {self.need} and so on")
         numbers = " and ".join(map(str, there))
         if compass is None and len(there) > 1:
-            raise DocumentError(f"{source}: holds compass {numbers}: say which one with --compass")
+            raise DocumentError(f"{source}: holds compass {numbers}: say which one with compass=")
         if compass is not None and compass not in there:
-            raise DocumentError(f"{source}: holds compass {numbers} and not {compass}: check --compass")
+            raise DocumentError(f"{source}: holds compass {numbers} and not {compass}: check compass=")
         return self.kind.read(values, there[0] if compass is None else compass)
 
 

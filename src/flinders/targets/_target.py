@@ -500,7 +500,7 @@ class Difference:
         raise NotExportable(
             f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). Use a "
             "target that holds the whole matrix (flinders targets), correct the readings in your own code, or write "
-            "it all the same with --lossy",
+            "it all the same with lossy=True",
             beyond=("matrix",),
             heading_deg=self.heading_deg,
         )
@@ -515,7 +515,7 @@ class Difference:
         raise NotExportable(
             f"rounded to the target's numbers, readings would be off by {off} their length: a field of "
             f"{figures(strength)} {label(calibration.unit)} does not suit their steps. Check the "
-            "unit of the recording, and --field-strength where it was given",
+            "unit of the recording, and field_strength= where it was given",
             beyond=(),
             error=self.worst,
         )
@@ -560,7 +560,7 @@ class Affine:
         if not largest < BEYOND_ALL:
             raise NotExportable(
                 f"numbers like {largest:.2g} are not those of a magnetometer: check the unit of the recording, and "
-                "--field-strength where it was given",
+                "field_strength= where it was given",
                 beyond=("matrix", "offset"),
             )
         return affine
@@ -648,14 +648,14 @@ def per_unit(calibration: Calibration, unit: str, *, who: str) -> float:
     if unit == COUNTS != calibration.raw.name:
         raise UnitError(
             f"the recording was in {calibration.raw.name}, and {who} works in the raw counts of the sensor: record "
-            "these, and calibrate again with --unit counts"
+            "these, and calibrate again with unit='counts'"
         )
     if unit in (RECORDED, COUNTS):
         return calibration.raw.scale
     if calibration.unit == COUNTS:
         raise UnitError(
-            f"the calibration is in counts, and {who} works in {unit}: calibrate again with --scale UT (microtesla in "
-            "one count, from the sensor's data sheet), or with --unit where the readings have one"
+            f"the calibration is in counts, and {who} works in {unit}: calibrate again with scale= (microtesla in "
+            "one count, from the sensor's data sheet), or with unit= where the readings have one"
         )
     return PER_UNIT[unit]
 

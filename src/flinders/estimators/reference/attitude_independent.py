@@ -260,7 +260,7 @@ class Reference:
         reported = _ReportedStrength.of(readings)
         if reported.count and field_strength is not None:
             raise WrongStrength(
-                "the recording tells the field's strength at each reading, and --field-strength another: give one of "
+                "the recording tells the field's strength at each reading, and field_strength= another: give one of "
                 "them",
                 mean=reported.mean,
                 field_strength=field_strength,

@@ -1,0 +1,43 @@
+"""``flinders show``: what a calibration file says, for people."""
+
+from __future__ import annotations
+
+from flinders.cli import _options as option
+from flinders.cli._inputs import load
+from flinders.cli._output import say, show
+
+
+class Show(option.Group):
+    """A calibration file."""
+
+    calibration: str = option.argument("CALIBRATION")
+    verbose: bool = option.flag("--verbose", "Also print what is true of nearly every calibration.")
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
+    "show",
+    Show,
+    common=("verbose", "as_json"),
+    short_help="Say what a calibration file holds.",
+    epilog="""\b
+Example:
+  flinders show calibration.json
+""",
+)
+def command(options: Show) -> None:
+    """Say what CALIBRATION holds: offset and matrix with their uncertainty, what it is good for, its origin.
+
+    Nothing is fitted. With --json the file is printed as this release writes it.
+    """
+    import click
+
+    from flinders.core.calibration_file import dumps
+    from flinders.report.fit_pages import of_file
+
+    fit = load("show", options.calibration)
+    if options.as_json:
+        click.echo(dumps(fit.to_document()), nl=False)
+        return
+    show(of_file(fit, is_verbose=options.verbose))
+    say(f"use it: flinders apply {options.calibration} raw.csv; flinders export --to arduino {options.calibration}")

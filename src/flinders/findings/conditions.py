@@ -1,0 +1,34 @@
+"""What a good verdict rests on and no finding shows, in words, with what would show it.
+
+>>> stated(("uniform-field", "constant-iron"))
+'holds if no iron is near and currents are constant: record elsewhere too'
+>>> stated(())
+''
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.findings.row import Condition
+
+CONDITIONS: Final[dict[Condition, str]] = {
+    "uniform-field": "no iron is near",
+    "constant-iron": "currents are constant",
+}
+"""What a good verdict rests on, in words."""
+
+CERTAINTY: Final[dict[Condition, str]] = {
+    "uniform-field": "record elsewhere too",
+    "constant-iron": "record the currents",
+}
+"""What would show it."""
+
+
+def stated(conditions: Sequence[Condition]) -> str:
+    """What a verdict rests on, with what would show the first of it; nothing where it rests on nothing."""
+    words = " and ".join(CONDITIONS[code] for code in conditions)
+    return f"holds if {words}: {CERTAINTY[conditions[0]]}" if conditions else ""

@@ -1,0 +1,79 @@
+"""Tables in memory: data frames of pandas, and whatever hands out a stream of Arrow, as polars and pyarrow do.
+
+Columns are recognised by the same names as those of files.
+
+>>> import pyarrow
+>>> table = pyarrow.table({"t_s": [0.0, 0.1], "mx_mG": [217, 217], "my_mG": [4, 2], "mz_mG": [-586, -587]})
+>>> recording = open_frame(table)
+>>> print(recording)
+pyarrow Table: columns mx_mG, my_mG, mz_mG in mG, time in t_s; columns in memory
+>>> next(recording.blocks()).field[1]
+array([ 21.7,   0.2, -58.7])
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.core.samples import BLOCK
+from flinders.errors import needs
+from flinders.readers._source import File
+from flinders.readers._table import Table, TableRecording, open_table
+from flinders.readers.parquet import table_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+KIND: Final = "columns in memory"
+
+
+def is_frame(source: object) -> bool:
+    """Whether this is a table in memory, by what it can do."""
+    return hasattr(source, "__arrow_c_stream__") or _is_pandas(source)
+
+
+def open_frame(frame: Any, **options: Any) -> TableRecording:  # noqa: ANN401 - of packages that need not be there
+    """Recognise the columns of a table in memory; options and errors are those of `open_table`.
+
+    That of pandas needs nothing else, any other pyarrow: `MissingExtra` where that is not installed.
+    """
+    name = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
+    table = Table.of_arrays(name, KIND, _arrays(frame)) if _is_pandas(frame) else _of_arrow(frame, name)
+    return open_table(File(name, Path(name), 0), table, **options)
+
+
+def _is_pandas(frame: object) -> bool:
+    """Whether it has columns of NumPy and an index."""
+    return all(hasattr(frame, name) for name in ("columns", "index", "items", "dtypes"))
+
+
+def _arrays(frame: Any) -> dict[str, NDArray[Any]]:  # noqa: ANN401
+    """Columns of numbers or dates of a frame of pandas; first the index, where that is dates or has a name."""
+    columns = {str(name): column for name, column in frame.items()}
+    if frame.index.name or frame.index.dtype.kind == "M":
+        columns = {str(frame.index.name or "time"): frame.index, **columns}
+    arrays = {name: _numbers(column) for name, column in columns.items()}
+    return {name: array for name, array in arrays.items() if array is not None}
+
+
+def _numbers(column: Any) -> NDArray[Any] | None:  # noqa: ANN401
+    """Numbers with NaN for what is missing, dates in UTC; None for anything else."""
+    try:
+        return np.asarray(column, dtype="datetime64[ns]" if column.dtype.kind == "M" else np.float64)
+    except (TypeError, ValueError):
+        return None
+
+
+def _of_arrow(frame: Any, name: str) -> Table:  # noqa: ANN401
+    """Columns that come as a stream of Arrow."""
+    table = needs("pyarrow", "parquet", f"a {name}").table(frame)
+
+    def batches(names: list[str]) -> Iterator[Any]:
+        yield from table.select(names).to_batches(max_chunksize=BLOCK)
+
+    return table_of(KIND, table.schema, table.num_rows, batches, name)

@@ -1,0 +1,232 @@
+"""The door in Python: what `fit` and `read` take, values as values, and tables for other libraries."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import io
+import pickle
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import flinders
+from flinders.core.samples import COLUMNS
+from flinders.core.units import Unit
+from flinders.errors import AxesError, MissingExtra, NoMagnetometer, OutputExists, UnitError, UsageError
+from flinders.simulate.table import write_csv
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.core.samples import Samples
+
+pandas = pytest.importorskip("pandas")
+pyarrow = pytest.importorskip("pyarrow")
+
+SOURCE = Path(flinders.__file__).parent
+
+
+class Streamed:
+    """A table of any library that hands out a stream of Arrow."""
+
+    def __init__(self, columns: dict[str, Any]) -> None:
+        self.table = pyarrow.table(columns)
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        return self.table.__arrow_c_stream__(requested_schema)
+
+
+@pytest.fixture(scope="module")
+def samples() -> Samples:
+    return flinders.simulate.tumble(seed=1).samples
+
+
+def dated(samples: Samples) -> Any:  # noqa: ANN401 - a frame
+    """A frame with its time in an index of dates, which has no name, and a column of words."""
+    frame = pandas.DataFrame(samples.as_columns()).drop(columns="time_s").assign(note="calm")
+    return frame.set_index(pandas.to_datetime(1.7e9 + np.asarray(samples.time), unit="s", utc=True))
+
+
+FRAMES: dict[str, Callable[[Samples], Any]] = {
+    "pandas": lambda samples: pandas.DataFrame(samples.as_columns()),
+    "pandas, time as index": lambda samples: pandas.DataFrame(samples.as_columns()).set_index("time_s"),
+    "pandas, dates as index": dated,
+    "pandas, types with missing values": lambda samples: pandas.DataFrame(samples.as_columns()).convert_dtypes(),
+    "pyarrow": lambda samples: samples.to_arrow(),
+    "a stream of Arrow": lambda samples: Streamed(samples.as_columns()),
+}
+
+
+@pytest.mark.parametrize("make", FRAMES.values(), ids=FRAMES)
+def test_a_frame_reads_as_the_samples_it_was_made_of(make: Callable[[Samples], Any], samples: Samples) -> None:
+    again = flinders.read(make(samples))
+    assert again.unit == Unit.of("uT")
+    np.testing.assert_array_equal(again.field, samples.field)
+    np.testing.assert_allclose(np.asarray(again.time), np.asarray(samples.time), atol=1e-6)
+    assert flinders.fit(make(samples)).calibration.isclose(flinders.fit(samples).calibration)
+
+
+def test_a_frame_of_pandas_needs_no_pyarrow(samples: Samples, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("flinders.errors.import_module", refuse)
+    assert flinders.fit(FRAMES["pandas"](samples)).verdict == "good"
+    with pytest.raises(MissingExtra, match=r"a tests Streamed needs pyarrow.*flinders\[parquet\]"):
+        flinders.fit(Streamed(samples.as_columns()))
+    with pytest.raises(MissingExtra, match="a table of Arrow needs pyarrow"):
+        samples.to_arrow()
+
+
+def refuse(package: str) -> None:
+    raise ImportError(package)
+
+
+def test_columns_of_a_frame_are_chosen_as_those_of_a_file(samples: Samples) -> None:
+    frame = pandas.DataFrame(samples.field, columns=["a", "b", "c"]).assign(d=0.0)
+    with pytest.raises(
+        NoMagnetometer, match=r"names do not tell which columns of pandas DataFrame .* add columns='a,b,c'"
+    ):
+        flinders.fit(frame)
+    chosen = flinders.read(frame, columns="a,b,c", unit="uT", axes="x,-y,-z")
+    np.testing.assert_array_equal(chosen.field, samples.field * [1, -1, -1])
+    with pytest.raises(UsageError, match="leave topic= out"):
+        flinders.read(frame, topic="mag")
+
+
+def test_all_columns_survive_a_table(samples: Samples) -> None:
+    count = 50
+    whole = flinders.Samples.of(
+        samples.field[:count], unit="uT", time=np.arange(count) / 10, acceleration=samples.field[:count],
+        rate=samples.field[:count] / 100, temperature=np.linspace(20, 30, count), current=np.linspace(0, 9, count),
+        throttle=np.linspace(0, 1, count), strength=np.full(count, 48.0), attitude=[[0.6, 0.0, 0.8, 0.0]] * count,
+        currents=np.ones((count, 2)), throttles=np.ones((count, 2)),
+    )  # fmt: skip
+    again = flinders.read(whole.to_arrow())
+    for name in COLUMNS:
+        np.testing.assert_allclose(getattr(again, name), getattr(whole, name), atol=1e-12, err_msg=name)
+
+
+def test_a_path_reads_as_read_reads_it(samples: Samples, tmp_path: Path) -> None:
+    write_csv(samples, tmp_path / "log.csv")
+    expected = flinders.fit(flinders.read(tmp_path / "log.csv")).calibration
+    text = (tmp_path / "log.csv").read_text()
+    with (tmp_path / "log.csv").open("rb") as file:
+        sources = [tmp_path / "log.csv", str(tmp_path / "log.csv"), file, io.StringIO(text), [tmp_path / "log.csv"]]
+        for source in sources:
+            assert flinders.fit(source).calibration == expected
+    assert flinders.fit(tmp_path / "log.csv", sensor="A17").calibration == replace(expected, sensor="A17")
+
+
+def test_a_fit_of_many_takes_files_and_frames(samples: Samples, tmp_path: Path) -> None:
+    write_csv(samples, tmp_path / "A1.csv")
+    rows = flinders.fit_many({"A1": tmp_path / "A1.csv", "A2": FRAMES["pandas"](samples), "A3": "missing.csv"})
+    assert rows.verdict.tolist() == ["good", "good", "failed"]
+    assert rows.code.tolist() == ["", "", "unreadable"]
+
+
+def test_unit_and_axes_of_an_array_are_words(samples: Samples) -> None:
+    expected = flinders.fit(flinders.Samples.of(samples.field * 10, unit="mG", axes="x,-y,-z")).calibration
+    assert flinders.fit(samples.field * 10, unit="mG", axes="x,-y,-z").calibration == expected
+    assert (
+        flinders.fit(samples.field * 10, unit=Unit.of("mG"), axes=flinders.Axes.of("x,-y,-z")).calibration == expected
+    )
+    with pytest.raises(UnitError, match="unit 'furlong' is not known"):
+        flinders.fit(samples.field, unit="furlong")
+    with pytest.raises(AxesError, match="need x, y and z once each"):
+        flinders.fit(samples.field, axes="x,x,z")
+    with pytest.raises(UsageError, match=r"columns= goes to flinders\.read"):
+        flinders.fit(samples.field, columns="1,2,3")
+
+
+def test_a_calibration_is_a_value(samples: Samples) -> None:
+    one, other = (flinders.fit(samples).calibration for _ in range(2))
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one not in (one.inv, "one")
+    for copied in (copy.copy(one), copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
+        assert copied == one
+        assert not copied.matrix.flags.writeable
+
+
+def test_a_calibration_writes_itself_for_a_target(samples: Samples, tmp_path: Path) -> None:
+    calibration = flinders.fit(samples).calibration
+    text = calibration.export("arduino", tmp_path / "mag.ino", name="mast")
+    assert (tmp_path / "mag.ino").read_text() == text
+    assert "mast" in text
+    with pytest.raises(OutputExists, match="overwrite it with force=True"):
+        calibration.export("arduino", tmp_path / "mag.ino")
+    calibration.export("adafruit-eeprom", tmp_path / "mag.ino", force=True)
+    assert len((tmp_path / "mag.ino").read_bytes()) == 68
+    with pytest.raises(UsageError, match="compass= goes with ardupilot"):
+        calibration.export("c", compass=1)
+
+
+def test_rows_of_a_fleet_are_a_table_of_arrow(samples: Samples) -> None:
+    rows = flinders.fit_many({"A1": samples})
+    assert pyarrow.table(rows).equals(rows.to_arrow())
+    assert rows.to_pandas().unit.tolist() == ["A1"]
+
+
+def test_no_message_of_the_library_names_an_option() -> None:
+    """Options are words of the command line, which puts them in the place of keywords by itself."""
+    rooms = ("cli", "live", "report", "findings")
+    named = [
+        (path.name, part.value)
+        for path in SOURCE.rglob("*.py")
+        if path.relative_to(SOURCE).parts[0] not in rooms
+        for raised in ast.walk(ast.parse(path.read_text()))
+        if isinstance(raised, ast.Raise)
+        for part in ast.walk(raised)
+        if isinstance(part, ast.Constant) and isinstance(part.value, str) and re.search(r"(^|[^-])--[a-z]", part.value)
+    ]
+    assert [each for each in named if "flinders calibrate ONE TWO" not in each[1]] == []
+
+
+def test_a_session_leads_to_a_good_calibration_before_all_readings_have_come(samples: Samples) -> None:
+    session = flinders.Session(unit="uT")
+    states = [session.add(block.field, time=block.time) for block in samples[:1000].blocks(rows=25)]
+    done = next(state for state in states if state.is_done)
+    assert done.phase == done.verdict == "good"
+    assert 0.4 < done.coverage < 1.0
+    assert done.readings < 500
+    assert states[0].phase == "collecting"
+    assert states[0].heading_error_deg > 1.0
+    assert states[3].turn.startswith("follow the arrow")
+    assert np.linalg.norm(states[3].direction or ()) == pytest.approx(1.0)
+    assert session.finish().calibration == flinders.fit(samples[:1000]).calibration
+
+
+def test_a_session_without_times_counts_them_by_its_rate(samples: Samples) -> None:
+    timed, counted = flinders.Session(unit="uT"), flinders.Session(unit="uT", rate_hz=50.0)
+    for block in samples[:400].blocks(rows=10):
+        one, other = timed.add(block.field, time=block.time), counted.add(block.field)
+        assert (one.words, one.turn, one.verdict) == (other.words, other.turn, other.verdict)
+
+
+def test_a_session_takes_readings_in_their_unit_one_by_one(samples: Samples) -> None:
+    session = flinders.Session(unit="mG", axes="x,-y,-z", target_deg=5.0)
+    for reading in samples.field[:300]:
+        state = session.add(10.0 * reading)
+    assert state.readings == 300
+    expected = flinders.fit(samples.field[:300] * 10, unit="mG", axes="x,-y,-z").calibration
+    assert session.finish().calibration.isclose(expected)
+    assert session.finish().calibration.axes == expected.axes
+
+
+def test_a_session_says_why_there_is_no_calibration() -> None:
+    session = flinders.Session()
+    assert session.state.words == "Waiting for the first reading."
+    still = session.add([[20.0, 0.0, 45.0]] * 200)
+    assert (still.phase, still.verdict, still.coverage, still.turn, still.direction) == ("wrong", "", 0.0, "", None)
+    assert [reason.code for reason in still.reasons][:1] == ["stuck-axis"]
+    with pytest.raises(flinders.FitError):
+        session.finish()
+    with pytest.raises(UsageError, match="target is -1°"):
+        flinders.Session(target_deg=-1.0)
+    with pytest.raises(UsageError, match="goal is 'height': need heading or attitude"):
+        flinders.Session(goal="height")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="rate_hz is 0"):
+        flinders.Session(rate_hz=0.0)
