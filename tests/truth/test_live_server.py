@@ -583,7 +583,7 @@ def test_an_open_server_asks_for_its_token_once(tmp_path: Path) -> None:
         assert client.get("/", headers=with_cookie).status_code == 200
         assert client.get("/", headers={**with_cookie, "host": "evil.example:8410"}).status_code == 403
         assert tokens.current != first
-        assert re.search(rf"http://[\d.]+:8410/\?token={re.escape(tokens.current)}$", bench.said[0])
+        assert re.search(rf"//[\d.]+:8410/\?token={re.escape(tokens.current)}$", bench.said[0])
     bench.sink.close()
 
 
