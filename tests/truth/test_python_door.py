@@ -218,7 +218,7 @@ def test_a_session_takes_readings_in_their_unit_one_by_one(samples: Samples) -> 
 
 def test_a_session_says_why_there_is_no_calibration() -> None:
     session = flinders.Session()
-    assert session.state.words == "Waiting for the first reading."
+    assert session.state.phase == "waiting"
     still = session.add([[20.0, 0.0, 45.0]] * 200)
     assert (still.phase, still.verdict, still.coverage, still.turn, still.direction) == ("wrong", "", 0.0, "", None)
     assert [reason.code for reason in still.reasons][:1] == ["stuck-axis"]

@@ -117,8 +117,9 @@ def of_file(fit: Fit, *, is_verbose: bool) -> RenderableType:
     ]
     sigma = fit.offset_sigma if fit.states_uncertainty else np.full(3, np.nan)
     basis = f"{counted(fit.samples, 'reading')}; {fit.method}"
-    rests_on = filter(None, (condition(fit),))
-    said = _quality(fit, "", "as its file says", basis, *rests_on) if fit.states_uncertainty else "Its uncertainty is not stated."
+    said: RenderableType = "Its uncertainty is not stated."
+    if fit.states_uncertainty:
+        said = _quality(fit, "", "as its file says", basis, *filter(None, (condition(fit),)))
     known = facts([(name, words) for name, words in origin if words])
     return Group(
         page(known, numbers(calibration, sigma, fit.noise), said), findings(_shown(fit, is_verbose=is_verbose))
