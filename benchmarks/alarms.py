@@ -27,7 +27,7 @@ from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
 from flinders.live.page_state import session_state
-from flinders.live.session import Arrived, FitDone, Linked, Session, Ticked, begin_fit, step
+from flinders.live.session import Arrived, FitDone, Linked, LiveSession, Ticked, begin_fit, step
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,7 +55,7 @@ class State:
 
 def states(samples: Samples) -> Iterator[State]:
     """What the page says while a recording grows, and when it has ended."""
-    session = Session(source=SourceState("the recording", "replay", "connected", ""))
+    session = LiveSession(source=SourceState("the recording", "replay", "connected", ""))
     time = np.arange(len(samples)) / RATE_HZ if samples.time is None else samples.time - samples.time[0]
     rows = rows_of(replace(samples, time=time))
     last = min(float(time[-1]), LONGEST_S)
@@ -68,13 +68,13 @@ def states(samples: Samples) -> Iterator[State]:
     yield _state(step(session, Ticked(last + 2.0))[0])
 
 
-def _after(session: Session, event: Event) -> Session:
+def _after(session: LiveSession, event: Event) -> LiveSession:
     """A session after an event, and a fit of all that has come."""
     session = begin_fit(step(session, event)[0])
     return step(session, FitDone(event.at, evaluate(session), seconds=0.01))[0]
 
 
-def _state(session: Session) -> State:
+def _state(session: LiveSession) -> State:
     """What the page says of a session."""
     shown = session_state(session)
     codes = tuple(reason.code for reason in shown.reasons if reason.severity == "warning")

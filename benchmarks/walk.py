@@ -141,11 +141,11 @@ def a_line(_: Path) -> None:
     from flinders.live.buffer import rows_of
     from flinders.live.messages import encode
     from flinders.live.page_state import session_state
-    from flinders.live.session import Arrived, Evaluated, FitDone, Session, begin_fit, step
+    from flinders.live.session import Arrived, Evaluated, FitDone, LiveSession, begin_fit, step
     from flinders.live.transcript import Transcript
 
     field = _tumble().field
-    transcript, session = Transcript("the board"), Session()
+    transcript, session = Transcript("the board"), LiveSession()
     for number, (x, y, z) in enumerate(field.tolist()):
         line = f"X: {x:.2f} Y: {y:.2f} Z: {z:.2f} uT\n"
         taken = transcript.take(line.encode(), at=0.1 * number)
@@ -163,9 +163,9 @@ def a_live_fit(_: Path) -> None:
     from flinders.core.units import Unit
     from flinders.live.buffer import rows_of
     from flinders.live.evaluation import evaluate
-    from flinders.live.session import Arrived, Session, step
+    from flinders.live.session import Arrived, LiveSession, step
 
-    evaluate(step(Session(), Arrived(60.0, rows_of(_tumble()), Unit.of("uT")))[0])
+    evaluate(step(LiveSession(), Arrived(60.0, rows_of(_tumble()), Unit.of("uT")))[0])
 
 
 def _command(*words: str) -> None:

@@ -25,8 +25,8 @@ from flinders.live.session import (
     Event,
     FitDone,
     Linked,
+    LiveSession,
     Requested,
-    Session,
     begin_fit,
     step,
     used_readings,
@@ -50,7 +50,7 @@ def arriving(places: list[int]) -> list[Event]:
     return [Arrived(ROWS[b - 1, 0], ROWS[a:b], UT) for a, b in itertools.pairwise(places) if b > a]
 
 
-def replayed(events: list[Event], session: Session) -> tuple[Session, list[Notice]]:
+def replayed(events: list[Event], session: LiveSession) -> tuple[LiveSession, list[Notice]]:
     """Take a list of events in, one after the other."""
     replies: list[Notice] = []
     for event in events:
@@ -59,24 +59,24 @@ def replayed(events: list[Event], session: Session) -> tuple[Session, list[Notic
     return session, replies
 
 
-def fitted(session: Session) -> str:
+def fitted(session: LiveSession) -> str:
     return repr(evaluate(session).view)
 
 
-WHOLE = fitted(replayed(arriving([0, len(ROWS)]), Session())[0])
+WHOLE = fitted(replayed(arriving([0, len(ROWS)]), LiveSession())[0])
 
 
 @examples(10)
 @given(cuts)
 def test_any_split_of_the_readings_gives_the_same_fit(places: list[int]) -> None:
-    session, _ = replayed(arriving(places), Session())
+    session, _ = replayed(arriving(places), LiveSession())
     assert fitted(session) == WHOLE
 
 
 @examples(50)
 @given(st.lists(edits, max_size=10), spans)
 def test_exclude_and_undo_is_as_if_nothing_had_happened(before: list[Exclude], span: tuple[float, float]) -> None:
-    session, _ = replayed([*arriving([0, 600]), *(Requested(60.0, one) for one in before)], Session())
+    session, _ = replayed([*arriving([0, 600]), *(Requested(60.0, one) for one in before)], LiveSession())
     taken, _ = step(session, Requested(61.0, Exclude(*span)))
     assume(taken.shown.exclusions != session.shown.exclusions)
     later, _ = step(taken, Requested(62.0, Undo()))
@@ -86,7 +86,7 @@ def test_exclude_and_undo_is_as_if_nothing_had_happened(before: list[Exclude], s
 
 @given(st.lists(edits, max_size=30))
 def test_spans_stay_in_order_and_apart_and_all_steps_can_be_undone(wishes: list[Exclude]) -> None:
-    session, _ = replayed([Requested(0.0, wish) for wish in wishes], Session())
+    session, _ = replayed([Requested(0.0, wish) for wish in wishes], LiveSession())
     flat = [edge for span in session.shown.exclusions.spans for edge in span]
     assert flat == sorted(flat)
     assert len(set(flat)) == len(flat)
@@ -104,7 +104,7 @@ def test_spans_stay_in_order_and_apart_and_all_steps_can_be_undone(wishes: list[
 
 @given(spans, st.integers(0, 599))
 def test_a_reading_is_fitted_unless_its_time_was_taken_out(span: tuple[float, float], row: int) -> None:
-    session, _ = replayed([*arriving([0, 600]), Requested(60.0, Exclude(*span))], Session())
+    session, _ = replayed([*arriving([0, 600]), Requested(60.0, Exclude(*span))], LiveSession())
     kept = used_readings(session)[1]
     assert (row in kept) == (not span[0] <= ROWS[row, 0] <= span[1])
     assert session_state(session).excluded_readings == 600 - len(kept)
@@ -113,7 +113,7 @@ def test_a_reading_is_fitted_unless_its_time_was_taken_out(span: tuple[float, fl
 @given(cuts, st.integers(1, 40))
 def test_two_pages_get_the_same_points_whenever_they_came(places: list[int], frame: int) -> None:
     """One page is there from the beginning, the other comes in the end."""
-    session, early, received = Session(), Cursor(), bytearray()
+    session, early, received = LiveSession(), Cursor(), bytearray()
     for event in arriving(places):
         session, _ = step(session, event)
         content, early = points(session, early)
@@ -132,16 +132,16 @@ def test_the_same_events_give_the_same_messages_again() -> None:
         Requested(60.0, Exclude(1.0, 2.0)),
         Requested(61.0, SetTarget(0.5)),
     ]
-    first, told = replayed(events, Session())
+    first, told = replayed(events, LiveSession())
     found = evaluate(first)
     first, more = step(begin_fit(first), FitDone(62.0, found, 0.01))
-    second, told_again = replayed(events, Session())
+    second, told_again = replayed(events, LiveSession())
     second, more_again = step(begin_fit(second), FitDone(62.0, evaluate(second), 0.01))
     assert (told, repr(more), session_state(first)) == (told_again, repr(more_again), session_state(second))
 
 
 def test_a_state_is_not_changed_by_what_comes_after_it() -> None:
-    session, _ = replayed(arriving([0, 300]), Session())
+    session, _ = replayed(arriving([0, 300]), LiveSession())
     before = used_readings(session)[0].field.copy()
     one, _ = step(session, Arrived(10.0, ROWS[300:310], UT))
     other, _ = step(session, Arrived(10.0, ROWS[400:410], UT))
@@ -175,7 +175,7 @@ def test_a_stride_is_the_least_power_of_two_that_is_enough(total: int, most: int
 def test_when_the_stride_doubles_a_page_that_kept_every_second_point_has_the_right_ones() -> None:
     rows = np.zeros((SHOWN + 1000, 7))
     rows[:, 0] = np.arange(len(rows))
-    session, cursor, page = Session(), Cursor(), np.empty(0)
+    session, cursor, page = LiveSession(), Cursor(), np.empty(0)
     for batch in np.array_split(rows, 90):
         session, _ = step(session, Arrived(1.0, batch, UT))
         while True:
@@ -203,7 +203,7 @@ def test_a_timeline_never_goes_back_and_does_not_depend_on_batches(times: list[f
 
 
 def test_fits_take_their_share_of_a_core_and_no_more() -> None:
-    session, busy, now = Session(), 0.0, 0.0
+    session, busy, now = LiveSession(), 0.0, 0.0
     for row in ROWS[:500]:
         now = row[0]
         session, _ = step(session, Arrived(now, row[np.newaxis], UT))
@@ -215,7 +215,7 @@ def test_fits_take_their_share_of_a_core_and_no_more() -> None:
 
 
 def test_the_last_fit_of_a_source_that_has_ended_does_not_wait_for_its_share() -> None:
-    session, _ = step(Session(), Arrived(0.0, ROWS[:100], UT))
+    session, _ = step(LiveSession(), Arrived(0.0, ROWS[:100], UT))
     session = begin_fit(session)
     session, _ = step(session, Arrived(0.5, ROWS[100:200], UT))
     session, _ = step(session, FitDone(1.0, Evaluated(key=0), 30.0))
@@ -228,7 +228,7 @@ def test_the_last_fit_of_a_source_that_has_ended_does_not_wait_for_its_share() -
 
 
 def test_a_pause_is_an_exclusion_that_can_be_undone() -> None:
-    session, _ = step(Session(), Arrived(2.0, ROWS[:100], UT))
+    session, _ = step(LiveSession(), Arrived(2.0, ROWS[:100], UT))
     session, _ = step(session, Requested(2.0, Pause(paused=True)))
     session, _ = step(session, Arrived(4.0, ROWS[100:200], UT))
     assert session_state(session).excluded_readings == 100
@@ -242,7 +242,7 @@ def test_a_pause_is_an_exclusion_that_can_be_undone() -> None:
 
 
 def test_a_fit_of_what_was_there_before_is_not_shown_after_clearing() -> None:
-    session, _ = replayed(arriving([0, 600]), Session())
+    session, _ = replayed(arriving([0, 600]), LiveSession())
     session = begin_fit(session)
     found = evaluate(session)
     session, _ = step(session, Requested(60.0, Clear()))

@@ -38,7 +38,7 @@ from flinders.live.messages import MAGIC, SourceState
 from flinders.live.page_state import session_state
 from flinders.live.recorder import RecordedFeed, ToFile
 from flinders.live.server import STATIC, application
-from flinders.live.session import Session
+from flinders.live.session import LiveSession
 from flinders.live.session_file import Edits, Supply, default_path
 from flinders.live.transports import Scripted
 from flinders.targets import registry
@@ -78,7 +78,7 @@ class Bench:
         feed = RecordedFeed(Replay(samples, speed=None), self.sink)
         supply = Supply(feed, self.sink, self.path, Axes(), board=board)
         source = SourceState("bench", "serial", "waiting", "")
-        self.hub = Hub(Session(source=source, has_board=board is not None), supply)
+        self.hub = Hub(LiveSession(source=source, has_board=board is not None), supply)
         self.said: list[str] = []
         self.app = application(self.hub, Gate.of(host, 8410, ("bench",)), tokens, self.said.append)
         self.client = TestClient(self.app, base_url=f"http://{HOST}")
@@ -86,18 +86,18 @@ class Bench:
     def page(self) -> WebSocketTestSession:
         return self.client.websocket_connect("/socket", headers=OWN)
 
-    def until(self, done: Callable[[Session], bool]) -> None:
+    def until(self, done: Callable[[LiveSession], bool]) -> None:
         end = time.monotonic() + PATIENCE_S
         while not done(self.hub.session):
             assert time.monotonic() < end, self.hub.session
             time.sleep(0.01)
 
 
-def has_fit(session: Session) -> bool:
+def has_fit(session: LiveSession) -> bool:
     return session.view is not None and session.shown.evaluated.key == session.shown.key
 
 
-def has_all(session: Session) -> bool:
+def has_all(session: LiveSession) -> bool:
     """There is a fit of all readings that come."""
     return has_fit(session) and session.source.link == "ended"
 

@@ -37,10 +37,10 @@ from flinders.live.session import (
     FitDone,
     GotPrevious,
     Linked,
+    LiveSession,
     Opened,
     Requested,
     Series,
-    Session,
     Ticked,
     Unrecorded,
     begin_fit,
@@ -56,16 +56,16 @@ if TYPE_CHECKING:
 SENSOR = SourceState("/dev/ttyACM0", "serial", "connected", "")
 
 
-def after(samples: Samples, session: Session | None = None, **changes: object) -> Session:
+def after(samples: Samples, session: LiveSession | None = None, **changes: object) -> LiveSession:
     """A session that has seen these readings and fitted them."""
-    session = session or Session(source=SENSOR)
+    session = session or LiveSession(source=SENSOR)
     rows = rows_of(samples)
     session, _ = step(session, Arrived(float(rows[-1, 0]), rows, samples.unit))
     session = replace(session, **changes)  # type: ignore[arg-type]
     return fitted(session)
 
 
-def fitted(session: Session) -> Session:
+def fitted(session: LiveSession) -> LiveSession:
     """Fitted, and a second later, in which nothing came."""
     session = begin_fit(session)
     session, _ = step(session, FitDone(session.at, evaluate(session), 0.01))
@@ -90,7 +90,7 @@ def test_the_first_seconds_are_collecting_and_nothing_is_wrong() -> None:
 
 
 def test_a_source_that_has_sent_nothing_yet_is_waited_for_and_one_that_stops_is_wrong() -> None:
-    session, notices = step(Session(source=SENSOR), Linked(3.0, "waiting", ""))
+    session, notices = step(LiveSession(source=SENSOR), Linked(3.0, "waiting", ""))
     for at in (1.0, 4.0, 4000.0):
         shown = session_state(step(session, Ticked(at))[0])
         assert (shown.phase, shown.words, codes(shown)) == ("waiting", "Waiting for readings from /dev/ttyACM0.", [])
@@ -103,12 +103,12 @@ def test_a_source_that_has_sent_nothing_yet_is_waited_for_and_one_that_stops_is_
 
 def test_a_resumed_session_whose_sensor_is_not_on_yet_is_not_wrong() -> None:
     live = after(simulate.tumble(seed=1).samples).live
-    shown = session_state(step(Session(source=SENSOR, live=live), Ticked(10.0))[0])
+    shown = session_state(step(LiveSession(source=SENSOR, live=live), Ticked(10.0))[0])
     assert (shown.phase, codes(shown), shown.reasons[0].severity) == ("good", ["nothing-arrives"], "info")
 
 
 def test_what_the_feed_says_of_silence_goes_before_what_is_guessed() -> None:
-    session, _ = step(Session(source=SENSOR), Linked(3.5, "waiting", "900 bytes arrived and no line: check --baud"))
+    session, _ = step(LiveSession(source=SENSOR), Linked(3.5, "waiting", "900 bytes arrived and no line: check --baud"))
     assert session_state(session).reasons == (Reason("nothing-arrives", "900 bytes arrived and no line: check --baud"),)
     session, _ = step(session, Arrived(4.0, np.zeros((1, 7)), Unit.of("uT")))
     assert session_state(session).source.link == "connected"
@@ -117,7 +117,7 @@ def test_what_the_feed_says_of_silence_goes_before_what_is_guessed() -> None:
 def test_a_slow_sensor_is_given_time() -> None:
     rows = rows_of(simulate.tumble(seed=1, n=20).samples)
     rows[:, 0] = np.arange(20) * 4.0
-    session, _ = step(Session(source=SENSOR), Arrived(76.0, rows, Unit.of("uT")))
+    session, _ = step(LiveSession(source=SENSOR), Arrived(76.0, rows, Unit.of("uT")))
     assert codes(session_state(step(session, Ticked(86.0))[0])) == []
     assert codes(session_state(step(session, Ticked(100.0))[0])) == ["nothing-arrives"]
 
@@ -178,7 +178,7 @@ def test_the_interval_in_which_something_stood_beside_it_is_offered_to_be_left_o
 
 
 def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
-    session, (notice,) = step(Session(), Requested(1.0, SetPlace(52.5, 13.4, 2026.5)))
+    session, (notice,) = step(LiveSession(), Requested(1.0, SetPlace(52.5, 13.4, 2026.5)))
     assert session.dip_deg == pytest.approx(68.3, abs=0.3)  # Berlin
     assert "WMM-2025" in notice.words
     for place in (SetPlace(95.0, 0.0, 2026.5), SetPlace(0.0, 0.0, 1900.0), SetPlace(-64.0, 136.0, 2026.5)):
@@ -237,7 +237,7 @@ def test_a_stricter_target_is_asked_for_and_reached_later() -> None:
 def test_advice_speaks_of_a_vehicle_where_its_axes_are_known() -> None:
     samples = simulate.tumble(seed=1, motion="tilted").samples
     bare = after(samples, goal="attitude")
-    known = after(samples, Session(source=SENSOR, live=Series(axes=Axes.of("x,y,-z"))), goal="attitude")
+    known = after(samples, LiveSession(source=SENSOR, live=Series(axes=Axes.of("x,y,-z"))), goal="attitude")
     assert bare.view is not None
     assert bare.view.guidance is not None
     assert re.search(r"about [xyz] \([xyz] towards [xyz]\)", bare.view.guidance.words)
@@ -285,14 +285,14 @@ def test_a_log_is_shown_in_place_of_the_sensor_which_goes_on() -> None:
 
 def test_a_long_session_is_fitted_from_a_spread_of_its_readings() -> None:
     many = simulate.tumble(seed=1, n=50_000, motion="uniform").samples
-    samples, numbers = used_readings(step(Session(), Arrived(1.0, rows_of(many), many.unit))[0])
+    samples, numbers = used_readings(step(LiveSession(), Arrived(1.0, rows_of(many), many.unit))[0])
     assert 16_000 <= len(samples) <= 20_000
     assert (np.diff(numbers) == 3).all()
 
 
 def growing(rows: Floats, every_s: float) -> Iterator[SessionState]:
     """What is shown of a sensor that is turned, after each of its fits."""
-    session = Session(source=SENSOR)
+    session = LiveSession(source=SENSOR)
     for at in np.arange(every_s, rows[-1, 0], every_s).tolist():
         new = rows[(rows[:, 0] > session.at) & (rows[:, 0] <= at)]
         session, _ = step(session, Arrived(at, new, Unit.of("uT")))
@@ -315,7 +315,7 @@ def test_a_target_is_reached_when_several_fits_say_so(every_s: float, fits: int)
 
 def test_a_stricter_target_has_to_be_reached_anew() -> None:
     rows = rows_of(simulate.tumble(seed=1).samples)
-    session = Session(source=SENSOR)
+    session = LiveSession(source=SENSOR)
     for cut in (2000, 2100, 2200):
         session, _ = step(session, Arrived(float(rows[cut, 0]), rows[session.live.buffer.total : cut], Unit.of("uT")))
         session, _ = step(begin_fit(session), FitDone(session.at, evaluate(session), 0.01))
@@ -387,7 +387,7 @@ def test_what_is_fitted_keeps_the_acceleration() -> None:
 def test_the_rate_is_that_of_the_readings_however_they_come(together: int, speed: float) -> None:
     """50 Hz in batches, also played back ten times as fast."""
     rows = rows_of(simulate.tumble(seed=1).samples)
-    session = Session(source=SENSOR)
+    session = LiveSession(source=SENSOR)
     for start in range(0, 1000, together):
         new = rows[start : start + together]
         session, _ = step(session, Arrived(float(new[-1, 0]) / speed, new, Unit.of("uT")))
@@ -409,7 +409,7 @@ def test_what_cannot_be_recorded_is_said_and_the_page_goes_on() -> None:
 
 def test_a_calibration_can_be_sent_to_the_board_that_it_is_of() -> None:
     samples = simulate.tumble(seed=1).samples
-    board = Session(source=SENSOR, has_board=True)
+    board = LiveSession(source=SENSOR, has_board=True)
     assert not session_state(board).can_send
     assert not session_state(after(samples[:60], board)).can_send
     assert not session_state(after(samples)).can_send

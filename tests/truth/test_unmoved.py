@@ -19,7 +19,7 @@ from flinders.errors import FitError, Unmoved
 from flinders.fitting.result import Refused
 from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate
-from flinders.live.session import Arrived, Session, step
+from flinders.live.session import Arrived, LiveSession, step
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ def test_the_live_page_says_one_thing(trials: Choose) -> None:
     for seed in trials(25, 1).seeds:
         field, _ = handled(seed, n=3000)
         samples = Samples(field, time=np.arange(3000) / 50.0)
-        found = evaluate(step(Session(), Arrived(60.0, rows_of(samples), samples.unit))[0])
+        found = evaluate(step(LiveSession(), Arrived(60.0, rows_of(samples), samples.unit))[0])
         assert [(reason.code, reason.severity) for reason in found.reasons] == [("no-rotation", "info")]
         assert found.refusal.startswith("all readings lie within ")
         assert found.view is None

@@ -3,8 +3,9 @@
 >>> from flinders import simulate
 >>> from flinders.core.units import Unit
 >>> from flinders.live.buffer import rows_of
->>> from flinders.live.session import Arrived, Session, step
->>> session, _ = step(Session(), Arrived(at=60.0, rows=rows_of(simulate.tumble(seed=1).samples), unit=Unit.of("uT")))
+>>> from flinders.live.session import Arrived, LiveSession, step
+>>> rows = rows_of(simulate.tumble(seed=1).samples)
+>>> session, _ = step(LiveSession(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
 >>> evaluated = evaluate(session)
 >>> evaluated.view.verdict, evaluated.used, [reason.code for reason in evaluated.reasons]
 ('good', 3000, [])
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
     from flinders.live.messages import Span
-    from flinders.live.session import Session
+    from flinders.live.session import LiveSession
     from flinders.report.view import Triple, View
 
 STALE_S: Final = 2.0  # Seconds of equal readings after which a sensor is said to have stopped
@@ -81,7 +82,7 @@ OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
 
 
-def evaluate(session: Session) -> Evaluated:
+def evaluate(session: LiveSession) -> Evaluated:
     """Fit what a session shows and look at what came out."""
     samples, numbers = used_readings(session)
     fit, refusal, code = _fitted(session, samples)
@@ -119,7 +120,7 @@ def _beyond_level(page_view: View, fit: Fit) -> View:
     return msgspec.structs.replace(page_view, guidance=msgspec.structs.replace(page_view.guidance, words=words))
 
 
-def _fitted(session: Session, samples: Samples) -> tuple[Fit | None, str, str]:
+def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, str]:
     """The fit, or why there is none and the code of that."""
     try:
         return fit_samples(samples, target_deg=session.target_deg, dip_deg=session.dip_deg), "", ""
@@ -183,7 +184,7 @@ def _joined(outliers: Sequence[Outlier]) -> list[Outlier]:
     return joined
 
 
-def _alarmed_at(session: Session, alarms: frozenset[str]) -> float | None:
+def _alarmed_at(session: LiveSession, alarms: frozenset[str]) -> float | None:
     """When the first of the fits in a row was made that have alarms; what has become one remains it."""
     before = session.shown.evaluated
     if not alarms:
@@ -284,7 +285,7 @@ def _widest_deg(corrected: Floats) -> float:
     return float(np.rad2deg(np.arccos(np.clip(directions @ mean, -1.0, 1.0))).max())
 
 
-def _compared(fit: Fit | None, session: Session) -> PreviousState | None:
+def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     """How far the calibration from before is off the present one."""
     previous = session.previous
     if previous is None:
@@ -401,7 +402,7 @@ class Finished:
         ]
 
 
-def finished(session: Session, path: Path | None, reading: dict[str, Any]) -> Finished:
+def finished(session: LiveSession, path: Path | None, reading: dict[str, Any]) -> Finished:
     """Fit all readings of what is shown, but for those taken out.
 
     They are in the file at `path`, which is read as `flinders.open_recording` takes `reading`; without it, and of a
@@ -427,7 +428,7 @@ def _nothing_yet(error: FlindersError) -> FlindersError:
     return error
 
 
-def _outcome(session: Session, recording: Recording) -> Fit | FlindersError:
+def _outcome(session: LiveSession, recording: Recording) -> Fit | FlindersError:
     try:
         return fit_samples(recording, target_deg=session.target_deg, dip_deg=session.dip_deg)
     except Refused as refused:

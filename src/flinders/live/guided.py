@@ -32,8 +32,7 @@ from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate, finished
 from flinders.live.messages import Goal, SourceState
 from flinders.live.page_state import session_state
-from flinders.live.session import SHARE, Arrived, FitDone, Series, begin_fit, step, wants_fit
-from flinders.live.session import Session as Reduced
+from flinders.live.session import SHARE, Arrived, FitDone, LiveSession, Series, begin_fit, step, wants_fit
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -154,7 +153,7 @@ class Session:
         request = Request(target_deg, dip_deg)
         self._unit, self._axes, self._rate_hz, self._every_s = Unit.of(unit), Axes.of(axes), rate_hz, every_s
         series = Series(unit=self._unit, axes=self._axes)
-        self._session = Reduced(
+        self._session = LiveSession(
             source=SOURCE, live=series, target_deg=request.target_deg, dip_deg=request.dip_deg, goal=goal
         )
 

@@ -31,7 +31,7 @@ from flinders.live.session import (
     Event,
     FitDone,
     Linked,
-    Session,
+    LiveSession,
     Ticked,
     Unrecorded,
     begin_fit,
@@ -79,7 +79,7 @@ class Page:
 class Hub:
     """The session, what goes into it, and the pages that look at it; `failure` is what has ended it."""
 
-    def __init__(self, session: Session, supply: Supply, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, session: LiveSession, supply: Supply, clock: Callable[[], float] = time.monotonic) -> None:
         self.session, self.supply, self.pages = session, supply, set[Page]()
         self.failure: Exception | None = None
         self.name = secrets.token_hex(4)
@@ -217,7 +217,7 @@ class Hub:
         self._fits.add(task)
         task.add_done_callback(self._fits.discard)
 
-    async def _fit(self, session: Session) -> None:
+    async def _fit(self, session: LiveSession) -> None:
         evaluated, seconds = await asyncio.to_thread(_timed, session)
         self.take(FitDone(self.now, evaluated, seconds))
 
@@ -230,7 +230,7 @@ class Hub:
             page.wake.set()
 
 
-def _timed(session: Session) -> tuple[Evaluated, float]:
+def _timed(session: LiveSession) -> tuple[Evaluated, float]:
     """Fit what a session holds, and say how long the processor took: how busy the machine is otherwise is no matter."""
     from flinders.live.evaluation import evaluate
 

@@ -1,7 +1,7 @@
 """What a page shows of a session: its state in words and numbers, and the points that the page lacks.
 
->>> from flinders.live.session import Session
->>> session_state(Session()).phase, session_state(Session()).words
+>>> from flinders.live.session import LiveSession
+>>> session_state(LiveSession()).phase, session_state(LiveSession()).words
 ('waiting', 'Waiting for readings from no source.')
 """
 
@@ -17,7 +17,7 @@ from flinders.live.session import ENOUGH_FITS, RATE_S, SURE_S, is_over, is_settl
 
 if TYPE_CHECKING:
     from flinders.live.messages import Phase
-    from flinders.live.session import Session
+    from flinders.live.session import LiveSession
     from flinders.report.view import View
 
 SILENT_S: Final = 3.0  # Seconds without a reading after which that is said; or so many usual steps of a slow sensor
@@ -26,7 +26,7 @@ FRAME_POINTS: Final = 20_000  # Points in one frame, at most: a page that comes 
 LEVEL_DEG: Final = 89.0  # A calibration that is good to so much tilt needs no word about tilt
 
 
-def session_state(session: Session) -> SessionState:
+def session_state(session: LiveSession) -> SessionState:
     """The state message of a session."""
     shown, evaluated = session.shown, session.shown.evaluated
     phase, words, reasons = _phase(session)
@@ -58,7 +58,7 @@ def session_state(session: Session) -> SessionState:
     )
 
 
-def _rate_hz(session: Session) -> float | None:
+def _rate_hz(session: LiveSession) -> float | None:
     """Readings a second by their own times, over the last two seconds; None where none came."""
     # from the last reading of the first arrival to the last of all: it does not matter how many came together
     arrivals = session.arrivals
@@ -71,7 +71,7 @@ def _rate_hz(session: Session) -> float | None:
     return sum(count for _, _, count in arrivals[1:]) / (last[1] - first[1])
 
 
-def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
+def _phase(session: LiveSession) -> tuple[Phase, str, tuple[Reason, ...]]:
     """Phase of the session, a sentence about it, and the reasons against it."""
     link = [] if session.opened is not None else _of_link(session)
     unrecorded = [Reason("not-recorded", session.unrecorded, "info")] if session.unrecorded else []
@@ -85,7 +85,7 @@ def _phase(session: Session) -> tuple[Phase, str, tuple[Reason, ...]]:
     return phase, words, reasons
 
 
-def _settled(session: Session) -> tuple[Reason, ...]:
+def _settled(session: LiveSession) -> tuple[Reason, ...]:
     """Reasons of the newest fit; a finding that more turning may end is no warning yet."""
     reasons = [
         reason if is_settled(session, reason.code) else Reason(reason.code, f"so far {reason.advice}", "info")
@@ -94,7 +94,7 @@ def _settled(session: Session) -> tuple[Reason, ...]:
     return tuple(sorted(reasons, key=lambda reason: reason.severity != "warning"))
 
 
-def _of_view(session: Session) -> tuple[Phase, str]:
+def _of_view(session: LiveSession) -> tuple[Phase, str]:
     """How far the newest fit has come."""
     view = session.view
     if view is None:
@@ -119,7 +119,7 @@ def _of_view(session: Session) -> tuple[Phase, str]:
     return by_verdict[view.verdict]
 
 
-def _bound(session: Session, view: View) -> str:
+def _bound(session: LiveSession, view: View) -> str:
     """What all headings are within, where that is the goal; else what the error is."""
     error = view.heading_error_deg
     if session.goal != "heading" or error is None:
@@ -141,14 +141,14 @@ def _as_far_as(view: View) -> str:
     return f", {tilt}; for more tilt than that, turn it tilted and upside down too"
 
 
-def _is_sure(session: Session) -> bool:
+def _is_sure(session: LiveSession) -> bool:
     """Whether it takes no further fit to say that the target is reached: several did, or there will be no other."""
     within = session.shown.within
     is_repeated = len(within) >= ENOUGH_FITS or (len(within) > 0 and within[-1] - within[0] >= SURE_S)
     return is_repeated or is_over(session)
 
 
-def _before_a_fit(session: Session) -> str:
+def _before_a_fit(session: LiveSession) -> str:
     """What to say while there are no numbers."""
     if not session.shown.buffer.total:
         return f"{session.source.name} has ended without a reading."
@@ -170,7 +170,7 @@ def _sentence(words: str) -> str:
     return f"{begin}{words[1:].rstrip('.')}."
 
 
-def _of_link(session: Session) -> list[Reason]:
+def _of_link(session: LiveSession) -> list[Reason]:
     """Reasons why no readings arrive."""
     source, since = session.source, session.at - session.arrived_at
     if source.link == "gone":
@@ -186,12 +186,12 @@ def _of_link(session: Session) -> list[Reason]:
     return []
 
 
-def _severity(session: Session) -> Literal["info", "warning"]:
+def _severity(session: LiveSession) -> Literal["info", "warning"]:
     """A source that has stopped is a fault; one that has sent nothing yet, as in a resumed session, is not."""
     return "warning" if session.arrived_at else "info"
 
 
-def _nothing_arrives(session: Session, since: float) -> str:
+def _nothing_arrives(session: LiveSession, since: float) -> str:
     """How long no reading has come, and what to check."""
     return (
         f"no reading has come for {since:.0f} s from {session.source.name}: check that the sensor is on and prints "
@@ -219,7 +219,7 @@ class Cursor:
     total: int = -1
 
 
-def points(session: Session, cursor: Cursor) -> tuple[bytes | None, Cursor]:
+def points(session: LiveSession, cursor: Cursor) -> tuple[bytes | None, Cursor]:
     """The points that a page does not have yet, and the newest reading; None where there is nothing new.
 
     A page with every second point too many keeps every second one, as the frame's stride says.

@@ -26,7 +26,7 @@ from flinders.live.access import Gate, Guard, Tokens, answer, shown_name
 from flinders.live.hub import UPLOAD_BYTES, Hub, Page
 from flinders.live.messages import FitMessage, Notice, encode, parse
 from flinders.live.page_state import points, session_state
-from flinders.live.session import GotPrevious, Opened, Requested, Session
+from flinders.live.session import GotPrevious, LiveSession, Opened, Requested
 from flinders.report.html_file import joined
 
 if TYPE_CHECKING:
@@ -246,7 +246,7 @@ async def _send(request: Request) -> Response:
     return JSONResponse({"words": f"{board.name}: {confirmed}"})
 
 
-def _refuse_a_log(session: Session) -> None:
+def _refuse_a_log(session: LiveSession) -> None:
     """See that what is shown is the calibration of the board, and not of the sensor that a log is of."""
     if session.opened is not None:
         raise NotSent(

@@ -8,7 +8,7 @@ thread: each event carries its time, so that a recorded list of events is a test
 >>> from flinders.live.evaluation import evaluate
 >>> from flinders.live.page_state import session_state
 >>> rows = rows_of(simulate.tumble(seed=1).samples)
->>> session, replies = step(Session(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
+>>> session, replies = step(LiveSession(), Arrived(at=60.0, rows=rows, unit=Unit.of("uT")))
 >>> wants_fit(session, at=60.0)
 True
 >>> session = begin_fit(session)
@@ -242,7 +242,7 @@ class Series:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Session:
+class LiveSession:
     """State of the server, without its sockets.
 
     Attributes
@@ -304,37 +304,37 @@ class Session:
         return self.shown.evaluated.view
 
 
-Stepped = tuple[Session, list[Notice]]
+Stepped = tuple[LiveSession, list[Notice]]
 
 
-def step(session: Session, event: Event) -> Stepped:
+def step(session: LiveSession, event: Event) -> Stepped:
     """Take one event in; the notices are for all pages, and what else they show follows from the session."""
     return _STEPS[type(event)](replace(session, at=event.at), event)
 
 
-def _changed(session: Session, **changes: object) -> Session:
+def _changed(session: LiveSession, **changes: object) -> LiveSession:
     return replace(session, revision=session.revision + 1, **changes)  # type: ignore[arg-type]
 
 
-def _with_shown(session: Session, series: Series) -> Session:
+def _with_shown(session: LiveSession, series: Series) -> LiveSession:
     """Replace the series that is shown."""
     return _changed(session, **{"live" if session.opened is None else "opened": series})
 
 
-def _refit(session: Session, *, soon: bool = True) -> Session:
+def _refit(session: LiveSession, *, soon: bool = True) -> LiveSession:
     """Mark the shown series as changed, so that it is fitted again; soon where a person asked for it."""
     keys = session.keys + 1
     session = replace(session, keys=keys, due_at=min(session.due_at, session.at) if soon else session.due_at)
     return _with_shown(session, replace(session.shown, key=keys))
 
 
-def _alone(session: Session) -> Session:
+def _alone(session: LiveSession) -> LiveSession:
     """Fit the shown series anew, and accept no fit that was begun before."""
     session = _refit(session)
     return _with_shown(session, replace(session.shown, since=session.keys))
 
 
-def _arrived(session: Session, event: Arrived) -> Stepped:
+def _arrived(session: LiveSession, event: Arrived) -> Stepped:
     """Add readings to those of the sensor; also while a log is shown."""
     if not len(event.rows):
         return session, []
@@ -353,7 +353,7 @@ def _arrived(session: Session, event: Arrived) -> Stepped:
     return _changed(session, live=live, keys=keys, timeline=timeline, arrived_at=event.at, arrivals=arrivals), []
 
 
-def _linked(session: Session, event: Linked) -> Stepped:
+def _linked(session: LiveSession, event: Linked) -> Stepped:
     """Note that the link has changed, and say so."""
     source = SourceState(session.source.name, session.source.kind, event.link, event.words)
     if source == session.source:
@@ -363,26 +363,26 @@ def _linked(session: Session, event: Linked) -> Stepped:
     return _changed(session, source=source), [Notice(severity, event.words)] if is_news else []
 
 
-def _unrecorded(session: Session, event: Unrecorded) -> Stepped:
+def _unrecorded(session: LiveSession, event: Unrecorded) -> Stepped:
     """Say that the recording has a hole, or goes on."""
     notice = Notice("error", event.words) if event.words else Notice("info", "what arrives is recorded again")
     return _changed(session, unrecorded=event.words), [notice]
 
 
-def _got_previous(session: Session, event: GotPrevious) -> Stepped:
+def _got_previous(session: LiveSession, event: GotPrevious) -> Stepped:
     return _refit(_changed(session, previous=event.previous)), []
 
 
-def _ticked(session: Session, _: Ticked) -> Stepped:
+def _ticked(session: LiveSession, _: Ticked) -> Stepped:
     return session, []
 
 
-def _requested(session: Session, event: Requested) -> Stepped:
+def _requested(session: LiveSession, event: Requested) -> Stepped:
     """Carry out a command of a page; one that changes nothing is no step."""
     return _ANSWERS[type(event.command)](session, event.command)
 
 
-def _with_goal(session: Session, **wish: object) -> Stepped:
+def _with_goal(session: LiveSession, **wish: object) -> Stepped:
     """Change what the calibration is compared with: target, dip, goal or another calibration."""
     ((name, value),) = wish.items()
     if getattr(session, name) == value:
@@ -391,7 +391,7 @@ def _with_goal(session: Session, **wish: object) -> Stepped:
     return _with_shown(session, replace(session.shown, within=())), []
 
 
-def _placed(session: Session, place: SetPlace) -> Stepped:
+def _placed(session: LiveSession, place: SetPlace) -> Stepped:
     """Take the dip of a place from the World Magnetic Model; `UsageError` where there is none or no heading."""
     from flinders.core.geomag import site_field
 
@@ -404,7 +404,7 @@ def _placed(session: Session, place: SetPlace) -> Stepped:
     return session, [Notice("info", words)]
 
 
-def _edited(session: Session, edit: Callable[[Exclusions], Exclusions]) -> Stepped:
+def _edited(session: LiveSession, edit: Callable[[Exclusions], Exclusions]) -> Stepped:
     """Change the exclusions; without a difference it is no step."""
     exclusions = edit(session.shown.exclusions)
     if exclusions == session.shown.exclusions:
@@ -412,7 +412,7 @@ def _edited(session: Session, edit: Callable[[Exclusions], Exclusions]) -> Stepp
     return _refit(_with_shown(session, replace(session.shown, exclusions=exclusions))), []
 
 
-def _excluded(session: Session, start: float, end: float) -> Stepped:
+def _excluded(session: LiveSession, start: float, end: float) -> Stepped:
     """Exclude an interval, as far as readings have come: later ones are never excluded."""
     buffer = session.shown.buffer
     if not buffer.total:
@@ -423,7 +423,7 @@ def _excluded(session: Session, start: float, end: float) -> Stepped:
     return _edited(session, lambda exclusions: exclusions.excluding(span))
 
 
-def _paused(session: Session, *, paused: bool) -> Stepped:
+def _paused(session: LiveSession, *, paused: bool) -> Stepped:
     """Exclude new readings from now on, or no longer: a pause is an exclusion that can be undone."""
     live = session.live
     if session.opened is not None:
@@ -439,7 +439,7 @@ def _paused(session: Session, *, paused: bool) -> Stepped:
     return _refit(_changed(session, live=replace(live, paused_at=None, exclusions=exclusions))), []
 
 
-def _cleared(session: Session) -> Stepped:
+def _cleared(session: LiveSession) -> Stepped:
     """Begin anew without readings."""
     if session.opened is not None:
         return session, [
@@ -461,7 +461,7 @@ def _cleared(session: Session) -> Stepped:
     return session, [Notice("info", "started again; earlier readings stay in the recording")]
 
 
-def _back_to_live(session: Session) -> Stepped:
+def _back_to_live(session: LiveSession) -> Stepped:
     """Close the log."""
     if session.opened is None:
         return session, []
@@ -470,7 +470,7 @@ def _back_to_live(session: Session) -> Stepped:
     return _alone(_changed(session, opened=None, opened_name="", live=live, generations=number)), []
 
 
-def _opened(session: Session, event: Opened) -> Stepped:
+def _opened(session: LiveSession, event: Opened) -> Stepped:
     """Show a log."""
     number = session.generations + 1
     series = replace(event.series, generation=number)
@@ -478,7 +478,7 @@ def _opened(session: Session, event: Opened) -> Stepped:
     return session, [Notice("info", event.words)]
 
 
-def _fitted(session: Session, event: FitDone) -> Stepped:
+def _fitted(session: LiveSession, event: FitDone) -> Stepped:
     """Take a fit over, unless it is of another series than the shown one."""
     session = replace(session, is_fitting=False, due_at=event.at + max(event.seconds / SHARE, FASTEST_S))
     shown, key = session.shown, event.evaluated.key
@@ -489,7 +489,7 @@ def _fitted(session: Session, event: FitDone) -> Stepped:
     return _with_shown(session, replace(shown, within=within)), []
 
 
-_STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
+_STEPS: Final[dict[type, Callable[[LiveSession, Any], Stepped]]] = {
     Arrived: _arrived,
     Linked: _linked,
     Unrecorded: _unrecorded,
@@ -499,7 +499,7 @@ _STEPS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
     GotPrevious: _got_previous,
     Ticked: _ticked,
 }
-_ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
+_ANSWERS: Final[dict[type, Callable[[LiveSession, Any], Stepped]]] = {
     SetTarget: lambda session, command: _with_goal(session, target_deg=command.deg),
     SetDip: lambda session, command: _with_goal(session, dip_deg=command.deg),
     SetPlace: _placed,
@@ -517,7 +517,7 @@ _ANSWERS: Final[dict[type, Callable[[Session, Any], Stepped]]] = {
 }
 
 
-def wants_fit(session: Session, at: float) -> bool:
+def wants_fit(session: LiveSession, at: float) -> bool:
     """Whether something changed since the last fit, none is running, and one is due, or the source has ended."""
     shown = session.shown
     is_new = bool(shown.buffer.total) and shown.evaluated.key != shown.key
@@ -525,12 +525,12 @@ def wants_fit(session: Session, at: float) -> bool:
     return is_new and not session.is_fitting and is_due
 
 
-def begin_fit(session: Session) -> Session:
+def begin_fit(session: LiveSession) -> LiveSession:
     """Note that a fit runs."""
     return replace(session, is_fitting=True)
 
 
-def used_readings(session: Session, most: int | None = FITTED) -> tuple[Samples, NDArray[np.intp]]:
+def used_readings(session: LiveSession, most: int | None = FITTED) -> tuple[Samples, NDArray[np.intp]]:
     """Readings not taken out, at most so many or all, spread evenly; and (N,) which of the session each is."""
     shown = session.shown
     used = np.flatnonzero(~shown.buffer.within(shown.excluded))
@@ -548,7 +548,7 @@ def used_readings(session: Session, most: int | None = FITTED) -> tuple[Samples,
     return samples, used * shown.buffer.stride
 
 
-def worst_deg(session: Session, view: View) -> float | None:
+def worst_deg(session: LiveSession, view: View) -> float | None:
     """The error that is compared with the target; None where it is not known."""
     error = view.heading_error_deg
     if error is None or view.guidance is None:
@@ -556,7 +556,7 @@ def worst_deg(session: Session, view: View) -> float | None:
     return error.worst if session.goal == "heading" else max(error.worst, view.guidance.worst_deg)
 
 
-def is_over(session: Session) -> bool:
+def is_over(session: LiveSession) -> bool:
     """Whether the newest fit is of all readings, and no more come: of a log, in a pause, of a silent sensor."""
     shown = session.shown
     has_ended = shown.paused_at is not None or session.source.link in ("ended", "gone")
@@ -564,13 +564,13 @@ def is_over(session: Session) -> bool:
     return shown.evaluated.key == shown.key and (session.opened is not None or is_silent)
 
 
-def is_settled(session: Session, code: str) -> bool:
+def is_settled(session: LiveSession, code: str) -> bool:
     """Whether more turning would not end what a reason says."""
     evaluated = session.shown.evaluated
     return code not in evaluated.alarms or is_over(session) or evaluated.is_alarmed(session.at)
 
 
-def _is_within(session: Session, evaluated: Evaluated) -> bool:
+def _is_within(session: LiveSession, evaluated: Evaluated) -> bool:
     """Whether a fit says that the target is reached, and nothing that speaks against it."""
     worst = None if evaluated.view is None else worst_deg(session, evaluated.view)
     is_clean = all(reason.severity != "warning" for reason in evaluated.reasons)

@@ -32,7 +32,7 @@ from flinders.errors import OutputError, counted
 from flinders.live.buffer import Exclusions, ReadingBuffer, Timeline, rows_of
 from flinders.live.messages import SourceState
 from flinders.live.recorder import Patient, Resumed, ToFile
-from flinders.live.session import Series, Session
+from flinders.live.session import LiveSession, Series
 from flinders.readers import open_recording
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Supply:
 @contextlib.contextmanager
 def begun(
     source: Source, axes: Axes, *, output: str | None = None, resume: str | None = None, say: Callable[[str], object]
-) -> Iterator[tuple[Supply, Session]]:
+) -> Iterator[tuple[Supply, LiveSession]]:
     """Begin a session, or continue the one that a file holds, and close its file at the end.
 
     It is recorded into a new file, `output`, or goes on with one to `resume`; without both the file is named by the
@@ -106,7 +106,7 @@ def begun(
     path = Path(resume or output or default_path(datetime.now(UTC)))
     reading = {**source.reading, "axes": str(axes)}
     with contextlib.closing(Patient(ToFile(path, resume=resume is not None), say)) as sink:
-        session = Session(
+        session = LiveSession(
             live=Series(axes=axes),
             target_deg=edits.target_deg,
             dip_deg=edits.dip_deg,
@@ -122,7 +122,7 @@ def begun(
         yield Supply(feed, sink, path, axes, source.board, reading), session
 
 
-def _continued(session: Session, path: Path, edits: Edits, reading: dict[str, Any]) -> Session:
+def _continued(session: LiveSession, path: Path, edits: Edits, reading: dict[str, Any]) -> LiveSession:
     """A session with the readings that the file of an earlier one holds, and what a person did to them."""
     before = () if edits.begun_s is None else ((-math.inf, edits.begun_s),)
     series, _, timeline = load(path, path.name, before, **reading)
@@ -141,7 +141,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True):
     goal: Literal["heading", "attitude"] = "heading"
 
     @classmethod
-    def of(cls, session: Session) -> Edits:
+    def of(cls, session: LiveSession) -> Edits:
         """What was done in a session so far, on the readings of the sensor."""
         live = session.live
         return cls(
