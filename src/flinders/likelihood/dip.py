@@ -121,11 +121,15 @@ class AccelerometerPrior:
     def of(cls, *, bias: float = ACCELERATION_SIGMA, gain: float = GAIN_SIGMA) -> Self:
         """Errors about zero: a bias in m/s², gains, and axes from square in rad, 1 σ.
 
+        The unit of gravity is the median of |f|, in which the bias is: all gains are off by as much together.
+
         >>> (1.0 / np.sqrt(np.diag(AccelerometerPrior.of(bias=0.0).precision))).round(6)[[0, 3, 6]]
         array([1.e-06, 2.e-02, 1.e-02])
         """
         sigmas = np.repeat([bias / GRAVITY, gain, 0.5 * gain], 3)
-        return cls(np.zeros(9), np.diag(1.0 / np.maximum(sigmas, EXACT) ** 2))
+        covariance = np.diag(np.maximum(sigmas, EXACT) ** 2)
+        covariance[3:6, 3:6] += (bias / GRAVITY) ** 2
+        return cls(np.zeros(9), np.linalg.inv(covariance))
 
     def equations(self, errors: Floats) -> NormalEquations:
         """Normal equations at (9,) errors, in standard deviations."""
