@@ -19,7 +19,7 @@ from flinders.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
     from flinders.live.messages import Kind
-    from flinders.live.session import Session
+    from flinders.live.session import LiveSession
     from flinders.live.session_file import Source
 
 ANY_PORT: Final = "?"
@@ -244,7 +244,7 @@ def _chosen(options: Live) -> dict[str, Any]:
     return {name: value for name, value in chosen.items() if value is not None}
 
 
-def _as_dict(session: Session, recording: str | None) -> dict[str, Any]:
+def _as_dict(session: LiveSession, recording: str | None) -> dict[str, Any]:
     """JSON-ready: what there was when the page was closed, that is the recording, how far it had come, and the fit."""
     from flinders.live.page_state import session_state
 
@@ -258,7 +258,7 @@ def _as_dict(session: Session, recording: str | None) -> dict[str, Any]:
     }
 
 
-def _announce(session: Session, port: int, token: str | None, options: Live) -> None:
+def _announce(session: LiveSession, port: int, token: str | None, options: Live) -> None:
     """Say where the page is, and open it where there is somebody to see it."""
     from flinders.live.access import page_addresses
 

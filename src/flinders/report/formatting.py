@@ -4,7 +4,7 @@
 >>> from flinders import simulate
 >>> boat = simulate.tumble(seed=1, motion="swayed", n=1500).samples
 >>> mounting(flinders.fit(boat, aiding=("rate", "dip")))
-'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.40° (1 σ)'
+'how the axes sit in the body, as the gyro and accelerometer tell it, adds 0.39° (1 σ)'
 """
 
 from __future__ import annotations
