@@ -57,7 +57,7 @@ class Trial:
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description="How good a refreshed calibration is.")
     parser.add_argument("--trials", type=int, default=200)
     trials = parser.parse_args().trials
@@ -99,7 +99,8 @@ def soft_iron(rng: np.random.Generator, change: float) -> Floats:
     """(3, 3) what a change of the soft iron does to a field: symmetric, without a change of its mean strength."""
     entries = rng.standard_normal(6)
     deviator = symmetric(entries) - np.eye(3) * entries[:3].mean()
-    return np.eye(3) + change * deviator / np.sqrt(np.mean(upper(deviator) ** 2))
+    added: Floats = change * deviator / np.sqrt(np.mean(upper(deviator) ** 2))
+    return np.eye(3) + added
 
 
 def parameters(ellipsoid: Ellipsoid) -> Floats:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from tests.golden.sessions import session
+from tests.golden.sessions import assert_sessions_are_real, session
 from tests.worlds import TUMBLED_SENSOR
 
 import flinders
@@ -49,3 +49,7 @@ def test_steel_that_was_built_in(golden: Golden) -> None:
 
 def test_help(golden: Golden) -> None:
     golden("cli/flinders-refresh-help.txt", session("flinders refresh --help"))
+
+
+def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
+    assert_sessions_are_real("refresh.md", request, least=2)

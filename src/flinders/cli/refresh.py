@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from flinders.cli import _options as option
 from flinders.cli._inputs import Counted, load, open_with, provenance, refuse_calibrations, say_sensor
 from flinders.cli._program import EXITS
@@ -99,7 +101,7 @@ def _aiding(names: tuple[str, ...]) -> tuple[str, ...]:
     return aiding
 
 
-def _site(options: Refresh, recording: object) -> dict[str, object]:
+def _site(options: Refresh, recording: object) -> dict[str, Any]:
     """Site and dip, as they were typed or as the log says."""
     site = SiteOptions(place=options.place, date=options.date, gain_sigma=None)
     known = {**site.as_options(), **site.told_by(recording)}

@@ -22,6 +22,9 @@ CONDITIONS: Final[dict[Condition, str]] = {
 }
 """What a good verdict rests on, in words."""
 
+OF_A_TUMBLE: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
+"""What a good verdict rests on where a magnetometer alone was recorded."""
+
 CERTAINTY: Final[dict[Condition, str]] = {
     "same-soft-iron": "tumble again",
     "uniform-field": "record elsewhere too",

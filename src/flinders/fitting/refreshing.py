@@ -225,10 +225,11 @@ def _samples(source: AnyReadings, previous: Fit) -> Samples:
             f"{recording.source} is in {recording.unit.name}, {previous.name} is for readings in "
             f"{calibration.raw.name}: record as for that calibration"
         )
-    if recording.axes != calibration.axes or frame_of(recording) != calibration.frame:
+    ours, theirs = (recording.axes, frame_of(recording)), (calibration.axes, calibration.frame)
+    if ours != theirs:
         raise AxesError(
-            f"{recording.source} has axes {recording.axes}, {previous.name} has {calibration.axes}: read it with the "
-            "axes of the calibration"
+            f"{recording.source} has axes {ours[0]} of the {ours[1]}, {previous.name} has {theirs[0]} of the "
+            f"{theirs[1]}: read it as the recording of the calibration"
         )
     return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
 
