@@ -70,6 +70,18 @@ class Streamed:
         return self.whole.blocks(self.rows)
 
 
+def spiral(sigma: float, *, half: bool = False) -> Floats:
+    """500 directions on a Fibonacci spiral, or those with u_z > 0, and noise of one seed, in µT."""
+    i = np.arange(500) + 0.5
+    z = 1.0 - 2.0 * i / 500.0
+    longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
+    directions = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+    noise = np.random.default_rng(20240601).standard_normal((500, 3))
+    field = 50.0 * directions @ SOFT_IRON.T + HARD_IRON + sigma * noise
+    kept: Floats = field[z > 0] if half else field
+    return kept
+
+
 def level_turn(
     seed: int,
     headings_deg: Floats | None = None,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from tests.worlds import HARD_IRON, SOFT_IRON
+from tests.worlds import HARD_IRON, SOFT_IRON, spiral
 
 import flinders
 from flinders.estimators import Estimator, Readings, fit_error
@@ -28,7 +28,6 @@ from flinders.simulate import hemisphere
 if TYPE_CHECKING:
     from tests.trials import Choose
 
-    from flinders.arrays import Floats
     from flinders.estimators import Estimate
 
 RADIUS: Final = 50.0 * float(np.cbrt(np.linalg.det(SOFT_IRON)))
@@ -38,18 +37,6 @@ ALS: Final = Consistent()
 NXP: Final = Algebraic("nxp")
 SAMPSON: Final = Likelihood(prior=None, bias_correction=False)
 LI4: Final = Li(k=4.0)
-
-
-def spiral(sigma: float, *, half: bool = False) -> Floats:
-    """Readings in all directions, or in those with u_z > 0."""
-    i = np.arange(500) + 0.5
-    z = 1.0 - 2.0 * i / 500.0
-    longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
-    directions = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-    noise = np.random.default_rng(20240601).standard_normal((500, 3))
-    field = 50.0 * directions @ SOFT_IRON.T + HARD_IRON + sigma * noise
-    kept: Floats = field[z > 0] if half else field
-    return kept
 
 
 def estimated(estimator: Estimator, sigma: float, *, half: bool = False) -> Estimate:
