@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from scipy.optimize import least_squares
 from tests.worlds import HARD_IRON, SOFT_IRON
 
 import flinders
@@ -131,6 +130,8 @@ def test_a_ring_errs_by_the_figures_of_the_table_to_a_fifth(
 @pytest.mark.parametrize("half", [180.0, 90.0], ids=["ring", "arch"])
 def test_the_cost_of_the_paper_runs_away(half: float) -> None:
     """Σ (|T(h − b)| − 1)² from the truth, at a dip of 31°: it shrinks as the ellipsoid grows, without end."""
+    from scipy.optimize import least_squares
+
     distortion, hard = vasconcelos()
     rng = np.random.default_rng(3)
     body = carried(rng.uniform(-half, half, 2000), rng.uniform(-20.0, 20.0, 2000), 0.0, 31.0)
