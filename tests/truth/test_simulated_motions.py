@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 TIMED = [name for name, motion in MOTIONS.items() if motion.seconds is not None]
-DOWN = np.array([0.0, 0.0, 1.0])
 
 
 def tilts_deg(recording: Simulated) -> Floats:
