@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,20 +20,23 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def visitor(browser: Browser, tmp_path: Path) -> Iterator[Visitor]:
-    with Program(tmp_path, "--simulate") as program:
+def visitor(browser: Browser, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Visitor]:
+    """Of a simulation as fast as is asked."""
+    with Program(tmp_path, "--simulate", "--speed", str(getattr(request, "param", 1))) as program:
         visitor = Visitor(browser, program)
         yield visitor
         visitor.leave()
         visitor.close()
 
 
+@pytest.mark.parametrize("visitor", [10], indirect=True)
 def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Path) -> None:
     page = visitor.page()
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
     expect(page.locator("#source-name")).to_have_text("simulation")
     until(page, "flinders.store.state.readings > 20 && flinders.store.points.count > 20")
     until(page, "flinders.store.state.phase === 'good'")
+    expect(page.locator("#drawn")).to_be_hidden()
     expect(page.locator("#phase")).to_have_text("Good")
     expect(page.locator("#advice-words")).to_contain_text("press Finish")
     page.locator("#pause").click()
@@ -52,6 +56,24 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
     assert saved.calibration == served.calibration
     assert saved.fit is not None
     assert saved.fit.verdict == "good"
+
+
+POSES = """() => [...document.querySelectorAll("#drawn .side, #drawn .way")].map(part => part.getAttribute("d"))"""
+
+
+def test_a_drawn_board_turns_as_the_sensor_is_to_be_turned(visitor: Visitor) -> None:
+    context = visitor.context(reduced_motion="no-preference")
+    page = visitor.page(context)
+    until(page, "flinders.store.view?.guidance?.direction")
+    expect(page.locator("#drawn")).to_be_visible()
+    expect(page.locator("#advice-words")).to_have_text("Turn the sensor as the drawing shows.")
+    expect(page.locator("#drawn svg")).to_have_attribute("aria-label", re.compile("Follow the arrow"))
+    side, way = page.evaluate(POSES)
+    assert way, "an arrow shows which way"
+    until(page, f"document.querySelector('#drawn .side').getAttribute('d') !== '{side}'")
+    expect(page.locator("#notices")).to_contain_text("a common mistake")
+    page.locator("#pause").click()
+    expect(page.locator("#drawn")).to_be_hidden()
 
 
 @pytest.mark.nightly

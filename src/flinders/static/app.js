@@ -12,6 +12,7 @@ import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
+import { Board } from "./views/board.js";
 import { legend, palette } from "./views/colours.js";
 import { ems, gauge } from "./views/gauge.js";
 import { svg } from "./views/plot.js";
@@ -31,12 +32,18 @@ const CHART_SHARE = 6;
 const LONG_ADVICE = 112;
 /** Where the browser keeps which theme was chosen; see theme.js. */
 const THEME = "flinders-theme";
+/** What to do, where no direction is better than the others; and where the drawn board shows it. */
+const AROUND = "Turn the sensor slowly through all directions.";
+const AS_DRAWN = "Turn the sensor as the drawing shows.";
 const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
 const store = new Store();
 const finish = new Finish(notify);
 const panels = lay(byId("strip", HTMLElement), { store, send, notify });
+/** Drawn beside the sphere, and in its place before the first turn. */
+const board = new Board(byId("drawn", HTMLElement));
+const begin = new Board(byId("turning", HTMLElement));
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
@@ -116,6 +123,7 @@ function draw(now) {
     if (dirty.state || dirty.view) finish.show(view, state);
     if (dirty.points || dirty.view || dirty.state) drawScene(view, state);
     if (dirty.now) scene?.setNow(store.now ? { raw: store.now.raw } : null);
+    if (dirty.now && store.now && view?.shown) board.attitude.follow(store.now, view.shown);
     const picture = { view, state, now: store.now, points: store.points };
     drawChanged(panels, /** @type {const} */ (["view", "state", "now"]).filter((part) => dirty[part]), picture);
     const charts = dirty.points || dirty.view || dirty.state;
@@ -240,7 +248,24 @@ function drawAdvice(state, view) {
     byId("advice", HTMLElement).dataset.phase = state.phase;
     byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
     setText(byId("advice-words", HTMLElement), words);
-    say("advice", wrong ? "" : words); // what is wrong is said with the phase
+    drawBoard(state, view?.guidance ?? null);
+    const spoken = words === AS_DRAWN ? sentence(view?.guidance?.words ?? "") : words;
+    say("advice", wrong ? "" : spoken); // what is wrong is said with the phase
+}
+
+/**
+ * Show how to turn next, as long as that is asked for.
+ * @param {State} state
+ * @param {View["guidance"]} guidance
+ */
+function drawBoard(state, guidance) {
+    const isAsked = goesOn(state) && !state.paused && !isStill(state, store.view);
+    if (isAsked && (state.phase === "collecting" || state.phase === "limited")) {
+        const { direction = null, frame = "sensor", words = AROUND } = guidance ?? {};
+        board.show({ direction, frame }, capital(words));
+    } else {
+        board.hide();
+    }
 }
 
 /**
@@ -274,10 +299,11 @@ function drawEmpty(state, view) {
     const isEmpty = readings === 0 || still;
     byId("empty", HTMLElement).hidden = !isEmpty;
     byId("stage", HTMLElement).toggleAttribute("data-empty", isEmpty);
-    byId("turning", HTMLElement).hidden = !still;
+    if (still) begin.show({ direction: null, frame: "sensor" }, AROUND);
+    else begin.hide();
     const lead = phase === "waiting" ? "Waiting for readings" : "No readings";
     setText(byId("empty-lead", HTMLElement), still ? "Start turning" : lead);
-    setText(byId("empty-from", HTMLElement), still ? "Turn the sensor slowly through all directions." : `from ${source.name}`);
+    setText(byId("empty-from", HTMLElement), still ? AROUND : `from ${source.name}`);
     byId("empty-drop", HTMLElement).hidden = still;
     byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
     setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
@@ -295,11 +321,20 @@ function advice(state, view) {
     if (state.phase === "wrong") return sentence(brief(state.words)[0]);
     if (!goesOn(state) && state.readings > 0) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
-        const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
-        return `The recording has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
+        const next = guidance && !hasLetters(guidance) && !guidance.words.includes("arrow") ? sentence(guidance.words) : AROUND;
+        return `The recording has ended. To do better, record again: ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
     if (state.phase === "good") return "Done: press Finish, or keep turning to make it better.";
-    return guidance ? sentence(guidance.words) : "Turn the sensor slowly through all directions.";
+    if (guidance === null) return AROUND;
+    return hasLetters(guidance) ? AS_DRAWN : sentence(guidance.words);
+}
+
+/**
+ * Whether advice names axes of a sensor, which nobody can see on a board.
+ * @param {import("./messages.d.ts").GuidanceView} guidance
+ */
+function hasLetters({ direction, frame }) {
+    return direction !== null && frame === "sensor";
 }
 
 let legendDrawn = "";

@@ -48,6 +48,7 @@ import {
     nowhere,
     strokes,
     tileAt,
+    towards,
 } from "./geometry.js";
 import { SavedFrame } from "./saved_frame.js";
 import { Labels } from "./labels.js";
@@ -80,6 +81,9 @@ const [AXIS, NAME, MARGIN] = [1.16, 1.225, 3];
 
 /** Radius of the ring around the direction that is advised. */
 const RING = Math.sin((8.5 * Math.PI) / 180);
+
+/** An arrow over more of the sphere could not be seen whole, radians. */
+const IN_SIGHT = 1.7;
 
 /** A reading so far from the one before, as a cosine, is a stray or a gap: the tail breaks there. */
 const JUMP = Math.cos((20 * Math.PI) / 180);
@@ -634,9 +638,10 @@ export class Scene {
             this.eye.follow(place, 0);
             return;
         }
-        const angle = arrow([place.x, place.y, place.z], target, this.path);
+        const end = towards([place.x, place.y, place.z], target, IN_SIGHT);
+        const angle = arrow([place.x, place.y, place.z], end, this.path);
         rewrite(this.arrow, this.path);
-        this.other.fromArray(target).multiplyScalar(1.08).add(place);
+        this.other.fromArray(end).multiplyScalar(1.08).add(place);
         if (this.other.length() > 0.2) this.eye.follow(this.other.normalize(), angle / 2);
     }
 
