@@ -33,7 +33,7 @@ def node(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("there is no Node.js here")
     folder = tmp_path_factory.mktemp("views")
     (folder / "package.json").write_text('{"type": "module"}', encoding="utf-8")
-    for name in ("colours", "geometry", "marks", "turn", "vectors"):
+    for name in ("colours", "detail", "geometry", "marks", "turn", "vectors"):
         shutil.copyfile(VIEWS / f"{name}.js", folder / f"{name}.js")
     return folder
 
@@ -43,6 +43,7 @@ def run(folder: Path, script: str, **given: object) -> Any:  # noqa: ANN401
     lines = [f"const {name} = {json.dumps(value)};" for name, value in given.items()]
     source = [
         'import * as colours from "./colours.js";',
+        'import * as details from "./detail.js";',
         'import * as geometry from "./geometry.js";',
         'import * as marking from "./marks.js";',
         'import * as turn from "./turn.js";',
@@ -230,3 +231,25 @@ def test_the_turn_that_is_drawn_leads_the_field_to_where_the_arrow_points(node: 
     turns = np.array(run(node, script, pairs=list(zip(starts.tolist(), ends.tolist(), strict=True))))
     body = np.swapaxes(turns, 1, 2)  # from axes that stay to those of the board that has turned
     npt.assert_allclose(np.einsum("nij,nj->ni", body, starts), ends, atol=1e-6)
+
+
+# low detail
+
+CHANGES = """((detail) => pictures.flatMap((ms, k) => detail.took(ms) ? [[k, detail.isLow]] : []))(
+    new details.Detail()
+)"""
+
+
+def test_slow_pictures_lower_the_detail_and_one_hitch_does_not(node: Path) -> None:
+    assert run(node, CHANGES, pictures=[16.0] * 50 + [900.0] + [16.0] * 50) == []
+    ((when, is_low),) = run(node, CHANGES, pictures=[16.0] * 50 + [70.0] * 50)
+    assert is_low
+    assert when < 50 + 10
+
+
+def test_full_detail_is_tried_again_more_and_more_seldom(node: Path) -> None:
+    slow, fast = [70.0] * 20, [16.0] * 500
+    changes = run(node, CHANGES, pictures=(slow + fast) * 3)
+    assert [is_low for _, is_low in changes] == [True, False] * 3
+    waits = [up - down for (down, _), (up, _) in zip(changes[::2], changes[1::2], strict=True)]
+    assert np.diff(waits).tolist() == pytest.approx([90, 180], abs=2)

@@ -36,6 +36,7 @@ import {
 } from "../vendor/three.js";
 import { clamp, Eye } from "./camera.js";
 import { errorColour, palette } from "./colours.js";
+import { Detail } from "./detail.js";
 import {
     SHAFT,
     OUTSIDE,
@@ -70,8 +71,11 @@ const [TAIL, TAIL_SECONDS] = [64, 2.5];
 const [PULSE, PULSE_SLOW] = [40, 150];
 const PULSE_PERIOD = 1600;
 
-/** Pixels of the screen to one of the page, at most; and how many in all, where graphics are drawn by software. */
-const [FINEST, MOST_SLOW] = [2, 700_000];
+/** Pixels of the screen to one of the page, at most; how many in all, drawn by software, and in low detail. */
+const [FINEST, MOST_SLOW, MOST_LOW] = [2, 700_000, 320_000];
+
+/** Readings that are drawn in low detail while the view moves. */
+const FEWER = 4000;
 
 /** So many readings are drawn in full size. */
 const FEW = 3000;
@@ -115,6 +119,9 @@ export class Scene {
     /** When the transition began, and the last picture was drawn: milliseconds. */
     started = -Infinity;
     last = 0;
+    /** How finely it is drawn, and whether the last picture asked for the next at once. */
+    detail = new Detail();
+    isMoving = false;
     /** Handles of the picture and of the pulse to come. */
     waiting = 0;
     pulsing = 0;
@@ -354,7 +361,9 @@ export class Scene {
         const share = this.calm ? 1 : Math.min(Math.max((time - this.started) / TRANSITION, 0), 1);
         this.#move(share * share * (3 - 2 * share));
         const turning = this.eye.step((time - this.last) / 1000);
+        if (this.isMoving && this.detail.took(time - this.last)) this.#resize();
         this.last = time;
+        this.isMoving = turning || share < 1;
         this.#pulse(time);
         this.#send();
         this.#lookFromEye();
@@ -362,7 +371,7 @@ export class Scene {
         this.#drawGround();
         this.renderer.render(this.front, this.eye.camera);
         this.#placeLabels();
-        if (turning || share < 1) this.redraw();
+        if (this.isMoving) this.redraw();
         else this.#pulseOn();
     };
 
@@ -374,11 +383,17 @@ export class Scene {
         const stays = !this.#hasMoved() && !this.stale && this.laid <= count && saved?.restore();
         if (!stays || this.laid < count) {
             readings.setDrawRange(stays ? this.laid : 0, stays ? count - this.laid : count);
+            this.#drawEvery(this.detail.isLow && this.isMoving ? Math.ceil(count / FEWER) : 1);
             for (const part of this.still) part.material.visible = !stays;
             renderer.render(this.ground, camera);
             saved?.save();
         }
-        [this.stale, this.laid] = [false, count];
+        [this.stale, this.laid] = [this.detail.isLow && this.isMoving, count]; // all of them, once it has come to rest
+    }
+
+    /** @param {number} every  reading is drawn */
+    #drawEvery(every) {
+        for (const { material } of [this.raw, this.corrected]) material.uniforms.every.value = Math.max(every, 1);
     }
 
     /** Whether the eye is elsewhere than at the last picture. */
@@ -445,7 +460,7 @@ export class Scene {
     #pulseOn() {
         clearTimeout(this.pulsing);
         if (this.calm || !this.ripple.visible) return;
-        this.pulsing = setTimeout(() => this.redraw(), this.software ? PULSE_SLOW : PULSE);
+        this.pulsing = setTimeout(() => this.redraw(), this.software || this.detail.isLow ? PULSE_SLOW : PULSE);
     }
 
     // --------------------------------------------------------------------------------------------- what follows from it
@@ -690,7 +705,10 @@ export class Scene {
         const [width, height] = [this.host.clientWidth, this.host.clientHeight];
         if (width === 0 || height === 0) return;
         const side = Math.min(width, height);
-        const affordable = this.software ? clamp(Math.sqrt(MOST_SLOW / (width * height)), 0.6, 1.5) : FINEST;
+        const pixels = this.detail.isLow ? MOST_LOW : MOST_SLOW;
+        const isSlow = this.software || this.detail.isLow;
+        const affordable = isSlow ? clamp(Math.sqrt(pixels / (width * height)), 0.5, 1.5) : FINEST;
+        this.canvas.dataset.detail = this.detail.isLow ? "low" : "full";
         const ratio = Math.min(devicePixelRatio, affordable);
         this.renderer.setPixelRatio(ratio);
         this.renderer.setSize(width, height, false);
