@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from base64 import b64decode
 from itertools import product
@@ -603,6 +604,33 @@ def test_the_deviation_is_drawn_on_one_scale_at_a_time(visitor: Visitor) -> None
     page.locator(".deviation").get_by_role("button", name="Raw").click()
     expect(raw).to_have_count(1)
     expect(corrected).to_have_count(0)
+
+
+MARKS = """() => Object.fromEntries(["strength", "projections", "residuals"].map(
+    name => [name, document.querySelectorAll(`#${name} .hovered`).length]
+))"""
+RING = "[...document.querySelectorAll('.scene-label')].find(one => one.textContent === '◯')?.style.display === 'block'"
+BOTH = {"strength": 2, "projections": 6, "residuals": 1}
+"""Marks of a reading: raw and corrected over time and in three squares, and its residual."""
+
+
+@pytest.mark.parametrize("chart", ["strength", "projections", "residuals", "scene"])
+def test_a_reading_under_the_pointer_is_marked_in_every_view(visitor: Visitor, chart: str) -> None:
+    page = done(visitor.page())
+    box = page.locator(f"#{chart}").bounding_box()
+    assert box is not None
+    square = page.locator(f"#{chart} rect.frame").first.bounding_box() if chart == "projections" else box
+    assert square is not None
+    for share in (0.3, 0.35, 0.4, 0.45, 0.5):
+        page.mouse.move(square["x"] + share * square["width"], square["y"] + 0.5 * square["height"])
+        if page.evaluate("flinders.store.hovered") is not None:
+            break
+    until(page, f"JSON.stringify(({MARKS})()) === JSON.stringify({json.dumps(BOTH)})")
+    if chart == "strength":
+        assert page.evaluate("flinders.store.hovered") == pytest.approx(3000 * share, abs=200)
+    until(page, RING)
+    page.mouse.move(5, 5)
+    until(page, f"flinders.store.hovered === null && Object.values(({MARKS})()).every(count => count === 0)")
 
 
 FOCUS = """() => {

@@ -17,7 +17,7 @@ import { legend, palette } from "./views/colours.js";
 import { ems, gauge } from "./views/gauge.js";
 import { svg } from "./views/plot.js";
 import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, things } from "./views/words.js";
-import { drawChanged, lay } from "./widgets.js";
+import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
@@ -40,7 +40,7 @@ const NOTICE_MS = 9000;
 
 const store = new Store();
 const finish = new Finish(notify);
-const panels = lay(byId("strip", HTMLElement), { store, send, notify });
+const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
 /** Drawn beside the sphere, and in its place before the first turn. */
 const board = new Board(byId("drawn", HTMLElement));
 const begin = new Board(byId("turning", HTMLElement));
@@ -49,7 +49,7 @@ let scene = null;
 let sceneAsked = false;
 /** Points from this one on are not in the scene yet. */
 let sceneFrom = Infinity;
-const dirty = { state: true, view: true, points: true, now: true };
+const dirty = { state: true, view: true, points: true, now: true, hovered: false };
 let chartsNext = 0;
 let frameAsked = false;
 let wasOpen = false;
@@ -126,8 +126,12 @@ function draw(now) {
     if (dirty.now && store.now && view?.shown) board.attitude.follow(store.now, view.shown);
     const picture = { view, state, now: store.now, points: store.points };
     drawChanged(panels, /** @type {const} */ (["view", "state", "now"]).filter((part) => dirty[part]), picture);
+    if (dirty.hovered) {
+        markHovered(panels, store.hovered);
+        scene?.setHovered(store.hovered);
+    }
     const charts = dirty.points || dirty.view || dirty.state;
-    Object.assign(dirty, { state: false, view: false, now: false });
+    Object.assign(dirty, { state: false, view: false, now: false, hovered: false });
     if (!charts) return;
     if (now >= chartsNext) {
         const begun = performance.now();
@@ -138,6 +142,17 @@ function draw(now) {
         dirty.points = true;
         window.setTimeout(askFrame, chartsNext - now);
     }
+}
+
+/**
+ * Mark a reading in all views that show it.
+ * @param {number | null} reading
+ */
+function hover(reading) {
+    if (store.hovered === reading) return;
+    store.hovered = reading;
+    dirty.hovered = true;
+    askFrame();
 }
 
 /** Draw everything again, as after a change of theme. */
@@ -387,6 +402,12 @@ async function startScene() {
         return;
     }
     scene.setMode(mode());
+    host.addEventListener("pointermove", ({ pointerType, buttons, clientX, clientY }) => {
+        if (pointerType === "touch" || buttons) return;
+        const { left, top } = host.getBoundingClientRect();
+        hover(scene?.readingAt(clientX - left, clientY - top) ?? null);
+    });
+    host.addEventListener("pointerleave", () => hover(null));
     sceneFrom = 0;
     drawAll();
 }

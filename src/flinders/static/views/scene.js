@@ -35,6 +35,7 @@ import {
     WebGLRenderer,
 } from "../vendor/three.js";
 import { clamp, Eye } from "./camera.js";
+import { nearestOf } from "./nearest.js";
 import { errorColour, palette } from "./colours.js";
 import { Detail } from "./detail.js";
 import {
@@ -83,6 +84,9 @@ const FEW = 3000;
 /** Where axes end, where their names are, and how far from the edge of the picture those stay, in pixels. */
 const [AXIS, NAME, MARGIN] = [1.16, 1.225, 3];
 
+/** Pixels from the pointer to a reading that is marked, at most. */
+const REACH = 14;
+
 /** Radius of the ring around the direction that is advised. */
 const RING = Math.sin((8.5 * Math.PI) / 180);
 
@@ -99,6 +103,8 @@ export class Scene {
     view = null;
     /** @type {Vector3 | null} newest reading, raw */
     now = null;
+    /** @type {number | null} reading that is marked */
+    hovered = null;
     /** @type {Mode} */
     mode = "sphere";
     /** @type {readonly (readonly [number, number])[]} */
@@ -172,7 +178,7 @@ export class Scene {
             this.#anew();
         });
         this.eye = new Eye(canvas, { interactive, wheel, still: this.calm, changed: () => this.redraw() });
-        this.labels = new Labels(host, { x: "x", y: "y", z: "z", offset: "offset", next: "go here" });
+        this.labels = new Labels(host, { x: "x", y: "y", z: "z", offset: "offset", next: "go here", hovered: "◯" });
 
         this.ball = new Ball(tiles);
         this.tints = new Uint8Array(4 * tiles.corners.length);
@@ -266,6 +272,39 @@ export class Scene {
         }
         this.#markNow();
         this.redraw();
+    }
+
+    /** Mark a reading, or none. @param {number | null} reading */
+    setHovered(reading) {
+        this.hovered = reading;
+        this.redraw();
+    }
+
+    /**
+     * The reading that is drawn next to a place.
+     * @param {number} x  pixels from the left
+     * @param {number} y  pixels from the top
+     * @returns {number | null}
+     */
+    readingAt(x, y) {
+        const { camera } = this.eye;
+        const { clientWidth: width, clientHeight: height } = this.host;
+        return nearestOf(
+            this.count,
+            (reading) => {
+                const place = this.#placeOf(reading);
+                if (this.ball.part.visible && place.dot(camera.position) < 1) return Infinity; // behind the sphere
+                place.project(camera);
+                return Math.hypot(width * (0.5 + 0.5 * place.x) - x, height * (0.5 - 0.5 * place.y) - y);
+            },
+            REACH,
+        );
+    }
+
+    /** Where a reading is drawn. @param {number} reading */
+    #placeOf(reading) {
+        const place = this.other.fromArray(this.field.array, 3 * reading).applyMatrix4(this.draw);
+        return this.ball.part.visible ? place.normalize() : place;
     }
 
     /** @param {Mode} mode */
@@ -738,6 +777,8 @@ export class Scene {
         const target = this.ring.visible ? this.#target() : null;
         if (target === null) labels.hide("next");
         else labels.put("next", place.fromArray(target).normalize(), eye.camera, { solid: true, below: eye.pixels(RING) });
+        if (this.hovered === null || this.hovered >= this.count) labels.hide("hovered");
+        else labels.put("hovered", this.#placeOf(this.hovered), eye.camera, { solid: sphere });
         if (!this.push.visible) labels.hide("offset");
         else labels.put("offset", place.setFromMatrixPosition(this.gridWay.to).multiplyScalar(0.7), eye.camera, { below: eye.pixels(0.06) });
     }
