@@ -114,6 +114,16 @@ def test_a_speed_is_positive(speed: float) -> None:
         Replay(TUMBLE, speed=speed)
 
 
+def test_a_recording_without_times_says_at_what_rate_it_is_played() -> None:
+    untimed = Samples.of(TUMBLE.field, unit="uT", source="log.csv")
+    _, events = asked(Replay(untimed, speed=None), at_the_end)
+    assumed = "as if it had 50 readings a second: the file has no times"
+    assert events[0].words == f"log.csv, played back as fast as possible, {assumed}"
+    assert events[-1].words == f"log.csv has been played to its end, {assumed}"
+    _, events = asked(Replay(TUMBLE, speed=None), at_the_end)
+    assert not [event for event in events if "no times" in event.words]
+
+
 def test_a_real_recording_is_played_back(recordings: Callable[[str], Path]) -> None:
     path = recordings("michaelwro_fxos8700/mag-readings.txt")
     readings, _ = asked(Replay(open_recording(path, unit="uT"), speed=None), at_the_end)

@@ -85,9 +85,12 @@ class SimulatedFeed(Replay):
         self.sensor = Sensor.random(of_sensor)
         path = rocked_and_turned(of_motion)
         super().__init__(_EndlessTumble(self.sensor, path, noise), speed=speed, clock=clock, sleep=sleep)
-        self._words = f"a simulated sensor, {RATE_HZ:g} readings a second"
         self._said = list(SAID)
         self._reached_s = 0.0
+
+    @property
+    def _words(self) -> str:
+        return f"a simulated sensor, {RATE_HZ:g} readings a second"
 
     def next(self, timeout: float) -> Received:
         """As `Feed.next`; also what is said of the hand."""
