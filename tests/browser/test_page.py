@@ -596,6 +596,18 @@ def test_no_text_of_a_small_screen_is_smaller_than_twelve_pixels(visitor: Visito
     assert page.evaluate(SMALL) == []
 
 
+def test_the_legend_names_the_colours_that_are_drawn(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    rows = page.locator("#legend p")
+    scale = ["0.5° or less", "1°", "2°", "5°", "12° or more", "not visited"]
+    assert rows.all_text_contents() == scale
+    page.evaluate("flinders.connection.send({type: 'exclude', start_s: 5, end_s: 6})")
+    expect(rows).to_have_text([*scale, "left out"])
+    for key, clouds in (("2", ["raw", "corrected"]), ("3", ["raw"]), ("4", ["corrected"])):
+        page.keyboard.press(key)
+        expect(rows).to_have_text([*clouds, "left out"])
+
+
 def test_the_deviation_is_drawn_on_one_scale_at_a_time(visitor: Visitor) -> None:
     page = done(visitor.page())
     raw, corrected = page.locator("#deviation path.raw"), page.locator("#deviation path.corrected")
