@@ -187,8 +187,8 @@ def states(browser: Browser, out: Path, names: list[str]) -> None:
 
 
 def _take(browser: Browser, program: Program, state: State, path: Path, how: tuple[dict[str, Any], str]) -> None:
-    options, scheme = how
-    context = browser.new_context(reduced_motion="reduce", color_scheme=scheme, **options)
+    options: dict[str, Any] = {"color_scheme": how[1], **how[0]}
+    context = browser.new_context(reduced_motion="reduce", **options)
     page = context.new_page()
     page.goto(program.address)
     until(page, f"Boolean(window.flinders?.store.hello) && {state.ready}")

@@ -347,7 +347,7 @@ def test_an_archive_that_unpacks_to_too_much_is_refused_before_it_is_read(wall: 
     """A thousand times its size, in one array or in many."""
     for columns in (1, 12):
         archive = io.BytesIO()
-        arrays = {f"mag{column}": np.zeros((12_000_000 // columns, 3)) for column in range(columns)}
+        arrays: dict[str, Any] = {f"mag{column}": np.zeros((12_000_000 // columns, 3)) for column in range(columns)}
         np.savez_compressed(archive, **arrays)
         assert len(archive.getvalue()) < 1 << 20
         answer = wall.client.post("/open?name=zeros.npz", content=archive.getvalue(), headers=OWN)
