@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from benchmarks.stage import Program
 from playwright.sync_api import expect
-from tests.browser.visitor import Visitor, grave, until
+from tests.browser.visitor import Visitor, until
 
 from flinders.core import calibration_file
 
@@ -74,19 +74,6 @@ def test_a_drawn_board_turns_as_the_sensor_is_to_be_turned(visitor: Visitor) -> 
     expect(page.locator("#notices")).to_contain_text("a common mistake")
     page.locator("#pause").click()
     expect(page.locator("#drawn")).to_be_hidden()
-
-
-@pytest.mark.nightly
-def test_axe_finds_nothing_serious_while_it_collects(visitor: Visitor, axe: str) -> None:
-    page = visitor.page()
-    page.locator("#target").fill("0.05")  # which takes minutes
-    page.keyboard.press("Enter")
-    until(page, "flinders.store.state.target_deg === 0.05 && flinders.store.view && flinders.store.points.count > 50")
-    expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
-    assert grave(page, axe) == []
-    page.keyboard.press("l")
-    expect(page.locator("html")).to_have_attribute("data-theme", "light")
-    assert grave(page, axe) == []
 
 
 def test_it_starts_again_only_when_that_is_confirmed(visitor: Visitor) -> None:
