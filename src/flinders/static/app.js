@@ -10,12 +10,11 @@ import { Connection } from "./connection.js";
 import { ask, byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
+import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
 import { Board } from "./views/board.js";
-import { legend, palette } from "./views/colours.js";
 import { ems, gauge } from "./views/gauge.js";
-import { svg } from "./views/plot.js";
 import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, things } from "./views/words.js";
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
@@ -352,71 +351,15 @@ function hasLetters({ direction, frame }) {
     return direction !== null && frame === "sensor";
 }
 
-/** @typedef {{kind: "tile" | "dot" | "cross" | "hatch", colour: string, words: string}} LegendRow */
-
 let legendDrawn = "";
 
-/** Name the colours that are drawn: of tiles, or of readings before and after correction; and what is left out. */
+/** Name the colours that are drawn. */
 function drawLegend() {
-    const isSphere = mode() === "sphere" && Boolean(store.view?.shown);
-    const rows = [...(isSphere ? tileLegend() : cloudLegend()), ...leftOutLegend()];
+    const rows = legendOf(store.state, store.view, mode(), theme());
     const key = JSON.stringify(rows);
     if (legendDrawn === key) return;
     legendDrawn = key;
     byId("legend", HTMLElement).replaceChildren(...rows.map(legendRow));
-}
-
-/** @returns {LegendRow[]} */
-function tileLegend() {
-    const unknown = { kind: /** @type {const} */ ("tile"), colour: palette(theme()).unknown, words: "not known" };
-    const hasUnknown = store.view?.tiles_deg.some((deg) => deg === null) ?? false;
-    return [
-        ...legend(store.state?.target_deg ?? 1, theme()).map(({ colour, words }) => ({ kind: /** @type {const} */ ("tile"), colour, words })),
-        ...(hasUnknown ? [unknown] : []),
-        { kind: "hatch", colour: "currentColor", words: "not visited" },
-    ];
-}
-
-/** @returns {LegendRow[]} */
-function cloudLegend() {
-    const { raw, corrected } = palette(theme());
-    const isKnown = Boolean(store.view?.shown);
-    return [
-        ...(!isKnown || mode() !== "corrected" ? [{ kind: /** @type {const} */ ("dot"), colour: raw, words: "raw" }] : []),
-        ...(isKnown && mode() !== "raw" ? [{ kind: /** @type {const} */ ("dot"), colour: corrected, words: "corrected" }] : []),
-    ];
-}
-
-/** @returns {LegendRow[]} */
-function leftOutLegend() {
-    const { rejected, excluded } = palette(theme());
-    return [
-        ...(store.state?.rejected ? [{ kind: /** @type {const} */ ("cross"), colour: rejected, words: "outliers" }] : []),
-        ...(store.state?.excluded_readings ? [{ kind: /** @type {const} */ ("dot"), colour: excluded, words: "left out" }] : []),
-    ];
-}
-
-/** @type {Readonly<Record<LegendRow["kind"], (colour: string) => SVGElement[]>>} */
-const PATCHES = Object.freeze({
-    tile: (fill) => [svg("rect", { width: 14, height: 14, rx: 3, fill })],
-    dot: (fill) => [svg("circle", { cx: 7, cy: 7, r: 4, fill })],
-    cross: (stroke) => [svg("path", { d: "M3 3L11 11M11 3L3 11", stroke, "stroke-width": 2 })],
-    hatch: (stroke) => [
-        svg("rect", { width: 13, height: 13, x: 0.5, y: 0.5, rx: 3, fill: "none", stroke }),
-        svg("path", { d: "M2 12L12 2M2 7L7 2M7 12L12 7", stroke }),
-    ],
-});
-
-/** @param {LegendRow} row @returns {HTMLElement} */
-function legendRow({ kind, colour, words }) {
-    const row = element("p");
-    const patch = svg("svg", { viewBox: "0 0 14 14", "aria-hidden": "true" });
-    patch.append(...PATCHES[kind](colour));
-    const [, first, rest] = /^(\S+°)?(.*)$/.exec(words) ?? [words, "", words];
-    const label = element("span", first);
-    label.append(element("span", rest, first ? "rest" : ""));
-    row.append(patch, label);
-    return row;
 }
 
 // Scene -------------------------------------------------------------------------------------------------------------
