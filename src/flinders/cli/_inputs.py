@@ -352,16 +352,6 @@ def site_of(place: str, date: str | None, recording: Recording | None = None) ->
     return site_field(*where, year=year_of(_day(date, recording)))
 
 
-def site_in(log: object) -> SiteField | None:
-    """The field where and when a log, or a magnetometer of one, says that it was made; None where it does not."""
-    from flinders.core.geomag import FIRST_YEAR, LAST_YEAR, site_field, year_of
-
-    position, begun = getattr(log, "position", None), getattr(log, "begun", None)
-    if position is None or begun is None or not FIRST_YEAR <= begun.year < LAST_YEAR:
-        return None
-    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=year_of(begun))
-
-
 def _day(date: str | None, recording: Recording | None) -> str:
     """The day as it is given, today, or by the clock of the recording."""
     from datetime import UTC, datetime

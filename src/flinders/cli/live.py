@@ -87,6 +87,7 @@ class LiveSource(option.Group):
 
     def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
         """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
+        from flinders.likelihood.site_field import recorded_site
         from flinders.live.feeds import NoSensor, Replay
         from flinders.live.recorder import RecordedFeed, Recorder
         from flinders.live.session_file import Source
@@ -97,7 +98,11 @@ class LiveSource(option.Group):
         if self.replay is not None:
             recording = open_recording(self.replay, **reading)
             say(str(recording))
-            return Source("replay", partial(RecordedFeed, Replay(recording, speed=self.speed or 1.0)))
+            site, of_site = recorded_site(recording, z_down=option.is_typed("axes")) or (None, "")
+            if site is not None:
+                say(f"{recording.source}: {of_site}, unless --dip or the page says otherwise")
+            feed = Replay(recording, speed=self.speed or 1.0)
+            return Source("replay", partial(RecordedFeed, feed), site=site)
         if self.mavlink is not None:
             from flinders.live.mavlink import Telemetry, Vehicle
 
@@ -137,7 +142,7 @@ class Live(option.Group):
     source: LiveSource = option.group(LiveSource)
     axes: str = option.same_as(option.AxesOptions, "axes")
     target_deg: float | None = option.target("Worst heading error that is good enough [default: 1].", None)
-    dip_deg: float | None = option.dip("Inclination of the field at the site [default: 60].")
+    dip_deg: float | None = option.dip("Inclination of the field at the site [default: that of the log, else 60].")
     previous: str | None = option.member(
         "--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with."
     )

@@ -231,7 +231,7 @@ def _fit(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options
             plane=options.plane,
             field_strength=options.field_strength if first is None else first.calibration.field_strength,
             target_deg=target_deg,
-            dip_deg=dip_deg,
+            dip_deg=None if first is None and not option.is_typed("dip_deg") else dip_deg,
             sensor=source.recording.name if isinstance(source.recording, Instrument) else options.sensor,
         )
     except FitError:
@@ -258,11 +258,8 @@ def _show(fit: Fit, turn: Turn, both: Fit | None, options: TwoAxis) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.report.fit_pages import of_turn
 
-    outputs, is_assumed = options.outputs, both is None and not option.is_typed("dip_deg")
-    outputs.print(
-        lambda: _as_dict(fit, turn, both),
-        lambda: of_turn(fit, turn, composed=both, after=options.after, is_dip_assumed=is_assumed),
-    )
+    outputs = options.outputs
+    outputs.print(lambda: _as_dict(fit, turn, both), lambda: of_turn(fit, turn, composed=both, after=options.after))
     outputs.say_written()
     if options.output is None:
         say("no calibration was written: name a file with -o calibration.json")

@@ -29,6 +29,7 @@ from msgspec import UNSET
 
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, read, write
+from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
@@ -152,6 +153,8 @@ class Fit(Outcome):
     dip_deg : float
         Inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
         other one for a sensor mounted upside down.
+    dip_assumed : bool
+        Nobody said where the readings were taken, and `dip_deg` is a guess.
     prior_influence : float
         Share of the least known shape parameter that the prior speaks for, 0 to 1.
     textbook_covariance : (9, 9) float, optional
@@ -227,7 +230,8 @@ class Fit(Outcome):
     coverage: Coverage = field(default_factory=Coverage)
     heading_error_deg: HeadingError = NO_ERROR
     target_deg: float = 1.0
-    dip_deg: float = 60.0
+    dip_deg: float = ASSUMED_DIP_DEG
+    dip_assumed: bool = False
     prior_influence: float = 0.0
     unobserved: int = 0
     alignment_error_deg: float | None = None
@@ -409,6 +413,11 @@ class Fit(Outcome):
         beside = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
         return f"{figures(self.heading_error_deg.worst)}° ({beside})"
 
+    @property
+    def dip_words(self) -> str:
+        """Dip that headings are judged at, with the sign that the recording shows, as ``dip 60° (assumed)``."""
+        return f"dip {self.known_dip_deg:.3g}°{' (assumed)' if self.dip_assumed else ''}"
+
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip, down = self.known_dip_deg, down_of(self.plane)
@@ -555,7 +564,12 @@ class Fit(Outcome):
             return None
         bound, dip_deg = _stated(self.heading_bound_deg), _stated(error.dip_deg)
         return HeadingErrorRecord(
-            rms=error.rms, worst=error.worst, bound_95=bound, dip_deg=dip_deg, target_deg=self.target_deg
+            rms=error.rms,
+            worst=error.worst,
+            bound_95=bound,
+            dip_deg=dip_deg,
+            dip_assumed=self.dip_assumed,
+            target_deg=self.target_deg,
         )
 
     def __repr__(self) -> str:
@@ -577,7 +591,7 @@ class Fit(Outcome):
         if self.verdict == "refused":
             return refusal(title, words)
         calibration = self.calibration
-        good = f"headings good to {self.heading_words}, while level; the target is {self.target_deg:g}°"
+        good = f"headings good to {self.heading_words}, level, {self.dip_words}; the target is {self.target_deg:g}°"
         good = "no heading error stated" if math.isnan(self.heading_error_deg.worst) else good
         return correction(
             calibration.matrix.tolist(),
@@ -627,7 +641,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         stated = HeadingError(error.rms, error.worst, dip_deg)
         known_dip_deg = fit.dip_deg if error.dip_deg is None else abs(error.dip_deg)
         target_deg = error.target_deg or fit.target_deg
-        loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg, dip_deg=known_dip_deg)
+        dip = {"dip_deg": known_dip_deg, "dip_assumed": error.dip_assumed}
+        loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg, **dip)
     if record.covariance is not None:
         loaded = _with_covariance(loaded, record.covariance_of, np.array(record.covariance))
     return loaded if record.verdict == loaded.verdict else replace(loaded, stated_verdict=record.verdict or "limited")

@@ -65,6 +65,7 @@ class HeadingErrorView(Struct, frozen=True):
     worst: float
     bound_95: float  # that all headings stay within with a probability of 95 %
     dip_deg: float
+    dip_assumed: bool
     target_deg: float
 
 
@@ -230,7 +231,7 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
     error = fit.heading_error_deg
     return {
         "heading_error_deg": HeadingErrorView(
-            error.rms, error.worst, fit.heading_bound_deg, error.dip_deg, fit.target_deg
+            error.rms, error.worst, fit.heading_bound_deg, error.dip_deg, fit.dip_assumed, fit.target_deg
         ),
         "attitude_limit_deg": fit.attitude_limit_deg,
         "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),
