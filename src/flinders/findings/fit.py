@@ -8,11 +8,11 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
 Z_ELSEWHERE: Final = (
     "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
-    "that it does (--axes)"
+    "that it does"
 )
 Z_OPEN: Final = (
     "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
-    "accelerometer as well, or map the axes so that z points down (--axes, x,y,z where it does already)"
+    "accelerometer as well, or state axes with z down"
 )
 """What the finding ``level-plane`` says of z, by which a file that is loaded tells it again."""
 
@@ -104,9 +104,11 @@ ROWS: Final = (
         said=(
             "how the sensor sits on the body was found, and what is not known of it adds {alignment_deg:angle} to"
             " a level heading (1 σ; the target is {target_deg:g}°), which the heading error does not know of: "
-            "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
-            "(--accelerometer-bias), or calibrate without aids and measure the mounting"
+            "tilt the body far about two axes while recording, say how well the accelerometer is calibrated, or "
+            "calibrate without aids and measure the mounting"
         ),
+        arguments="acceleration_bias=",
+        options="--accelerometer-bias",
         plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
         remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
     ),
@@ -399,9 +401,10 @@ ROWS: Final = (
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
         said=(
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading,"
-            " which the heading error does not know of: calibrate with disturbances {unmodelled} (--with "
-            "{unmodelled}), or record without"
+            " which the heading error does not know of: let the calibration follow the {unmodelled}, or record without"
         ),
+        arguments="disturbances=",
+        options="--with",
         plain=(
             "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
             "heading. The calibration does not follow it."
@@ -422,8 +425,11 @@ ROWS: Final = (
         rule=Rule("tilt_error_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
             "the vertical of the accelerometer leans with the attitude, which adds {tilt_error_deg:.1f}° to a heading:"
-            " calibrate --with dip, which finds its bias, its gains and how it is turned against the magnetometer"
+            " calibrate with the dip that it shows, which finds its bias, its gains and how it is turned against the"
+            " magnetometer"
         ),
+        arguments="aiding='dip'",
+        options="--with dip",
         plain=(
             "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
             " compass is."

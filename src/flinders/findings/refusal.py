@@ -87,7 +87,7 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "no-magnetometer": Refusal("name the columns of the magnetometer"),
     "no-unit": Refusal("say in the table whose readings they are"),
     "unit": Refusal("give all files of a unit in one unit of field"),
-    "axes": Refusal("check --axes"),
+    "axes": Refusal("check how the axes are mapped"),
     "usage": Refusal("check the options that say how files are read"),
     "foreign-axes": Refusal("check which sensor the columns belong to"),
     "missing-extra": Refusal("install what the example names"),

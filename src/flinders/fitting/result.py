@@ -34,7 +34,7 @@ from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes
+from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes, in_python
 from flinders.findings.conditions import stated
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG
@@ -587,7 +587,7 @@ class Fit(Outcome):
         title = f"{SIGNS[self.verdict]} {self.verdict}: "
         title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
         told = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
-        words = [f"{SIGNS[finding.severity]} {finding.advice}" for finding in told]
+        words = [f"{SIGNS[finding.severity]} {in_python(finding)}" for finding in told]
         if self.verdict == "refused":
             return refusal(title, words)
         calibration = self.calibration
@@ -720,7 +720,12 @@ def _plane(method: str) -> Plane:
 def _z_down(findings: Iterable[Finding]) -> bool | None:
     """What was known of z at a level turn, which stands in the file in words."""
     words = " ".join(finding.advice for finding in findings)
-    return None if Z_OPEN in words else Z_ELSEWHERE not in words
+    return None if _cause(Z_OPEN) in words else _cause(Z_ELSEWHERE) not in words
+
+
+def _cause(words: str) -> str:
+    """What was found, without what to do."""
+    return words.partition(":")[0]
 
 
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:

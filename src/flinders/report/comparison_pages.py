@@ -27,7 +27,7 @@ from rich.text import Text
 from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
-from flinders.findings import VERDICTS
+from flinders.findings import VERDICTS, in_options
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
 from flinders.report.fleet import STATES, about_order, chance, when
@@ -96,7 +96,9 @@ def of_comparison(
     recording's under both. `own` names the recordings, if any, that went into the calibration: agreement with those
     proves nothing.
     """
-    limits = [] if fresh is None else [finding.advice for finding in fresh.findings if finding.severity == "limits"]
+    limits = (
+        [] if fresh is None else [in_options(finding) for finding in fresh.findings if finding.severity == "limits"]
+    )
     said = _comparison_verdict(comparison, fresh, own, limits)
     if own:
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")

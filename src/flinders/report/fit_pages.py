@@ -24,7 +24,7 @@ from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.estimators.reference.minmax import MinMax
-from flinders.findings import first_causes, limit_of
+from flinders.findings import first_causes, in_options, limit_of
 from flinders.fitting.advice import movement
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
@@ -194,7 +194,8 @@ def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
     said: list[tuple[str, str]] = []
     is_repeated = False
     for finding in findings:
-        advice = finding.advice.replace(turn, "turn the sensor as above") if is_repeated else finding.advice
+        advice = in_options(finding)
+        advice = advice.replace(turn, "turn the sensor as above") if is_repeated else advice
         is_repeated = is_repeated or bool(turn and turn in finding.advice)
         said.append((finding.severity, advice))
     return notes(said)
@@ -347,7 +348,7 @@ def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
         return
     own = [finding for finding in fit.findings if finding.severity != "note" and finding not in member.findings]
     for finding in (*(one for one in member.findings if one.code != "turned-to"), *own[:1]):
-        yield finding.severity, f"{number} {finding.advice}"
+        yield finding.severity, f"{number} {in_options(finding)}"
 
 
 def _agreed(together: Together) -> str:
