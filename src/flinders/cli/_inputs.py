@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Joined, Recording, Samples, Skipped
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
+    from flinders.likelihood.site_field import Site
     from flinders.readers._source import File
 
 
@@ -350,6 +351,21 @@ def site_of(place: str, date: str | None, recording: Recording | None = None) ->
 
     where = place_of(place)
     return site_field(*where, year=year_of(_day(date, recording)))
+
+
+def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
+    """The site that a log, or a magnetometer of one, states, which is said; `more` goes to `Site`."""
+    from flinders.likelihood.site_field import recorded_site
+
+    site, words = recorded_site(getattr(recording, "recording", recording), **more) or (None, "")
+    if site is not None:
+        say(f"{getattr(recording, 'source', '')}: {words}, unless {otherwise} says otherwise")
+    return site
+
+
+def likely_target(files: Iterable[SourceFile]) -> str:
+    """The target that a calibration of these recordings is most likely for."""
+    return next(filter(None, (file.autopilot for file in files)), "arduino")
 
 
 def _day(date: str | None, recording: Recording | None) -> str:

@@ -10,7 +10,17 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._completion import methods
-from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_of
+from flinders.cli._inputs import (
+    Counted,
+    fitted,
+    joined,
+    likely_target,
+    opened,
+    provenance,
+    saying_what_was_skipped,
+    site_of,
+    stated_site,
+)
 from flinders.cli._output import (
     Output,
     plot_fit,
@@ -256,14 +266,8 @@ class SiteOptions(option.Group, heading=option.SITE):
 
     def told_by(self, log: object) -> dict[str, Any]:
         """Options of `flinders.fit` that a log, or a magnetometer of one, states, and say so; none for a typed one."""
-        from flinders.likelihood.site_field import recorded_site
-
-        recorded = recorded_site(log, **self._more) if self.place is None else None
-        if recorded is None:
-            return {}
-        site, words = recorded
-        say(f"{getattr(log, 'source', '')}: {words}, unless --at says otherwise")
-        return {"site": site}
+        site = stated_site(log, "--at", **self._more) if self.place is None else None
+        return {} if site is None else {"site": site}
 
     @property
     def _more(self) -> dict[str, Any]:
@@ -575,7 +579,7 @@ class _Run:
         elif files.output != "-":
             say(f"written to {files.output}")
             if not files.exports:
-                target = next(filter(None, (file.autopilot for file in self.provenance.files)), "arduino")
+                target = likely_target(self.provenance.files)
                 say(f"next: flinders export --to {target} {files.output}, or to another of flinders targets")
 
     def _trace(self) -> None:

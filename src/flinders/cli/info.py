@@ -47,7 +47,7 @@ def command(options: Info) -> None:
 
     if is_calibration(options.log):
         raise UsageError(
-            f"{options.log} is a calibration: give a recording; flinders compare shows what a calibration says"
+            f"{options.log} is a calibration: give a recording; flinders show says what a calibration holds"
         )
     options.place.check()
     with progress("reading") as watch:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli._inputs import stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import OutputError, UsageError
 
@@ -87,7 +88,6 @@ class LiveSource(option.Group):
 
     def opened(self, stack: contextlib.ExitStack, resume: str | None = None) -> Source:
         """Open what is named; a port where one is plugged in; else the simulation, or the session to resume alone."""
-        from flinders.likelihood.site_field import recorded_site
         from flinders.live.feeds import NoSensor, Replay
         from flinders.live.recorder import RecordedFeed, Recorder
         from flinders.live.session_file import Source
@@ -98,9 +98,7 @@ class LiveSource(option.Group):
         if self.replay is not None:
             recording = open_recording(self.replay, **reading)
             say(str(recording))
-            site, of_site = recorded_site(recording, z_down=option.is_typed("axes")) or (None, "")
-            if site is not None:
-                say(f"{recording.source}: {of_site}, unless --dip or the page says otherwise")
+            site = stated_site(recording, "--dip or the page", z_down=option.is_typed("axes"))
             feed = Replay(recording, speed=self.speed or 1.0)
             return Source("replay", partial(RecordedFeed, feed), site=site)
         if self.mavlink is not None:

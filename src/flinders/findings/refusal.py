@@ -41,7 +41,7 @@ REFUSALS: Final[dict[str, Refusal]] = {
     ),
     "unmoved": Refusal(
         "turn the sensor while recording",
-        "The sensor was hardly turned: all readings lie within {angle_deg:.2g}° of one direction.",
+        "The sensor was hardly turned: all readings lie about one direction.",
         "Turn it slowly through all directions while recording.",
     ),
     "not-turned": Refusal(

@@ -202,7 +202,7 @@ def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
     """For which dip a heading error holds, and χ² where there is one."""
-    level = f"level vehicle, dip {abs(error.dip_deg):.3g}°"
+    level = f"level vehicle, dip {error.dip_deg:.3g}°"
     if square is None:
         return level
     size = f"= {round(square, 6):.3g}" if square < 1000.0 else "> 1000"

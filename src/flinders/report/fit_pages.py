@@ -137,7 +137,7 @@ def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float
     name, quality = Column("magnetometer", overflow="fold"), Column("verdict")
     rows = [(str(number), *_sensor_row(*pair)) for number, pair in enumerate(outcomes, 1)]
     reasons = [(number, _why_refused(outcome)) for number, (_, outcome) in enumerate(outcomes, 1)]
-    said = [Text(f"  {number} {why}") for number, why in reasons if why]
+    said = [Text(f"  {number}: {why}") for number, why in reasons if why]
     basis = f"worst heading error, 1 σ, level vehicle; the target is {target_deg:g}°"
     return page(table(("", name, "readings", "seen", "worst heading", quality), rows), Group(*said, basis))
 
@@ -348,7 +348,7 @@ def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
         return
     own = [finding for finding in fit.findings if finding.severity != "note" and finding not in member.findings]
     for finding in (*(one for one in member.findings if one.code != "turned-to"), *own[:1]):
-        yield finding.severity, f"{number} {in_options(finding)}"
+        yield finding.severity, f"{number}: {in_options(finding)}"
 
 
 def _agreed(together: Together) -> str:
