@@ -137,7 +137,7 @@ def command(options: Fleet) -> int:
             notice=say,
         )
     print_result(summary.as_dict, lambda: page(summary), as_json=options.as_json)
-    if summary.worst_deg and not option.is_typed("dip_deg"):
+    if summary.worst_deg and not options.as_json and not option.is_typed("dip_deg"):
         say(f"heading errors are for a dip of {options.reading.dip_deg:g}° (assumed): give that of the site by --dip")
     if options.report is not None:
         _write_report(options.out, options.report, force=options.force)

@@ -531,7 +531,8 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
             readings = batch.column("readings").to_numpy()
             failed = readings[_is_among(batch, VERDICTS[3:])]
             if len(rejected) < REJECTED:
-                some = batch.filter(array(_is_among(batch, VERDICTS[2:]))).select(["unit", "recording", "code", "findings"])
+                some = batch.filter(array(_is_among(batch, VERDICTS[2:])))
+                some = some.select(["unit", "recording", "code", "findings"])
                 rejected += map(_named, some.slice(0, REJECTED - len(rejected)).to_pylist())
             units = named_rows(batch).column("unit")
             totals.update(readings=int(readings.sum()), failed_readings=int(failed.sum()), rows=len(readings))
