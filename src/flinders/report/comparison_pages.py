@@ -30,7 +30,7 @@ from flinders.errors import counted, figures, percent
 from flinders.findings import VERDICTS, in_options
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
-from flinders.report.fleet import STATES, about_order, chance, when
+from flinders.report.fleet import STATES, about_order, chance, common_unit, when
 from flinders.report.formatting import FINEST, angle, degrees, on_the_point, p_value, with_uncertainty
 from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
 
@@ -421,7 +421,7 @@ def _states(drift: FleetDrift) -> Table:
 def _units(drift: FleetDrift) -> Table:
     names = (Column("worst first", no_wrap=True), Column("state", no_wrap=True))
     rows = [
-        (one.unit, one.state, *map(degrees, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
+        (one.unit, one.state, *map(_known_angle, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
          shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest))
         for one in drift.listed[:SHOWN]
     ]  # fmt: skip
@@ -430,10 +430,18 @@ def _units(drift: FleetDrift) -> Table:
     return table(headings, [*rows, *_more(count)], is_dense=True)
 
 
+def _known_angle(angle_deg: float) -> str:
+    """An angle of a table; nothing where it is not known."""
+    return "" if math.isnan(angle_deg) else degrees(angle_deg)
+
+
 def _steps(drift: FleetDrift) -> Table:
-    headings = (Column("moved", no_wrap=True), "heading", "offset by", "chance", "after", "before")
+    unit = common_unit(drift.steps)
+    by = f"offset by, {unit}" if unit else "offset by"
+    headings = (Column("moved", no_wrap=True), "heading", by, "chance", "after", "before")
     rows = [
-        (one.unit, degrees(one.worst_deg), f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}",
+        (one.unit, degrees(one.worst_deg),
+         f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
          chance(one.p_value), shown_when(one.before_s, one.before), shown_when(one.after_s, one.after))
         for one in drift.steps[:SHOWN]
     ]  # fmt: skip
