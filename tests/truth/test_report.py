@@ -352,7 +352,7 @@ def test_a_refused_recording_that_changed_shows_how_and_not_for_how_long_it_hold
         calibrate.fit(moved)
     told = Page.of(page(refused.value, moved)).words.split(CONSTANT)[1].split("Where it comes from")[0]
     assert "The offset moved by up to" in told
-    assert "valid for" not in told
+    assert "° of heading (1 σ" not in told
 
 
 def test_without_times_of_one_recording_or_with_few_readings_no_path_is_drawn() -> None:
