@@ -21,6 +21,7 @@ import dataclasses
 import math
 import os
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 import msgspec
@@ -593,6 +594,8 @@ class Fit(Outcome):
         calibration = self.calibration
         good = f"headings good to {self.heading_words}, level, {self.dip_words}; the target is {self.target_deg:g}°"
         good = "no heading error stated" if math.isnan(self.heading_error_deg.worst) else good
+        # pages are above this package, and found by name
+        pictures = import_module("flinders.report.notebook").pictures(self) if self.states_uncertainty else ""
         return correction(
             calibration.matrix.tolist(),
             calibration.offset.tolist(),
@@ -600,6 +603,7 @@ class Fit(Outcome):
             title=title,
             words=[good, *filter(None, [stated(self.conditions)]), *words],
             offset_sigma=self.offset_sigma.tolist() if self.states_uncertainty else None,
+            pictures=pictures,
         )
 
 
