@@ -80,7 +80,7 @@ def test_a_report_begins_with_the_verdict_in_words_and_degrees() -> None:
 def test_a_limited_report_says_what_to_do() -> None:
     fit, samples = fitted("tilted")
     words = Page.of(page(fit, samples)).words
-    assert "Good with limits" in words
+    assert "Limited" in words
     for finding in fit.findings:
         assert finding.advice[1:].rstrip(".") in words
 
@@ -88,7 +88,7 @@ def test_a_limited_report_says_what_to_do() -> None:
 def test_a_refused_report_has_figures_and_no_number_to_copy() -> None:
     refused, samples = flat()
     found = Page.of(page(refused, samples))
-    assert "Not to be used" in found.words
+    assert "Refused" in found.words
     assert "All readings lie in one plane" in found.words
     assert found.text.count('<svg class="figure"') == 4
     offset = refused.fit.calibration.offset
@@ -106,7 +106,7 @@ def test_a_refused_surface_is_drawn_and_not_told() -> None:
         found = Page.of(page(refused, samples))
     else:
         pytest.fail("this fit was to be refused")
-    assert "Not to be used" in found.words
+    assert "Refused" in found.words
     assert "Offset and matrix" not in found.words
     assert "Predicted heading error" in found.words
 

@@ -645,8 +645,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         stated = HeadingError(error.rms, error.worst, dip_deg)
         known_dip_deg = fit.dip_deg if error.dip_deg is None else abs(error.dip_deg)
         target_deg = error.target_deg or fit.target_deg
-        dip = {"dip_deg": known_dip_deg, "dip_assumed": error.dip_assumed}
-        loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg, **dip)
+        loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg)
+        loaded = replace(loaded, dip_deg=known_dip_deg, dip_assumed=error.dip_assumed)
     if record.covariance is not None:
         loaded = _with_covariance(loaded, record.covariance_of, np.array(record.covariance))
     return loaded if record.verdict == loaded.verdict else replace(loaded, stated_verdict=record.verdict or "limited")

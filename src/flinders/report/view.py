@@ -211,7 +211,7 @@ def view_alone(fit: Fit) -> View:
 
     A tile counts as seen where its cell of the coverage has a reading; of a loaded fit all do.
     """
-    by_tile = np.ones(len(tiles().centres))
+    by_tile: Floats = np.ones(len(tiles().centres))
     with contextlib.suppress(NeedsRecording):
         by_tile = fit.coverage.counts[cells_of(tiles().centres @ rotation_of(fit))]
     return View(
