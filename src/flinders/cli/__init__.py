@@ -27,6 +27,7 @@ main = Program(
         "swing",
         "two_axis",
         "check",
+        "refresh",
         "compare",
         "report",
         "plot",

@@ -91,6 +91,36 @@ ROWS: Final = (
         remedy="Use the calibration only if that is too much.",
     ),
     CatalogueRow(
+        code="soft-iron-changed",
+        subject="fit",
+        grades="limits",
+        number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
+        limit="0.001",
+        action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
+        rule=Rule("soft_iron_by_chance", (Grade("limits", 0.001),), comparison="<"),
+        said=(
+            "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_by_chance:.1g}), so that it "
+            "was allowed to have changed by 5 %: tumble the sensor again, and calibrate afresh"
+        ),
+        plain="The soft iron is not as it was at the earlier calibration.",
+        remedy="Turn the sensor through all directions again, and calibrate afresh.",
+    ),
+    CatalogueRow(
+        code="poses-contradict",
+        subject="fit",
+        grades="refuses",
+        number="how often chance alone makes poses at known headings contradict each other as much",
+        limit="0.001",
+        action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
+        rule=Rule("poses_by_chance", (Grade("refuses", 0.001),), comparison="<"),
+        said=(
+            "the poses contradict each other (chance: {poses_by_chance:.1g}): check each heading and the dip of the "
+            "place, and that no iron is near; soft iron that has changed needs a full tumble"
+        ),
+        plain="The readings at the known headings do not agree with each other.",
+        remedy="Check each heading, and record away from iron.",
+    ),
+    CatalogueRow(
         code="rotation-uncertain",
         subject="fit",
         grades="limits",

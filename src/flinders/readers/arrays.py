@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 import zlib
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, Literal
 
@@ -178,7 +179,8 @@ def _mapped(file: File, name: str) -> NDArray[Any] | None:
     array or None
         None for one of Python objects, which could be made to run anything.
     """
-    with reading(name, "a NumPy array"):
+    with reading(name, "a NumPy array"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers that Python 2 wrote, which nobody can do anything about
         with file.path.open("rb") as stream:
             version = np.lib.format.read_magic(stream)
             header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
