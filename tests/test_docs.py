@@ -93,6 +93,16 @@ def test_every_finding_is_documented() -> None:
     assert not missing, f"docs/findings.md lacks rows for {missing}"
 
 
+def test_sentences_of_findings_are_for_python_the_command_line_and_pages_alike() -> None:
+    from flinders.findings import CATALOGUE
+    from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
+
+    sentences = [words for row in CATALOGUE.values() for words in (row.said, row.plain, row.remedy)]
+    assert not [words for words in (*sentences, Z_OPEN, Z_ELSEWHERE) if re.search(r"--[a-z]|\w=\W", words)]
+    half = [row.code for row in CATALOGUE.values() if bool(row.arguments) != bool(row.options)]
+    assert not half, f"{half} name what carries them out in Python or on the command line alone"
+
+
 def test_exit_codes_are_the_same_in_readme_and_docs() -> None:
     def table(text: str) -> str:
         return text[text.index("| exit code | meaning |") :].partition("\n\n")[0].strip()

@@ -12,6 +12,7 @@ from flinders.fleet.aggregate import overview_of
 from flinders.fleet.drift import drift_of
 from flinders.fleet.results import UnitResult, UnitResults
 from flinders.report.fleet import page as report
+from flinders.report.html_file import style_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,6 +55,17 @@ def test_another_order_is_seen_without_a_script(browser: Browser, written: Path)
     page.locator("input[name=units][value='4']").check()
     by_name = page.locator(shown).all_inner_texts()
     assert by_name == sorted(by_urgency) != by_urgency
+    page.close()
+
+
+def test_a_list_ends_with_a_whole_row_and_shows_all_on_request(browser: Browser) -> None:
+    rows = "".join(f"<tr><th>U{number}</th></tr>" for number in range(40))
+    box = "<label class='all'><input type='checkbox'></label>"
+    page = browser.new_page()
+    page.set_content(f"<style>{style_of('fleet.css')}</style><div class='tall'><table>{rows}</table>{box}</div>")
+    assert page.locator("tr:visible").count() == 15
+    page.locator(".all input").check()
+    assert page.locator("tr:visible").count() == 40
     page.close()
 
 

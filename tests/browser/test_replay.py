@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser
 
+    from flinders.core.calibration_file import Fitted
+
 LIMITED = 3
 LOGS = [
     pytest.param(
@@ -34,9 +36,7 @@ def test_a_log_played_back_gives_the_calibration_of_the_command_line(
     browser: Browser, recordings: Callable[[str], Path], tmp_path: Path, name: str
 ) -> None:
     log, plain = recordings(name), tmp_path / "plain.json"
-    done = CliRunner().invoke(
-        main, ["calibrate", str(log), "-o", str(plain), "--at", "none"]
-    )  # the page asks for the place
+    done = CliRunner().invoke(main, ["calibrate", str(log), "-o", str(plain)])
     assert done.exit_code in (0, LIMITED), done.output
     expected = calibration_file.read(plain)
     assert expected.fit is not None
@@ -53,8 +53,15 @@ def test_a_log_played_back_gives_the_calibration_of_the_command_line(
     assert found.fit is not None
     assert found.fit.samples == expected.fit.samples
     assert found.fit.verdict == expected.fit.verdict
+    assert _judged_at(found.fit) == _judged_at(expected.fit)
     size = expected.calibration.field_strength
     np.testing.assert_allclose(found.calibration.offset, expected.calibration.offset, atol=1e-6 * size)
     np.testing.assert_allclose(found.calibration.matrix, expected.calibration.matrix, atol=1e-6)
     assert visitor.complaints == []
     assert visitor.strangers == []
+
+
+def _judged_at(fit: Fitted) -> tuple[float | None, bool]:
+    """Dip that a calibration file was judged at, and whether it is assumed."""
+    assert fit.heading_error_deg is not None
+    return fit.heading_error_deg.dip_deg, fit.heading_error_deg.dip_assumed

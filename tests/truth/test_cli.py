@@ -446,7 +446,7 @@ def test_too_few_readings_are_told_with_what_was_skipped(home: Path) -> None:
 def test_a_recording_in_counts_is_told_how_to_be_in_microtesla(home: Path) -> None:
     Path("raw.csv").write_text(text(FIELD * 300), encoding="utf-8")
     shown = " ".join(flinders_("calibrate", "raw.csv").out.split())
-    assert "no unit known, so all is in counts: give --unit, or --scale" in shown
+    assert "no unit known, so all is in counts: name it, or what one count is in µT (--unit, --scale)" in shown
     assert "e+0" not in shown
     assert "no unit known" not in flinders_("calibrate", "raw.csv", "--scale", "0.0033").out
 

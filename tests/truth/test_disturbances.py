@@ -419,7 +419,7 @@ def test_a_current_that_was_recorded_and_not_asked_for_is_named(seed: int) -> No
     except Refused as refused:
         found = refused.fit.findings
     (named,) = [finding for finding in found if finding.code == "disturbance-unmodelled"]
-    assert "--with current" in named.advice
+    assert "let the calibration follow the current" in named.advice
     assert flight.current is not None
     about = np.abs(flight.current - flight.current.mean()).max()
     level = 50.0 * np.cos(np.radians(60.0))

@@ -218,7 +218,7 @@ def test_headings_of_a_tilted_vehicle_are_no_worse_than_claimed(trials: Choose) 
 def test_a_plane_not_across_z_is_refused_with_a_hint_at_the_axes(axis: tuple[float, float]) -> None:
     for mounted_deg in (45.0, 90.0):
         field = level_turn(2, mounted=(mounted_deg * axis[0], mounted_deg * axis[1], 0.0)).samples.field
-        with pytest.raises(Refused, match="map that axis to z") as caught:
+        with pytest.raises(Refused, match="map the vertical axis to z") as caught:
             flinders.fit(field)
         assert caught.value.fit.findings[0].code == "one-plane"
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.flight_log import dataflash
 
 from flinders import simulate
 from flinders.core.axes import Axes
@@ -47,9 +48,11 @@ from flinders.live.session import (
     step,
     used_readings,
 )
+from flinders.live.session_file import load
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from flinders.arrays import Floats
 
@@ -184,6 +187,25 @@ def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
     for place in (SetPlace(95.0, 0.0, 2026.5), SetPlace(0.0, 0.0, 1900.0), SetPlace(-64.0, 136.0, 2026.5)):
         with pytest.raises(UsageError):
             step(session, Requested(2.0, place))
+
+
+def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "flight.bin"
+    path.write_bytes(b"".join(dataflash()))
+    series, words, _ = load(path, "flight.bin")
+    assert "the log says where and when: WMM-2025 at 43.77, 11.26" in words
+    assert session_state(LiveSession()).dip_assumed
+    session, _ = step(LiveSession(), Opened(1.0, "flight.bin", series, words))
+    shown, fit = session_state(session), evaluate(session).fit
+    assert (shown.dip_deg, shown.dip_assumed) == (60.2, False)
+    assert fit is not None
+    assert fit.dip_deg == pytest.approx(60.2, abs=0.05)
+    assert fit.calibration.field_strength_known
+    session, _ = step(session, Requested(2.0, SetPlace(52.5, 13.4, 2026.5)))
+    assert session_state(session).dip_deg == pytest.approx(68.3, abs=0.3)
+    assert session.shown.site is None
+    session, _ = step(session, Requested(3.0, BackToLive()))
+    assert not session_state(session).dip_assumed
 
 
 def test_a_sensor_that_lies_still_is_reminded_of_and_not_called_wrong() -> None:

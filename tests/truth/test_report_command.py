@@ -103,7 +103,7 @@ def test_a_refused_recording_gets_a_report_too() -> None:
     done = run("calibrate", "table.csv", "-o", "none.json", "--report", "refused.html")
     assert done.exit_code == 4
     assert not Path("none.json").exists()
-    assert "Not to be used" in Path("refused.html").read_text(encoding="utf-8")
+    assert "Refused" in Path("refused.html").read_text(encoding="utf-8")
 
 
 def test_one_that_gives_no_fit_gets_one_that_says_why() -> None:

@@ -155,7 +155,7 @@ def test_a_turn_about_another_axis_asks_for_that_axis() -> None:
     truth, site = Turned().record(1, 300)
     samples = truth.samples
     turned = Samples.of(samples.field[:, [2, 0, 1]], unit="uT", acceleration=samples.acceleration)
-    with pytest.raises(Refused, match="map that axis to z"):
+    with pytest.raises(Refused, match="map the vertical axis to z"):
         flinders.fit(turned, aiding=("dip",), site=site)
 
 
@@ -292,8 +292,8 @@ def test_the_finding_says_how_fast_it_degrades_and_what_would_help() -> None:
         assert "° for each degree from the plane that it was turned in" in finding.advice
         assert finding.number == fit.attitude_limit_deg
     assert alone.per_degree_of_tilt > 3.0 * loose.per_degree_of_tilt > 6.0 * known.per_degree_of_tilt
-    assert "--alignment-sigma" in loose.findings[0].advice
-    assert "--alignment-sigma" not in known.findings[0].advice + alone.findings[0].advice
+    assert "say how well the mounting is known" in loose.findings[0].advice
+    assert "say how well the mounting is known" not in known.findings[0].advice + alone.findings[0].advice
     assert "in z by the site's field" in known.findings[0].advice
 
 

@@ -257,12 +257,12 @@ GONE = {"code": "gone", "advice": "the cable is out", "severity": "warning"}
     ("changes", "state", "kind", "title"),
     [
         ({}, {}, "good", "Good"),
-        ({"verdict": "limited"}, {}, "limited", "Good with limits"),
+        ({"verdict": "limited"}, {}, "limited", "Limited"),
         ({"verdict": "limited"}, {"target_deg": 0.2}, "limited", "Misses the target"),
         ({"verdict": "good"}, {"goal": "attitude"}, "limited", "Misses the target"),
         ({"verdict": "limited"}, {"phase": "wrong", "reasons": [REASON]}, "refused", "Something is wrong"),
         ({"verdict": "good"}, {"phase": "wrong", "reasons": [GONE]}, "good", "Good"),
-        ({"verdict": "refused"}, {"target_deg": 0.2}, "refused", "Not to be used"),
+        ({"verdict": "refused"}, {"target_deg": 0.2}, "refused", "Refused"),
     ],
 )
 def test_the_finish_panel_never_says_better_than_the_page(

@@ -132,6 +132,9 @@ def test_numbers_of_a_refused_recipe_are_marked_and_nothing_is_written(tumbled: 
     x = next(line.split() for line in insisted.stdout.splitlines() if line.startswith("x "))
     field = tumble(seed=1).samples.field[:, 0].round(4)
     assert [float(cell) for cell in x[1:3]] == [field.min(), field.max()]
+    as_json = json.loads(run(f"calibrate {tumbled} --method minmax --even-if-refused --json", 4).stdout)
+    assert as_json["calibration"] is None
+    assert as_json["refused_calibration"]["matrix"][0][1] == 0.0
     assert not Path("c.json").exists()
     assert "--even-if-refused goes with --method" in run(f"calibrate {tumbled} --even-if-refused", 2).stderr
 

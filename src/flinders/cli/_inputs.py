@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Joined, Recording, Samples, Skipped
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
+    from flinders.likelihood.site_field import Site
     from flinders.readers._source import File
 
 
@@ -352,14 +353,19 @@ def site_of(place: str, date: str | None, recording: Recording | None = None) ->
     return site_field(*where, year=year_of(_day(date, recording)))
 
 
-def site_in(log: object) -> SiteField | None:
-    """The field where and when a log, or a magnetometer of one, says that it was made; None where it does not."""
-    from flinders.core.geomag import FIRST_YEAR, LAST_YEAR, site_field, year_of
+def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
+    """The site that a log, or a magnetometer of one, states, which is said; `more` goes to `Site`."""
+    from flinders.likelihood.site_field import recorded_site
 
-    position, begun = getattr(log, "position", None), getattr(log, "begun", None)
-    if position is None or begun is None or not FIRST_YEAR <= begun.year < LAST_YEAR:
-        return None
-    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=year_of(begun))
+    site, words = recorded_site(getattr(recording, "recording", recording), **more) or (None, "")
+    if site is not None:
+        say(f"{getattr(recording, 'source', '')}: {words}, unless {otherwise} says otherwise")
+    return site
+
+
+def likely_target(files: Iterable[SourceFile]) -> str:
+    """The target that a calibration of these recordings is most likely for."""
+    return next(filter(None, (file.autopilot for file in files)), "arduino")
 
 
 def _day(date: str | None, recording: Recording | None) -> str:

@@ -99,8 +99,9 @@ class MultiSensor:
         chosen = None if self.reference is None else log.sensor(self.reference).name
         if len(parts) < 2:
             raise UsageError(f"{log.source} has one magnetometer: leave --joint out")
-        names = [name for name in OF_JOINT_FITS if name != "site" or options.get("aiding")]
-        asked = {name: options[name] for name in names if options.get(name) is not None}
+        if not options.get("aiding") and (site := options.get("site")):
+            options = {"dip_deg": site.inclination_deg, **options, "site": None}
+        asked = {name: options[name] for name in OF_JOINT_FITS if options.get(name) is not None}
         return fit_multi(parts, reference=chosen, **asked)
 
     def _each(self, parts: Mapping[str, Counted], options: dict[str, Any]) -> Iterator[tuple[str, Outcome]]:

@@ -409,6 +409,10 @@ class Judgement(Group):
     target_deg: float = target()
     dip_deg: float = dip(default=60.0)
 
+    def of_fit(self) -> dict[str, float]:
+        """Options of `flinders.fit`, which takes the dip of the site, or assumes one, where none was typed."""
+        return self.as_dict() if is_typed("dip_deg") else {"target_deg": self.target_deg}
+
 
 class ColumnsOptions(Group, heading=RECORDING):
     """Which numbers of a line are the magnetometer's."""

@@ -61,11 +61,11 @@ def print_result(
         show(page(), err=err)
 
 
-def print_fit(fit: Fit, *, err: bool = False, is_verbose: bool = False, is_dip_assumed: bool = False) -> None:
+def print_fit(fit: Fit, *, err: bool = False, is_verbose: bool = False) -> None:
     """Print a fit for people, and what each aiding sensor changed; on stderr where stdout is not for it."""
     from flinders.report.fit_pages import of_fit
 
-    show(of_fit(fit, is_verbose=is_verbose, is_dip_assumed=is_dip_assumed), err=err)
+    show(of_fit(fit, is_verbose=is_verbose), err=err)
     for line in aiding_lines(fit):
         say(line)
 

@@ -284,10 +284,15 @@ def open_log(
     dip_deg: float | None = None,
     fixed: tuple[str, ...] = (),
     by: Filter | None = None,
+    has_stated_place: bool = False,
     **reading: Any,
 ) -> HeadingLog:
-    """Open a recording with a calibration, or as it is, and find out where it was made."""
+    """Open a recording with a calibration, or as it is, and find out where it was made.
+
+    With `has_stated_place` a place that the log states counts as if it were given.
+    """
     from flinders.core.axes import Axes
+    from flinders.core.geomag import recorded_field
     from flinders.heading.compass import LEVEL, Compass
 
     _refuse_contradictions(place, accelerometer, formula, declination_deg)
@@ -302,6 +307,10 @@ def open_log(
     if accelerometer.acceleration is not None:
         _name_acceleration(opened, accelerometer.acceleration)
     site = None if place.place is None else site_of(place.place, place.date, opened)
+    if has_stated_place and place.place is None and declination_deg is None and dip_deg is None:
+        site = recorded_field(opened)
+        if site is not None:
+            say(f"{opened.source}: the log says where and when: {site}; used, unless --at says otherwise")
     declination = declination_deg if site is None else site.declination_deg
     is_level = accelerometer.is_level
     bias = None if is_level or fit.aiding is None else fit.aiding.acceleration_bias

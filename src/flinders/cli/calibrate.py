@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,7 +10,17 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._completion import methods
-from flinders.cli._inputs import Counted, fitted, joined, opened, provenance, saying_what_was_skipped, site_in, site_of
+from flinders.cli._inputs import (
+    Counted,
+    fitted,
+    joined,
+    likely_target,
+    opened,
+    provenance,
+    saying_what_was_skipped,
+    site_of,
+    stated_site,
+)
 from flinders.cli._output import (
     Output,
     plot_fit,
@@ -23,7 +32,7 @@ from flinders.cli._output import (
     say,
     show,
 )
-from flinders.cli._program import GOOD, LIMITED
+from flinders.cli._program import GOOD, LIMITED, print_error
 from flinders.core.units import MICROTESLA
 from flinders.errors import FitError, NotTurned, UsageError
 
@@ -32,7 +41,6 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration import Calibration
     from flinders.core.calibration_file import Provenance
-    from flinders.core.geomag import SiteField
     from flinders.core.samples import Recording
     from flinders.estimators import Estimator
     from flinders.fitting.result import Fit
@@ -235,10 +243,7 @@ class SiteOptions(option.Group, heading=option.SITE):
     )  # fmt: skip
 
     def as_options(self) -> dict[str, Any]:
-        """Options of `flinders.fit`: the dip is that of the site, unless ``--dip`` was given.
-
-        Axes that were typed are those of the vehicle, z down.
-        """
+        """Options of `flinders.fit`; axes that were typed are those of the vehicle, z down."""
         if self.place is None or self.is_left_out:
             if self.date is not None:
                 raise UsageError("--date goes with --at: give both, or neither")
@@ -250,7 +255,9 @@ class SiteOptions(option.Group, heading=option.SITE):
                 "the field changes with the years: give the day of the recording with --at, such as --date "
                 "2026-11-21, or leave --at out"
             )
-        return self._options(site_of(self.place, self.date))
+        from flinders.likelihood.site_field import Site
+
+        return {"site": Site.of(site_of(self.place, self.date), **self._more)}
 
     @property
     def is_left_out(self) -> bool:
@@ -258,25 +265,15 @@ class SiteOptions(option.Group, heading=option.SITE):
         return self.place is not None and self.place.strip().casefold() == "none"
 
     def told_by(self, log: object) -> dict[str, Any]:
-        """Options of `flinders.fit` that a log, or a magnetometer of one, tells, and say so; none where one is typed.
+        """Options of `flinders.fit` that a log, or a magnetometer of one, states, and say so; none for a typed one."""
+        site = stated_site(log, "--at", **self._more) if self.place is None else None
+        return {} if site is None else {"site": site}
 
-        Readings in counts know no strength.
-        """
-        field = site_in(log) if self.place is None else None
-        unit = getattr(log, "unit", None)
-        if field is None or (unit is not None and unit.inside != MICROTESLA):
-            return {}
-        say(f"{getattr(log, 'source', '')}: the log says where and when: {field}; used, unless --at says otherwise")
-        return self._options(field)
-
-    def _options(self, field: SiteField) -> dict[str, Any]:
-        """Options of `flinders.fit` at a place."""
-        from flinders.likelihood.site_field import Site
-
-        site = replace(Site.of(field), z_down=option.is_typed("axes"))
-        if self.gain_sigma is not None:
-            site = replace(site, gain_sigma=self.gain_sigma)
-        return {"site": site} if option.is_typed("dip_deg") else {"site": site, "dip_deg": site.inclination_deg}
+    @property
+    def _more(self) -> dict[str, Any]:
+        """What is known of the site beside its field."""
+        gain = {} if self.gain_sigma is None else {"gain_sigma": self.gain_sigma}
+        return {"z_down": option.is_typed("axes"), **gain}
 
 
 class AidingOptions(option.Group, heading=option.AIDING):
@@ -379,7 +376,7 @@ class Calibrate(option.Group):
     @property
     def common(self) -> dict[str, Any]:
         """Options of every fit."""
-        return {"field_strength": self.field_strength, "sensor": self.sensors.sensor, **self.judgement.as_dict()}
+        return {"field_strength": self.field_strength, "sensor": self.sensors.sensor, **self.judgement.of_fit()}
 
     def of_fit(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """All options of `flinders.fit`, and those of them that only this method has.
@@ -445,6 +442,11 @@ def command(options: Calibrate) -> int:
             from flinders.cli._unturned import bench
 
             return bench(run.parts, asked["disturbances"], options.aiding.previous, outputs)
+        except FitError as refusal:
+            refused: Fit | None = getattr(refusal, "fit", None)
+            if refused is None or not options.estimation.even_if_refused:
+                raise
+            return run.print_refused(refused, refusal)
     run.write(fit)
     return GOOD if fit.verdict == "good" else LIMITED
 
@@ -534,17 +536,16 @@ class _Run:
         except FitError as refusal:
             self._report(refusal)
             self._trace()
-            if self.options.estimation.even_if_refused and not self.files.as_json:
-                self._show_refused(refusal)
             raise
 
-    def _show_refused(self, refusal: FitError) -> None:
-        """Print the numbers of a recipe that are refused."""
-        from flinders.fitting.result import Refused
+    def print_refused(self, refused: Fit, refusal: FitError) -> int:
+        """Print a refusal, and the numbers of the recipe that it refuses, marked as such."""
         from flinders.report.fit_pages import of_refused_recipe
 
-        if isinstance(refusal, Refused):
-            show(of_refused_recipe(refusal.fit))
+        if not self.files.as_json:
+            show(of_refused_recipe(refused))
+        more = {"refused_calibration": refused.calibration.as_dict()}
+        return print_error(refusal, as_json=self.files.as_json, more=more)
 
     def write(self, fit: Fit) -> None:
         """Write and print the fit and its reports, and last what may fail although it is good: files for targets."""
@@ -557,8 +558,7 @@ class _Run:
         if not files.as_json and files.report_text != "-":
             if files.plots:
                 plot_fit(fit, self.recording, err=outputs.is_printed)
-            is_assumed = "site" not in self.asked and not option.is_typed("dip_deg")
-            print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose, is_dip_assumed=is_assumed)
+            print_fit(fit, err=outputs.is_printed, is_verbose=files.verbose)
         self._report(fit)
         if fit.calibration.unit != MICROTESLA and not fit.calibration.field_strength_known:
             _propose_unit(fit.calibration)
@@ -579,7 +579,7 @@ class _Run:
         elif files.output != "-":
             say(f"written to {files.output}")
             if not files.exports:
-                target = next(filter(None, (file.autopilot for file in self.provenance.files)), "arduino")
+                target = likely_target(self.provenance.files)
                 say(f"next: flinders export --to {target} {files.output}, or to another of flinders targets")
 
     def _trace(self) -> None:
@@ -587,10 +587,11 @@ class _Run:
         path = self.files.convergence
         if path is None:
             return
-        from flinders.cli.methods import SITE
+        from flinders.fitting.calibrate import Request
         from flinders.report.drawings import Trace, convergence_drawing, convergence_table
 
-        site = {name: self.asked[name] for name in SITE}
+        dip_deg = Request.of(self.asked.get("dip_deg"), self.asked.get("site")).dip_deg
+        site = {"dip_deg": dip_deg, "field_strength": self.asked["field_strength"]}
         trace = Trace.of(self.recording, self.asked["method"], self.own, site, self.asked["target_deg"])
         if trace is None:
             say(f"{path} was not written: {self.asked['method']} had nothing at any step")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_skipped
+from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_skipped, stated_site
 from flinders.cli._output import can_show, print_json, progress, say, say_beyond, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
 from flinders.errors import NeedsSamples, TooFewSamples
@@ -83,9 +83,12 @@ def command(options: Check) -> int:
         strength = _strength(known.calibration, recording)
         say_exact(known)
         dip_deg = abs(judged_at(known)) if options.dip_deg is None else options.dip_deg
+        (first, *others) = as_recorded.recordings
+        site = None if others or options.dip_deg is not None else stated_site(first, "--dip")
         try:
             with saying_what_was_skipped(as_recorded.recordings):
-                fresh = fit(recording, target_deg=options.target_deg, dip_deg=dip_deg)
+                of_fit = {"dip_deg": dip_deg} if site is None else {"site": site}
+                fresh = fit(recording, target_deg=options.target_deg, **of_fit)
         except Refused as refused:
             return _refused(refused, known, recording, strength, options, dip_deg)
         judged_deg = judged_at(known, fresh) if options.dip_deg is None else judged_at(fresh)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, saying_what_was_skipped
+from flinders.cli._inputs import Counted, saying_what_was_skipped, stated_site
 from flinders.cli._output import print_result, progress, refuse_twice, working
 from flinders.cli._program import EXITS
 
@@ -66,6 +66,7 @@ def command(options: CompareMethods) -> int:
     refuse_twice(options.recordings)
     with progress("reading") as watch:
         opened = open_recording(options.recordings, sensor=options.sensor, progress=watch, **options.reading.as_dict())
+        site = None if option.is_typed("dip_deg") else stated_site(opened, "--dip")
         parts = tuple(Counted(part) for part in singles(opened))
         with saying_what_was_skipped(parts), working() as tell:
             contest = compare_methods(
@@ -73,7 +74,8 @@ def command(options: CompareMethods) -> int:
                 methods=options.methods,
                 blocks=options.blocks,
                 field_strength=options.field_strength,
-                **options.judgement.as_dict(),
+                site=site,
+                **options.judgement.of_fit(),
                 tell=tell,
             )
     print_result(contest.as_dict, lambda: of_contest(contest), as_json=options.as_json)

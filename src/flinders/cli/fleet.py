@@ -137,6 +137,8 @@ def command(options: Fleet) -> int:
             notice=say,
         )
     print_result(summary.as_dict, lambda: page(summary), as_json=options.as_json)
+    if summary.worst_deg and not options.as_json and not option.is_typed("dip_deg"):
+        say(f"heading errors are for a dip of {options.reading.dip_deg:g}° (assumed): give that of the site by --dip")
     if options.report is not None:
         _write_report(options.out, options.report, force=options.force)
     duration = f" in {summary.seconds:.1f} s" if sys.stderr.isatty() else ""
@@ -215,7 +217,7 @@ def _rejected(summary: RunSummary) -> RenderableType:
     table.add_column("recording")
     table.add_column("because")
     for row in summary.rejected[:SHOWN]:
-        table.add_row(row["unit"], row["recording"], row["code"], style="red")
+        table.add_row(row["unit"], row["recording"], row["finding"] or row["code"], style="red")
     more = summary.verdicts.get("refused", 0) + summary.verdicts.get("failed", 0) - SHOWN
     if more > 0:
         table.add_row(f"and {more:,} more", "", "")

@@ -37,7 +37,9 @@ class Heading(option.Group):
         "--declination", heading=option.SITE, type=option.within(-180, 180, "degrees from -180 to 180"),
         metavar="DEG", help="Declination, east positive, where it is known otherwise.",
     )  # fmt: skip
-    dip_deg: float | None = option.dip("Inclination of the field [default: that of --at, else as it is seen, else 60].")
+    dip_deg: float | None = option.dip(
+        "Inclination of the field [default: that of --at or of the log, else as it is seen, else 60]."
+    )
     fixed: tuple[str, ...] = option.fixed()
     formula: str = option.member(
         "--formula", heading=option.METHOD, type=click.Choice(["exact", "an4248", "an3192"]), default="exact",
@@ -64,7 +66,8 @@ def command(options: Heading) -> int:
     """Write the heading of each reading of LOG, corrected with CALIBRATION, as comma-separated text.
 
     It is the heading of the sensor's x axis, clockwise from magnetic north, with the tilt removed by the
-    accelerometer in LOG at any attitude. With --at it is also counted from true north. LOG is a file, or - for
+    accelerometer in LOG at any attitude. With --at, or a LOG that states its place, it is also counted from true
+    north. LOG is a file, or - for
     standard input, which may go on as long as it likes: lines are written as they come.
     """
     outputs = options.checked_outputs()
@@ -102,6 +105,7 @@ def _opened(options: Heading, bar: Any) -> HeadingLog:  # noqa: ANN401 - progres
         dip_deg=options.dip_deg,
         fixed=options.fixed,
         by=options.by,
+        has_stated_place=True,
         sensor=options.sensor,
         progress=bar,
         **options.reading.as_dict(),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import is_calibration, site_in, site_of
+from flinders.cli._inputs import is_calibration, site_of
 from flinders.cli._output import print_result, progress
 from flinders.errors import UsageError
 
@@ -47,7 +47,7 @@ def command(options: Info) -> None:
 
     if is_calibration(options.log):
         raise UsageError(
-            f"{options.log} is a calibration: give a recording; flinders compare shows what a calibration says"
+            f"{options.log} is a calibration: give a recording; flinders show says what a calibration holds"
         )
     options.place.check()
     with progress("reading") as watch:
@@ -90,6 +90,8 @@ def _words(name: str, value: object) -> list[str]:
 
 def _site(log: Log, place: option.Place) -> SiteField | None:
     """The field at the place that is given, or that the log knows, on its day."""
+    from flinders.core.geomag import recorded_field
+
     if place.place is not None:
         return site_of(place.place, place.date or (log.begun.date().isoformat() if log.begun else None))
-    return site_in(log)
+    return recorded_field(log)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
+from flinders.cli._inputs import stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import OutputError, UsageError
 
@@ -97,7 +98,9 @@ class LiveSource(option.Group):
         if self.replay is not None:
             recording = open_recording(self.replay, **reading)
             say(str(recording))
-            return Source("replay", partial(RecordedFeed, Replay(recording, speed=self.speed or 1.0)))
+            site = stated_site(recording, "--dip or the page", z_down=option.is_typed("axes"))
+            feed = Replay(recording, speed=self.speed or 1.0)
+            return Source("replay", partial(RecordedFeed, feed), site=site)
         if self.mavlink is not None:
             from flinders.live.mavlink import Telemetry, Vehicle
 
@@ -137,7 +140,7 @@ class Live(option.Group):
     source: LiveSource = option.group(LiveSource)
     axes: str = option.same_as(option.AxesOptions, "axes")
     target_deg: float | None = option.target("Worst heading error that is good enough [default: 1].", None)
-    dip_deg: float | None = option.dip("Inclination of the field at the site [default: 60].")
+    dip_deg: float | None = option.dip("Inclination of the field at the site [default: that of the log, else 60].")
     previous: str | None = option.member(
         "--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with."
     )

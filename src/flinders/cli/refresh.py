@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, load, open_with, provenance, refuse_calibrations, say_sensor, site_in, site_of
+from flinders.cli._inputs import Counted, load, open_with, provenance, refuse_calibrations, say_sensor, site_of
 from flinders.cli._output import refuse_twice
 from flinders.cli._program import EXITS
 from flinders.cli.calibrate import SiteOptions, recorded
@@ -120,6 +120,8 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
 
 def _magnetic(options: Refresh, recording: object) -> list[float]:
     """Magnetic headings, of true ones by the declination of the place."""
+    from flinders.core.geomag import recorded_field
+
     typed = options.headings if options.magnetic_headings is None else options.magnetic_headings
     if options.headings is not None and options.magnetic_headings is not None:
         raise UsageError("give --heading or --magnetic-heading, not both")
@@ -128,7 +130,7 @@ def _magnetic(options: Refresh, recording: object) -> list[float]:
         raise UsageError(f"headings are {typed!r}: need degrees with commas between them, such as 0,90,180,270")
     if options.headings is None:
         return numbers
-    place = site_in(recording) if options.place is None else site_of(options.place, options.date)
+    place = recorded_field(recording) if options.place is None else site_of(options.place, options.date)
     if place is None:
         raise UsageError(
             "a true heading needs the declination of the place: give --at and --date, or --magnetic-heading"

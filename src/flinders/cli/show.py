@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import load
+from flinders.cli._inputs import likely_target, load
 from flinders.cli._output import say, show
 
 
@@ -40,4 +40,5 @@ def command(options: Show) -> None:
         click.echo(dumps(fit.to_document()), nl=False)
         return
     show(of_file(fit, is_verbose=options.verbose))
-    say(f"use it: flinders apply {options.calibration} raw.csv; flinders export --to arduino {options.calibration}")
+    path, target = options.calibration, likely_target(fit.files)
+    say(f"use it: flinders apply {path} raw.csv; flinders export --to {target} {path}")

@@ -204,40 +204,39 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - one of the p
 
 
 def _fit_or_ellipse(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
-    """Fit by the mean, and by the ellipse of least squares where that is refused and nobody asked for the mean."""
+    """Fit by the mean, and by the ellipse of least squares where that is refused and nobody asked for the mean.
+
+    Where that is no way out, say how the points are spaced.
+    """
     from flinders.fitting.result import Refused
-
-    if option.is_typed("method"):
-        return _fit(source, turn, first, dip_deg, options)
-    try:
-        return _fit(source, turn, first, dip_deg, options)
-    except Refused:
-        fit = _fit(source, turn, first, dip_deg, replace(options, method="ellipse"))
-        say("the mean of these points is refused: fitted by least squares instead, as --method ellipse does")
-        return fit
-
-
-def _fit(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
-    """Fit by the method that was asked for; where that is refused, say how the points are spaced."""
-    from flinders.fitting.calibrate import fit
-    from flinders.readers import Instrument
     from flinders.report.fit_pages import spacing_words
 
-    target_deg = options.judgement.target_deg
     try:
-        result = fit(
-            source,
-            method=options.method,
-            plane=options.plane,
-            field_strength=options.field_strength if first is None else first.calibration.field_strength,
-            target_deg=target_deg,
-            dip_deg=dip_deg,
-            sensor=source.recording.name if isinstance(source.recording, Instrument) else options.sensor,
-        )
-    except FitError:
+        return _fit(source, first, dip_deg, options)
+    except FitError as refusal:
+        if isinstance(refusal, Refused) and not option.is_typed("method"):
+            fit = _fit(source, first, dip_deg, replace(options, method="ellipse"))
+            say("the mean of these points is refused: fitted by least squares instead, as --method ellipse does")
+            return fit
         if not options.as_json:
-            say(spacing_words(turn, target_deg, is_mean=options.method == "two-axis"))
+            say(spacing_words(turn, options.judgement.target_deg, is_mean=options.method == "two-axis"))
         raise
+
+
+def _fit(source: Counted, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
+    """Fit by the method that was asked for."""
+    from flinders.fitting.calibrate import fit
+    from flinders.readers import Instrument
+
+    result = fit(
+        source,
+        method=options.method,
+        plane=options.plane,
+        field_strength=options.field_strength if first is None else first.calibration.field_strength,
+        target_deg=options.judgement.target_deg,
+        dip_deg=None if first is None and not option.is_typed("dip_deg") else dip_deg,
+        sensor=source.recording.name if isinstance(source.recording, Instrument) else options.sensor,
+    )
     if first is None:
         return result
     known = first.calibration.field_strength_known
@@ -258,11 +257,8 @@ def _show(fit: Fit, turn: Turn, both: Fit | None, options: TwoAxis) -> None:
     """Print the page; on standard error, where a result has standard output."""
     from flinders.report.fit_pages import of_turn
 
-    outputs, is_assumed = options.outputs, both is None and not option.is_typed("dip_deg")
-    outputs.print(
-        lambda: _as_dict(fit, turn, both),
-        lambda: of_turn(fit, turn, composed=both, after=options.after, is_dip_assumed=is_assumed),
-    )
+    outputs = options.outputs
+    outputs.print(lambda: _as_dict(fit, turn, both), lambda: of_turn(fit, turn, composed=both, after=options.after))
     outputs.say_written()
     if options.output is None:
         say("no calibration was written: name a file with -o calibration.json")

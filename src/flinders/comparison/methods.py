@@ -27,6 +27,7 @@ from flinders.findings import VERDICTS
 from flinders.fitting.calibrate import estimator_of, fit
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
+from flinders.likelihood.site_field import judged_dip
 from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from flinders.findings import Verdict
     from flinders.fitting.result import Fit
     from flinders.heading.error_propagation import HeadingError
+    from flinders.likelihood.site_field import Site
 
 VALIDATED: Final = 20_000
 """Readings of a longer recording that are cross-validated, evenly spread over it."""
@@ -185,7 +187,8 @@ def compare_methods(
     blocks: int = BLOCKS,
     field_strength: float | None = None,
     target_deg: float = 1.0,
-    dip_deg: float = 60.0,
+    dip_deg: float | None = None,
+    site: Site | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Contest:
     """Fit a recording by every method, and cross-validate each by blocks of time.
@@ -198,7 +201,7 @@ def compare_methods(
         Of `flinders.estimators.METHODS`, all by default; the first is what the others are held against.
     blocks : int
         Of time; fewer where there are not four readings in each.
-    field_strength, target_deg, dip_deg : float
+    field_strength, target_deg, dip_deg, site
         As for `flinders.fit`.
     tell : callable, optional
         Called with the name of each method before it is run.
@@ -218,15 +221,17 @@ def compare_methods(
     readings = within_range(Readings.of(source))
     stride = max(1, -(-len(readings) // VALIDATED))
     samples = _thinned(readings, stride)
-    site: dict[str, Any] = {"dip_deg": dip_deg, "field_strength": field_strength}
-    inliers, facing = _inliers_and_dip(readings, samples, dip_deg)
+    judged_deg, _ = judged_dip(dip_deg, site)
+    known_field: dict[str, Any] = {"dip_deg": judged_deg, "field_strength": field_strength}
+    asked: dict[str, Any] = {"target_deg": target_deg, "dip_deg": dip_deg, "site": site}
+    inliers, facing = _inliers_and_dip(readings, samples, judged_deg)
     held_back = min(blocks, len(samples) // LEAST)
     entries: list[Entry] = []
     for name in names:
         if tell is not None:
             tell(name)
-        estimator = estimator_of(name, {}, site)
-        entry = _fitted(estimator, readings, source, target_deg=target_deg, **site)
+        estimator = estimator_of(name, {}, known_field)
+        entry = _fitted(estimator, readings, source, field_strength=field_strength, **asked)
         if entry.fit is not None and held_back > 1:
             entry = _validated(entry, estimator, samples, blocks=held_back, dip_deg=facing, counted=inliers)
             entry = replace(entry, coarser=math.sqrt(stride))

@@ -28,6 +28,7 @@ import numpy as np
 from flinders.comparison.agreement import Departure, departures, heading_deg, length_scatter, scatter
 from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
+from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples
 from flinders.core.time_alignment import Paired, affine_residuals, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
@@ -206,7 +207,7 @@ def fit_multi(
     *,
     reference: str | None = None,
     target_deg: float = 1.0,
-    dip_deg: float = 60.0,
+    dip_deg: float | None = None,
     field_strength: float | None = None,
     prior: float = SPREAD,
     aiding: str | Sequence[str] = (),
@@ -249,6 +250,8 @@ def fit_multi(
     See the head of this module.
     """
     chosen = _checked(sources, reference, field_strength)
+    if dip_deg is None and site is not None:
+        dip_deg = site.inclination_deg
     options: dict[str, Any] = {"target_deg": target_deg, "dip_deg": dip_deg, "field_strength": field_strength}
     samples: dict[str, Samples] = {}
     silent: dict[str, FlindersError] = {}
@@ -281,6 +284,11 @@ class _Body:
     copies: Mapping[int, int]
     prior: float
     options: dict[str, Any]
+
+    @property
+    def dip_deg(self) -> float:
+        """Dip of the field, where none was given the assumed one."""
+        return ASSUMED_DIP_DEG if self.options["dip_deg"] is None else float(self.options["dip_deg"])
 
     @classmethod
     def of(
@@ -318,7 +326,7 @@ class _Body:
         if several is not None:
             off = scatter(_corrected(several, self.common.fields[self.own]), several.directions, self.common.time)
             for place, share in zip(self.own, off.tolist(), strict=True):
-                scatter_deg = heading_deg(share, self.options["dip_deg"])
+                scatter_deg = heading_deg(share, self.dip_deg)
                 members[place] = _better(replace(members[place], scatter_deg=scatter_deg))
         is_joint = several is not None and not all(members[place].is_kept for place in self.own)
         agreement = Agreement(len(self.common.time), float(np.ptp(self.common.time)), runs, apart_deg)
@@ -355,7 +363,7 @@ class _Body:
                 return None, ()
             if several.unobserved:
                 return None, ()
-            limits = {"limit_deg": self.options["target_deg"], "dip_deg": self.options["dip_deg"]}
+            limits = {"limit_deg": self.options["target_deg"], "dip_deg": self.dip_deg}
             before, runs = runs, departures(_corrected(several, fields), self.common.time, **limits)
             if _segments(runs) == _segments(before):
                 break
@@ -373,7 +381,7 @@ class _Body:
         sound = [start for start in alone if start is not None and is_sound(start)]
         if len(self.own) != 2 or len(sound) != 2:
             return 0.0
-        fields, dip_deg, time = self.common.fields[self.own], self.options["dip_deg"], self.common.time
+        fields, dip_deg, time = self.common.fields[self.own], self.dip_deg, self.common.time
         corrected = _corrected(several, fields)
         between_deg = heading_deg(float(scatter(corrected[:1], corrected[1], time)[0]), dip_deg)
         lengths = length_scatter(np.stack([_by_itself(*each) for each in zip(fields, sound, strict=True)]), time)

@@ -122,6 +122,7 @@ class HeadingErrorRecord(Struct, frozen=True, kw_only=True, forbid_unknown_field
     worst: NotNegative  #: 1 σ in the worst one
     bound_95: NotNegative | None = None  #: that all stay within with a probability of 95 %
     dip_deg: Annotated[float, Meta(ge=-90, le=90)] | None = None  #: dip of the field it holds for
+    dip_assumed: bool = False  #: nobody said where the readings were taken, and the dip is a guess
     target_deg: Positive | None = None  #: what was asked for
 
 

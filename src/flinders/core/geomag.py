@@ -24,6 +24,9 @@ from flinders.errors import UsageError
 if TYPE_CHECKING:
     from pygeomag import GeoMag
 
+ASSUMED_DIP_DEG: Final = 60.0
+"""Dip of the field where nobody says where a recording was made."""
+
 FIRST_YEAR, LAST_YEAR = 2010.0, 2030.0
 """A model is available between these."""
 
@@ -134,6 +137,14 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
         inclination_sigma_deg=None if sigma is None else float(sigma.i),
         strength_sigma=None if sigma is None else sigma.f * _NANOTESLA,
     )
+
+
+def recorded_field(log: object) -> SiteField | None:
+    """The field where and when a log, or a magnetometer of one, says that it was made; None where it does not."""
+    position, begun = getattr(log, "position", None), getattr(log, "begun", None)
+    if position is None or begun is None or not FIRST_YEAR <= begun.year < LAST_YEAR:
+        return None
+    return site_field(position.latitude_deg, position.longitude_deg, position.altitude_m, year=year_of(begun))
 
 
 def place_of(text: str) -> tuple[float, float, float]:

@@ -29,10 +29,11 @@ def correction(
     title: str,
     words: Iterable[str] = (),
     offset_sigma: Sequence[float] | None = None,
+    pictures: str = "",
 ) -> str:
     """Lay out a (3, 3) matrix and a (3,) offset with its optional standard deviations, in `unit`, as HTML.
 
-    Below the title stand `words`, a line each; all text is escaped.
+    Below the title stand `words`, a line each; all text but the HTML of `pictures` is escaped.
     """
     sigmas = [None] * 3 if offset_sigma is None else list(offset_sigma)
     rows = "".join(
@@ -40,7 +41,7 @@ def correction(
         for axis, value, sigma, row in zip("xyz", offset, sigmas, matrix, strict=True)
     )
     head = f'<tr><td></td><th>offset, {_escaped(unit)}</th><th colspan="3">matrix</th></tr>'
-    return f"{_head(title, words)}<table><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
+    return f"{_head(title, words)}{pictures}<table><thead>{head}</thead><tbody>{rows}</tbody></table></div>"
 
 
 def refusal(title: str, words: Iterable[str]) -> str:

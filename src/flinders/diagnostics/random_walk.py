@@ -145,8 +145,7 @@ class RandomWalk:
         held = _duration(self.valid_for_s(level_deg, dip_deg=dip_deg))
         least = "" if self.is_proven else "at least "
         story = self.story(unit, level_deg=level_deg, dip_deg=dip_deg)
-        level = f"{level_deg:g}° of heading, 1 σ, dip {dip_deg:.0f}°"
-        return f"{story}: valid for {least}{held} at this level ({level})"
+        return f"{story}; {level_deg:g}° of heading (1 σ, dip {dip_deg:.0f}°) takes {least}{held}"
 
     def story(self, unit: str, *, level_deg: float = 1.0, dip_deg: float = 60.0) -> str:
         """Say how far the offset moved, or that nobody can tell to this level."""
@@ -159,8 +158,8 @@ class RandomWalk:
         if not self.is_proven:
             return f"the offset stayed where it was over {over}, as far as this recording tells"
         return (
-            f"the offset moved by up to {figures(self.moved)} {unit} over {over}, as by "
-            f"{figures(self.per_root_second)} {unit} per root of a second"
+            f"the offset moved by up to {figures(self.moved)} {unit} over {over}, as in a "
+            f"random walk of {figures(self.per_root_second)} {unit}/√s"
         )
 
     def drawn(self, width: int = 60) -> str:

@@ -21,7 +21,7 @@ from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import VERDICTS as VERDICTS
 from flinders.findings.row import CatalogueRow as CatalogueRow  # noqa: TC001 - also a name to import
 from flinders.findings.row import Condition as Condition
-from flinders.findings.row import Finding as Finding
+from flinders.findings.row import Finding as Finding  # noqa: TC001
 from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
 from flinders.findings.row import Severity as Severity  # noqa: TC001
@@ -43,6 +43,24 @@ def current(code: str) -> str:
     ('disturbance-nonlinear', 'coverage')
     """
     return _FORMER.get(code, code)
+
+
+def in_python(finding: Finding) -> str:
+    """Advice with the arguments that carry it out."""
+    return _naming(finding, CATALOGUE[finding.code].arguments if finding.code in CATALOGUE else "")
+
+
+def in_options(finding: Finding) -> str:
+    """Advice with the options of the command line that carry it out.
+
+    >>> in_options(Finding("unit-unknown", "note", 1.0, 0.0, "name the unit"))
+    'name the unit (--unit, --scale)'
+    """
+    return _naming(finding, CATALOGUE[finding.code].options if finding.code in CATALOGUE else "")
+
+
+def _naming(finding: Finding, names: str) -> str:
+    return f"{finding.advice} ({names})" if names else finding.advice
 
 
 def limit_of(code: str, of: Severity | str = "limits") -> float:

@@ -50,8 +50,10 @@ ROWS: Final = (
         rule=Rule("handedness", (Grade("limits", 1.0),), comparison="<"),
         said=(
             "the axes mapping {axes} is a mirror image, right only for a left-handed sensor: else change the sign"
-            " of one axis in --axes"
+            " of one axis"
         ),
+        arguments="axes=",
+        options="--axes",
         plain="The axes were mapped to a mirror image, which is right only for a left-handed sensor.",
         remedy="Check the axes mapping.",
     ),
@@ -66,7 +68,9 @@ ROWS: Final = (
             "not depend on it"
         ),
         rule=Rule("is_in_counts", (Grade("note", 0.0),), number="field_strength", limit=Limit(0.0)),
-        said="no unit known, so all is in counts: give --unit, or --scale (µT in a count)",
+        said="no unit known, so all is in counts: name it, or what one count is in µT",
+        arguments="unit=, scale=",
+        options="--unit, --scale",
         plain="The unit of the readings is not known: they are in counts. Headings do not depend on it.",
     ),
     CatalogueRow(

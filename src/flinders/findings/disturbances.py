@@ -18,20 +18,19 @@ ROWS: Final = (
         ),
         limit="0.95",
         action=(
-            "use the calibration where they go along as in the recording, follow one of them alone, or vary each "
+            "use the calibration where they rise and fall as in the recording, follow one of them alone, or vary each "
             "by itself"
         ),
         rule=Rule("most_alike", (Grade("limits", 0.95),)),
         said=(
-            "{alike} rose and fell together ({most_alike:.1%} of the course of one follows from the others): what"
-            " they do together is known, and what each does hardly, beyond what was thought likely before; use "
-            "the calibration where they go along as in the recording, follow one of them alone, or vary each by "
-            "itself"
+            "{alike} rose and fell together ({most_alike:.1%} of the course of one follows from the others): their "
+            "joint effect is known, that of each by itself hardly; use the calibration where they rise and fall as in "
+            "the recording, follow one of them alone, or vary each by itself"
         ),
         plain=(
             "Several things that the compass follows rose and fell together, so that their effects cannot be separated."
         ),
-        remedy="Use the correction where they go along as in the recording, or record again and vary each by itself.",
+        remedy="Use the correction where they rise and fall as recorded, or record again and vary each by itself.",
     ),
     CatalogueRow(
         code="disturbance-noisy",
@@ -144,11 +143,11 @@ ROWS: Final = (
         ),
         rule=Rule("monotonicity", (Grade("limits", 0.95),)),
         said=(
-            "{name} only went one way while this was recorded: an offset that drifts, or a sensor that moved, "
+            "{name} only rose, or only fell, while this was recorded: an offset that drifts, or a sensor that moved, "
             "would look the same; let {name} go up and down again while recording"
         ),
         plain=(
-            "What the compass follows only went one way while the recording was made. A compass that changes by "
+            "What the compass follows only rose, or only fell, while the recording was made. A compass that changes by "
             "itself, or that was moved, would look the same."
         ),
         remedy="Record again, and let it go up and down again meanwhile.",

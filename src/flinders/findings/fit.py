@@ -8,11 +8,11 @@ from flinders.findings.row import CatalogueRow, Grade, Limit, Needs, Rule
 
 Z_ELSEWHERE: Final = (
     "; an accelerometer shows that z does not point down, so that the dip of the site was left out: map the axes so "
-    "that it does (--axes)"
+    "that it does"
 )
 Z_OPEN: Final = (
     "; nothing shows whether z points down or up, so that its offset is open by twice the field along it: record an "
-    "accelerometer as well, or map the axes so that z points down (--axes, x,y,z where it does already)"
+    "accelerometer as well, or state axes with z down"
 )
 """What the finding ``level-plane`` says of z, by which a file that is loaded tells it again."""
 
@@ -32,8 +32,10 @@ ROWS: Final = (
         rule=Rule("flatness", (Grade("refuses", 1.0, "flatness_limit"),), comparison="<"),
         said=(
             "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. "
-            "Of a turn about the vertical axis of a vehicle that cannot be turned over, map that axis to z (axes)"
+            "If it is on a vehicle that cannot be turned over, map the vertical axis to z"
         ),
+        arguments="axes=",
+        options="--axes",
         plain=(
             "All readings lie in one plane, as when a sensor is turned on a table. They tell nothing about any "
             "other attitude."
@@ -86,7 +88,7 @@ ROWS: Final = (
             "they are, to {worst_deg:angle}: {leave}"
         ),
         plain="The readings were corrected before, and are off by {angle} of heading as they are.",
-        remedy="If they are good enough, leave them as they are.",
+        remedy="Use the calibration only if that is too much.",
     ),
     CatalogueRow(
         code="soft-iron-changed",
@@ -132,11 +134,13 @@ ROWS: Final = (
         ),
         rule=Rule("alignment_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
-            "how the sensor sits on the body was found, and what is not known of it adds {alignment_deg:angle} to"
-            " a level heading (1 σ; the target is {target_deg:g}°), which the heading error does not know of: "
-            "tilt the body far about two axes while recording, say how well the accelerometer is calibrated "
-            "(--accelerometer-bias), or calibrate without aids and measure the mounting"
+            "the mounting, as the aids show it, is uncertain by {alignment_deg:angle} of a level heading (1 σ; the "
+            "target is {target_deg:g}°), which is not in the heading error: "
+            "tilt the body far about two axes while recording, say how well the accelerometer is calibrated, or "
+            "calibrate without aids and measure the mounting"
         ),
+        arguments="acceleration_bias=",
+        options="--accelerometer-bias",
         plain="How the compass sits in the vehicle was found only roughly: it adds {number:.1f}° to headings.",
         remedy="Tilt the vehicle far about two axes while recording, or measure how the compass sits.",
     ),
@@ -245,7 +249,7 @@ ROWS: Final = (
         action="record for longer, turning all the time",
         rule=Rule("independent", (Grade("limits", 1.0, "independent_needed"),), comparison="<"),
         said="only {independent_readings}: record for longer, turning all the time",
-        plain="There is little to go by: the number of independent readings is only {number:.0f}.",
+        plain="The number of independent readings is only {number:.0f}, which is little to go by.",
         remedy="Record for longer, turning all the time.",
     ),
     CatalogueRow(
@@ -263,13 +267,11 @@ ROWS: Final = (
             needs=(*_WITHIN_TARGET, Needs("unlike_correlation", ">=", 0.5)),
         ),
         said=(
-            "from moment to moment the field is off by {unsteady_deg}° of heading, more than the target: iron or "
-            "currents near by, which also move offset and matrix where they follow the attitude, unseen; record "
-            "away from iron, or elsewhere"
+            "the field fluctuates by {unsteady_deg}° of heading, more than the target: iron or currents are near, "
+            "and what they do to offset and matrix may stay hidden; record away from them"
         ),
         plain=(
-            "While the sensor was turned the field was off by {angle} of heading for moments at a time, as near iron "
-            "or currents."
+            "While the sensor was turned the field fluctuated by {angle} of heading, as it does near iron or currents."
         ),
         remedy="Record away from iron and currents.",
         alarm=True,
@@ -318,8 +320,8 @@ ROWS: Final = (
             "away from iron"
         ),
         plain=(
-            "The readings err alike for moments at a time, so that they tell as much as {number:.0%} of them "
-            "would. The errors given here allow for it."
+            "Readings that follow each other err alike, so that they tell less than as many independent ones would. "
+            "The errors given here allow for it."
         ),
     ),
     CatalogueRow(
@@ -332,7 +334,7 @@ ROWS: Final = (
         fleet_action="turn the sensor further: the readings lie on a small patch",
         rule=Rule("inflation", (Grade("limits", 2.0),)),
         said="the ellipsoid is {inflation} times as wide as its readings, which lie on a small patch of it: {movement}",
-        plain="The readings lie on a small patch of what they should go round ({number:.1f} times as wide).",
+        plain="The readings lie on a small patch of the sphere that they should go round. The rest of it is a guess.",
         remedy="{remedy}",
     ),
     CatalogueRow(
@@ -372,7 +374,7 @@ ROWS: Final = (
             "told where chance makes it less often than once in ten thousand"
         ),
         limit="the target",
-        action="keep currents and everything magnetic as they will be, let the sensor warm up, record again",
+        action="let the sensor warm up, keep currents and everything magnetic as they are, and record again",
         rule=Rule(
             "drift_deg",
             (
@@ -385,11 +387,11 @@ ROWS: Final = (
         ),
         said=(
             "the offset changed by {drift} {unit} from the beginning of the recording to its end, {drift_deg}° of"
-            " heading{halves}: keep currents and everything magnetic as they will be, let the sensor warm up, and "
-            "record again"
+            " heading{halves}: let the sensor warm up, keep currents and everything magnetic as they are, and record "
+            "again"
         ),
         plain="Something changed while the recording was made: from its beginning to its end, by {angle} of heading.",
-        remedy="Record again with currents and everything magnetic as they will be, and the sensor warm.",
+        remedy="Let the sensor warm up, keep currents and everything magnetic as they are, and record again.",
         alarm=True,
     ),
     CatalogueRow(
@@ -429,9 +431,10 @@ ROWS: Final = (
         rule=Rule("unmodelled_deg", (Grade("limits", 0.5, "target_deg"),)),
         said=(
             "readings follow the {unmodelled} that was recorded with them, by up to {unmodelled_deg}° of heading,"
-            " which the heading error does not know of: calibrate with disturbances {unmodelled} (--with "
-            "{unmodelled}), or record without"
+            " which is not in the heading error: let the calibration follow the {unmodelled}, or record without"
         ),
+        arguments="disturbances=",
+        options="--with",
         plain=(
             "What was recorded beside the compass, such as the current of a motor, moves it by up to {angle} of "
             "heading. The calibration does not follow it."
@@ -452,8 +455,11 @@ ROWS: Final = (
         rule=Rule("tilt_error_deg", (Grade("limits", 1.0, "target_deg"),)),
         said=(
             "the vertical of the accelerometer leans with the attitude, which adds {tilt_error_deg:.1f}° to a heading:"
-            " calibrate --with dip, which finds its bias, its gains and how it is turned against the magnetometer"
+            " calibrate with the dip that it shows, which finds its bias, its gains and how it is turned against the"
+            " magnetometer"
         ),
+        arguments="aiding='dip'",
+        options="--with dip",
         plain=(
             "The instrument that tells which way is down is off, and adds {angle} to a heading, however good the"
             " compass is."
@@ -485,7 +491,7 @@ ROWS: Final = (
         ),
         plain=(
             "An axis of the sensor does not answer in proportion to the field, which no correction of this kind "
-            "takes off: {angle} of heading. The errors given here allow for it."
+            "removes: {angle} of heading. The errors given here allow for it."
         ),
         remedy=(
             "Move the sensor away from magnets, so that it works in the middle of its range, or take another sensor."
@@ -524,10 +530,8 @@ ROWS: Final = (
     CatalogueRow(
         code="structure",
         subject="fit",
-        grades="note",
-        number=(
-            "standard deviation of what belongs to the direction and no ellipsoid takes off, as a fraction of the field"
-        ),
+        grades="note; limits above the target",
+        number=("standard deviation of what depends on the direction as no ellipsoid does, as a fraction of the field"),
         limit="0.005",
         action=(
             "nothing: the heading error allows for it; a sensor that is not linear, or a field that is not the "
@@ -541,13 +545,13 @@ ROWS: Final = (
             limit=Limit(0.005),
         ),
         said=(
-            "{structure_share:.1%} of the field belongs to the direction and no ellipsoid takes it off, "
+            "{structure_share:.1%} of the field depends on the direction as no ellipsoid does, "
             "{structure_deg}° of heading, which the heading error allows for: the sensor is not linear, near the "
             "end of its range, or the field not the same everywhere; record away from iron, check the range"
         ),
         plain=(
             "A part of the field, {number:.1%}, depends on the direction in a way that no correction of this kind"
-            " takes off. The errors given here allow for it."
+            " removes. The errors given here allow for it."
         ),
         alarm=True,
     ),

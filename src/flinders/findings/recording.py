@@ -24,9 +24,9 @@ ROWS: Final = (
             limit=Limit(1.0, "alternating_limit"),
         ),
         said=(
-            "what one reading is off, the next is off the other way (correlation {next_correlation:.2f}), by "
-            "about {alternating_deg}° of heading: readings of two sensors are mixed, or something switches as "
-            "fast as is read; record one sensor alone"
+            "readings err in turns to one side and to the other (correlation {next_correlation:.2f}), by about "
+            "{alternating_deg}° of heading: readings of two sensors are mixed, or something switches as fast as is "
+            "read; record one sensor alone"
         ),
         plain="Every second reading is off to the other side, as where the readings of two sensors are mixed.",
         remedy="Record one sensor alone.",

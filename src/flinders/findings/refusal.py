@@ -41,7 +41,7 @@ REFUSALS: Final[dict[str, Refusal]] = {
     ),
     "unmoved": Refusal(
         "turn the sensor while recording",
-        "The sensor was hardly turned: all readings lie within {angle_deg:.2g}° of one direction.",
+        "The sensor was hardly turned: all readings lie about one direction.",
         "Turn it slowly through all directions while recording.",
     ),
     "not-turned": Refusal(
@@ -87,7 +87,7 @@ REFUSALS: Final[dict[str, Refusal]] = {
     "no-magnetometer": Refusal("name the columns of the magnetometer"),
     "no-unit": Refusal("say in the table whose readings they are"),
     "unit": Refusal("give all files of a unit in one unit of field"),
-    "axes": Refusal("check --axes"),
+    "axes": Refusal("check how the axes are mapped"),
     "usage": Refusal("check the options that say how files are read"),
     "foreign-axes": Refusal("check which sensor the columns belong to"),
     "missing-extra": Refusal("install what the example names"),

@@ -194,6 +194,9 @@ class CatalogueRow:
         The technical sentence, a format of quantities and words of the record.
     plain, remedy : str
         The same for whoever uses the compass, and what to do, in words without the mathematics.
+    arguments, options : str
+        What carries out the advice in Python, and on the command line, where that has a name there: the sentences are
+        read on pages and in files, too, and name neither.
     rule : Rule, optional
         None where code decides.
     alarm : bool
@@ -211,6 +214,8 @@ class CatalogueRow:
     said: str
     plain: str
     remedy: str = ""
+    arguments: str = ""
+    options: str = ""
     rule: Rule | None = None
     alarm: bool = False
     former: str = ""

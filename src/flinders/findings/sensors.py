@@ -53,8 +53,10 @@ ROWS: Final = (
         said=(
             "even averaged over a second its readings are off by {scatter_deg}° of heading all the time (1 σ), "
             "those of the best other by {best_other_deg}°: something near it changes, such as a current; steer by"
-            " the other, or see whether --with current helps"
+            " the other, or see whether it follows a current that was recorded"
         ),
+        arguments="disturbances=['current']",
+        options="--with current",
         plain=(
             "The compass is {angle} of heading off the others of its vehicle all the time: something near it "
             "keeps changing, such as a current."

@@ -30,7 +30,7 @@ from flinders.estimators.likelihood import Likelihood
 from flinders.estimators.robust import Robust
 from flinders.findings import CATALOGUE, VERDICTS, fit
 from flinders.fitting import calibrate
-from flinders.fitting.claim import widening_by_few
+from flinders.fitting.claim import widening
 from flinders.fitting.result import ALIKE, Fit, Refused
 from flinders.fitting.shrinkage import posteriors
 from flinders.fitting.verdict import (
@@ -383,8 +383,8 @@ def _repetition(records: Records) -> tuple[Floats, Floats]:
     share = rows / np.maximum(records["distinct"], 1)
     known = np.mean(records["covariance"][:, DIAGONAL] / records["textbook"][:, DIAGONAL], axis=1)
     repetition = np.maximum(1.0, share / known)
-    few = [widening_by_few(freedom) for freedom in (rows / repetition - 9.0).tolist()]
-    return repetition, repetition * few
+    factor = [widening(*each, 9) for each in zip(rows.tolist(), repetition.tolist(), strict=True)]
+    return repetition, np.array(factor)
 
 
 def _claimed(records: Records, structure_deg: Floats) -> Floats:

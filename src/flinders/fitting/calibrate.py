@@ -17,6 +17,7 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
+from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.samples import Samples, frame_of
 from flinders.core.units import Unit
 from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
@@ -39,6 +40,7 @@ from flinders.heading.error_propagation import HeadingError, alignment_error_deg
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
+from flinders.likelihood.site_field import judged_dip
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics, Summary, is_flat
 
@@ -99,13 +101,20 @@ class Request:
     """What a fit is asked for, whatever the method; as the parameters of `fit`."""
 
     target_deg: float = 1.0
-    dip_deg: float = 60.0
+    dip_deg: float = ASSUMED_DIP_DEG
+    dip_assumed: bool = False
     field_strength: float | None = None
     alignment_sigma_deg: float | None = None
     site: Site | None = None
     prior: float | None = SPREAD
     aiding: str | Sequence[str] = ()
     instruments: _Instruments = field(default_factory=_Instruments)
+
+    @classmethod
+    def of(cls, dip_deg: float | None, site: Site | None = None, **others: Any) -> Self:
+        """Ask with the dip that is given, else that of the site, else an assumed one."""
+        judged_deg, is_assumed = judged_dip(dip_deg, site)
+        return cls(dip_deg=judged_deg, dip_assumed=is_assumed, site=site, **others)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -252,7 +261,7 @@ def fit(
     target_deg : float
         Worst heading error that is good enough, in degrees.
     dip_deg : float, optional
-        Inclination of the field at the site: by default that of `site`, else 60°.
+        Inclination of the field at the site: by default that of `site`, else 60° (`Fit.dip_assumed`).
     alignment_sigma_deg : float, optional
         How well the mounting is known, 1 σ about each axis; its heading error is stated separately, since no
         magnetometer sees it. Of a level turn at a known site it also says how steep a tilt can be, see docs/level.md.
@@ -296,14 +305,12 @@ def fit(
     NotTurned, InputError
         For `disturbances` of a sensor that was not turned, or that were not recorded.
     """
-    if dip_deg is None:
-        dip_deg = 60.0 if site is None or site.inclination_deg is None else site.inclination_deg
-    request = Request(
+    request = Request.of(
+        dip_deg,
+        site,
         target_deg=target_deg,
-        dip_deg=dip_deg,
         field_strength=field_strength,
         alignment_sigma_deg=alignment_sigma_deg,
-        site=site,
         prior=options.get("prior", SPREAD),
         aiding=aiding,
         instruments=_Instruments(gyro_scale, acceleration_bias, acceleration_gain),
@@ -395,7 +402,7 @@ def judged_as(
     aiding_result: Aiding | None = None,
     field_strength: float | None = None,
     target_deg: float = 1.0,
-    dip_deg: float = 60.0,
+    dip_deg: float | None = None,
     sensor: str | None = None,
     refreshed: Refreshed | None = None,
 ) -> Fit:
@@ -419,7 +426,7 @@ def judged_as(
     Refused
         Where it cannot be trusted; it carries the fit.
     """
-    request = Request(target_deg, dip_deg, field_strength)
+    request = Request.of(dip_deg, target_deg=target_deg, field_strength=field_strength)
     evidence = _Evidence.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
     claim = repeated(estimate, evidence.statistics)
@@ -694,6 +701,7 @@ def _stated(
         axis_lag=axis_lag,
         target_deg=request.target_deg,
         dip_deg=request.dip_deg,
+        dip_assumed=request.dip_assumed,
         prior_influence=estimate.prior_influence,
         unobserved=estimate.unobserved,
         textbook_covariance=final.textbook,

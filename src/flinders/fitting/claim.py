@@ -112,8 +112,7 @@ def _widened(
     if reference is not None and not has_residuals and not reference.plane and not reference.unobserved:
         estimate = as_correlated(estimate, reference)
     repetition = _repetition(estimate, statistics)
-    freedom = _freedom(estimate, statistics.rows / repetition)
-    estimate = _scaled(estimate, repetition * widening_by_few(freedom))
+    estimate = _scaled(estimate, widening(statistics.rows, repetition, _parameters(estimate)))
     if reference is not None and is_biased:
         estimate = with_bias(estimate, reference)
     return Claim(estimate, repetition)
@@ -129,10 +128,10 @@ def _repetition(estimate: Estimate, statistics: Statistics) -> float:
     return max(1.0, share * len(ratios) / max(float(sum(ratios)), sys.float_info.min))
 
 
-def _freedom(estimate: Estimate, count: float) -> float:
-    """Readings beyond those that the parameters take up."""
+def _parameters(estimate: Estimate) -> int:
+    """How many parameters its method finds."""
     name = estimate.method.partition(" ")[0]  # without its variant
-    return count - (ROWS[name].parameters if name in ROWS else 5 if estimate.plane else 9)
+    return ROWS[name].parameters if name in ROWS else 5 if estimate.plane else 9
 
 
 def as_correlated(estimate: Estimate, likelihood: Estimate) -> Estimate:
@@ -178,6 +177,18 @@ def with_bias(estimate: Estimate, likelihood: Estimate) -> Estimate:
     return replace(estimate, covariance=covariance, bias=bias)
 
 
+def widening(rows: float, repetition: float, parameters: int) -> float:
+    """Factor by which repeated and few readings widen a covariance.
+
+    The noise was taken over the residuals of all rows less the parameters; only the different ones are independent.
+
+    >>> round(widening(1000, 1.0, 9), 3), round(widening(1000, 40.0, 9), 1)
+    (1.002, 70.8)
+    """
+    freedom = rows / repetition - parameters
+    return ((rows - parameters) / freedom if freedom >= 1.0 else repetition) * widening_by_few(freedom)
+
+
 def widening_by_few(freedom: float) -> float:
     """Factor by which few readings widen a covariance, as their noise is known from few residuals.
 
@@ -212,7 +223,7 @@ def _compared(readings: Readings, likelihood: Auto, estimate: Estimate) -> Repea
             continue
         if alone.plane or not alone.unobserved:
             source = "" if part.recording is None else part.recording.source
-            widening = widening_by_few(_freedom(alone, len(part.summary)))
+            widening = widening_by_few(len(part.summary) - _parameters(alone))
             fits = turns if alone.plane else others
             fits.append(RecordingFit(source, alone.used, alone.ellipsoid, alone.covariance * widening))
     fits = turns if estimate.plane or len(others) < 2 else others

@@ -45,6 +45,7 @@ from flinders.fitting.source import recording_of
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
+from flinders.likelihood.site_field import judged_dip
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -140,8 +141,8 @@ def refresh(
     refuse_unfit(previous)
     samples = samples_of(source, previous)
     _refuse_still(samples.field, previous.ellipsoid.shape)
-    if dip_deg is None:
-        dip_deg = previous.dip_deg if site is None or site.inclination_deg is None else site.inclination_deg
+    dip_deg, is_unknown = judged_dip(dip_deg, site)
+    dip_deg = previous.dip_deg if is_unknown else dip_deg
     known = changeable(known_shape(previous, site), soft_iron_sigma)
     aided, reported, chance = _solved(samples, previous, known, aiding, site, dip_deg)
     fit = judged_as(
@@ -160,6 +161,7 @@ def refresh(
             previous.distortion,
         ),
     )
+    fit = replace(fit, dip_assumed=is_unknown and previous.dip_assumed)
     return (
         fit if fit.calibration.rotation == "estimated" else replace(fit, calibration=turned(fit.calibration, previous))
     )

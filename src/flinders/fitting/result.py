@@ -21,6 +21,7 @@ import dataclasses
 import math
 import os
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 import msgspec
@@ -29,11 +30,12 @@ from msgspec import UNSET
 
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import PARAMETERS, FindingRecord, Fitted, HeadingErrorRecord, read, write
+from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes
+from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes, in_python
 from flinders.findings.conditions import stated
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG
@@ -153,6 +155,8 @@ class Fit(Outcome):
     dip_deg : float
         Inclination of the field at the site. That of `heading_error_deg` has the sign that the recording shows: the
         other one for a sensor mounted upside down.
+    dip_assumed : bool
+        Nobody said where the readings were taken, and `dip_deg` is a guess.
     prior_influence : float
         Share of the least known shape parameter that the prior speaks for, 0 to 1.
     textbook_covariance : (9, 9) float, optional
@@ -230,7 +234,8 @@ class Fit(Outcome):
     coverage: Coverage = field(default_factory=Coverage)
     heading_error_deg: HeadingError = NO_ERROR
     target_deg: float = 1.0
-    dip_deg: float = 60.0
+    dip_deg: float = ASSUMED_DIP_DEG
+    dip_assumed: bool = False
     prior_influence: float = 0.0
     unobserved: int = 0
     alignment_error_deg: float | None = None
@@ -413,6 +418,11 @@ class Fit(Outcome):
         beside = f"95 % within {figures(bound_deg)}°" if bound_deg < ANY_ANGLE_DEG else "1 σ"
         return f"{figures(self.heading_error_deg.worst)}° ({beside})"
 
+    @property
+    def dip_words(self) -> str:
+        """Dip that headings are judged at, with the sign that the recording shows, as ``dip 60° (assumed)``."""
+        return f"dip {self.known_dip_deg:.3g}°{' (assumed)' if self.dip_assumed else ''}"
+
     def tilted_error(self, tilt_deg: float) -> HeadingError:
         """What to expect of the heading of a vehicle that is rolled or pitched, and knows how far."""
         dip, down = self.known_dip_deg, down_of(self.plane)
@@ -560,7 +570,12 @@ class Fit(Outcome):
             return None
         bound, dip_deg = _stated(self.heading_bound_deg), _stated(error.dip_deg)
         return HeadingErrorRecord(
-            rms=error.rms, worst=error.worst, bound_95=bound, dip_deg=dip_deg, target_deg=self.target_deg
+            rms=error.rms,
+            worst=error.worst,
+            bound_95=bound,
+            dip_deg=dip_deg,
+            dip_assumed=self.dip_assumed,
+            target_deg=self.target_deg,
         )
 
     def __repr__(self) -> str:
@@ -578,12 +593,14 @@ class Fit(Outcome):
         title = f"{SIGNS[self.verdict]} {self.verdict}: "
         title += f"{self.method}, {counted(self.samples, 'reading')}" if self.is_described else "nothing is stated"
         told = [finding for finding in first_causes(self.findings) if finding.severity != "note"]
-        words = [f"{SIGNS[finding.severity]} {finding.advice}" for finding in told]
+        words = [f"{SIGNS[finding.severity]} {in_python(finding)}" for finding in told]
         if self.verdict == "refused":
             return refusal(title, words)
         calibration = self.calibration
-        good = f"headings good to {self.heading_words}, while level; the target is {self.target_deg:g}°"
+        good = f"headings good to {self.heading_words}, level, {self.dip_words}; the target is {self.target_deg:g}°"
         good = "no heading error stated" if math.isnan(self.heading_error_deg.worst) else good
+        # pages are above this package, and found by name
+        pictures = import_module("flinders.report.notebook").pictures(self) if self.states_uncertainty else ""
         return correction(
             calibration.matrix.tolist(),
             calibration.offset.tolist(),
@@ -591,6 +608,7 @@ class Fit(Outcome):
             title=title,
             words=[good, *filter(None, [stated(self.conditions)]), *words],
             offset_sigma=self.offset_sigma.tolist() if self.states_uncertainty else None,
+            pictures=pictures,
         )
 
 
@@ -632,7 +650,8 @@ def _with_record(fit: Fit, record: Fitted) -> Fit:
         stated = HeadingError(error.rms, error.worst, dip_deg)
         known_dip_deg = fit.dip_deg if error.dip_deg is None else abs(error.dip_deg)
         target_deg = error.target_deg or fit.target_deg
-        loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg, dip_deg=known_dip_deg)
+        loaded = replace(loaded, heading_error_deg=stated, target_deg=target_deg)
+        loaded = replace(loaded, dip_deg=known_dip_deg, dip_assumed=error.dip_assumed)
     if record.covariance is not None:
         loaded = _with_covariance(loaded, record.covariance_of, np.array(record.covariance))
     return loaded if record.verdict == loaded.verdict else replace(loaded, stated_verdict=record.verdict or "limited")
@@ -710,7 +729,12 @@ def _plane(method: str) -> Plane:
 def _z_down(findings: Iterable[Finding]) -> bool | None:
     """What was known of z at a level turn, which stands in the file in words."""
     words = " ".join(finding.advice for finding in findings)
-    return None if Z_OPEN in words else Z_ELSEWHERE not in words
+    return None if _cause(Z_OPEN) in words else _cause(Z_ELSEWHERE) not in words
+
+
+def _cause(words: str) -> str:
+    """What was found, without what to do."""
+    return words.partition(":")[0]
 
 
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:

@@ -247,7 +247,7 @@ def _assumed(result: Fit) -> str:
 def _mounting(result: Fit) -> str:
     """What to say about the mounting where the shape across the plane is not known."""
     skewed = float(np.sqrt(np.diag(result.covariance)[[6, 7, 8]].max())) > SKEWED * result.ellipsoid.radius
-    return "say how well the mounting is known (--alignment-sigma), or " if skewed and _is_placed(result) else ""
+    return "say how well the mounting is known, or " if skewed and _is_placed(result) else ""
 
 
 def _z_words(result: Fit) -> str:

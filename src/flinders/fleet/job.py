@@ -231,7 +231,7 @@ class RunSummary:
     units_of_field: dict[str, int]
     # ``median``, ``p95`` and ``largest`` of the worst heading error of rows that are good or limited
     worst_deg: dict[str, float]
-    rejected: list[dict[str, str]]  # unit, recording and code of the first rows that are refused or failed
+    rejected: list[dict[str, str]]  # unit, recording, code and finding of the first rows that are refused or failed
     left_out: dict[str, int]  # files of other kinds, by their suffix
     resumed: int  # partitions that an earlier run had done
     workers_lost: int  # workers that died, or left the cluster

@@ -531,8 +531,9 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
             readings = batch.column("readings").to_numpy()
             failed = readings[_is_among(batch, VERDICTS[3:])]
             if len(rejected) < REJECTED:
-                some = batch.filter(array(_is_among(batch, VERDICTS[2:]))).select(["unit", "recording", "code"])
-                rejected += some.slice(0, REJECTED - len(rejected)).to_pylist()
+                some = batch.filter(array(_is_among(batch, VERDICTS[2:])))
+                some = some.select(["unit", "recording", "code", "findings"])
+                rejected += map(_named, some.slice(0, REJECTED - len(rejected)).to_pylist())
             units = named_rows(batch).column("unit")
             totals.update(readings=int(readings.sum()), failed_readings=int(failed.sum()), rows=len(readings))
             if len(units):
@@ -546,6 +547,12 @@ def table_counts(path: str | os.PathLike[str]) -> dict[str, Any]:
         "worst_deg": _spread(errors),
         "rejected": rejected,
     }
+
+
+def _named(row: dict[str, Any]) -> dict[str, str]:
+    """A row without a calibration, with the finding that refuses a fit."""
+    cause = row["findings"][0] if row["code"] == "refused" and row["findings"] else ""
+    return {"unit": row["unit"], "recording": row["recording"], "code": row["code"], "finding": cause}
 
 
 def common_findings(findings: Mapping[str, int], verdicts: Mapping[str, int]) -> list[str]:

@@ -25,8 +25,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
+from flinders.core.geomag import ASSUMED_DIP_DEG, recorded_field
+from flinders.core.units import MICROTESLA
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -77,9 +79,9 @@ class Site:
             raise UsageError("what is known of a site is never exact: need uncertainties above 0")
 
     @classmethod
-    def of(cls, field: SiteField) -> Self:
+    def of(cls, field: SiteField, **more: Any) -> Self:
         """Take it from the World Magnetic Model; readings are then in µT."""
-        return cls(field.strength, field.inclination_deg)
+        return cls(field.strength, field.inclination_deg, **more)
 
     @property
     def sine(self) -> float | None:
@@ -91,3 +93,24 @@ class Site:
         """Standard deviation of the sine; at the poles as flat as a degree is round."""
         level = math.cos(math.radians(self.inclination_deg or 0.0))
         return math.radians(self.inclination_sigma_deg) * max(level, math.radians(self.inclination_sigma_deg))
+
+
+def judged_dip(dip_deg: float | None, site: Site | None) -> tuple[float, bool]:
+    """Dip that headings are judged at, and whether it is assumed: as given, else that of the site, else 60°.
+
+    >>> judged_dip(None, Site(inclination_deg=-66.0)), judged_dip(None, None)
+    ((-66.0, False), (60.0, True))
+    """
+    known = site.inclination_deg if dip_deg is None and site is not None else dip_deg
+    return (ASSUMED_DIP_DEG, True) if known is None else (known, False)
+
+
+def recorded_site(recording: object, **more: Any) -> tuple[Site, str] | None:
+    """The site that a log, or a magnetometer of one, states, and words that say so; None where it states none.
+
+    `more` goes to `Site`. Readings in counts know no strength, and have none.
+    """
+    field, unit = recorded_field(recording), getattr(recording, "unit", None)
+    if field is None or (unit is not None and unit.inside != MICROTESLA):
+        return None
+    return Site.of(field, **more), f"the log says where and when: {field}; used"

@@ -120,10 +120,16 @@ def _beyond_level(page_view: View, fit: Fit) -> View:
     return msgspec.structs.replace(page_view, guidance=msgspec.structs.replace(page_view.guidance, words=words))
 
 
+def _fit(session: LiveSession, recording: Recording) -> Fit:
+    """Fit readings of what is shown, at its site."""
+    site = session.shown.site
+    return fit_samples(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=site)
+
+
 def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, str]:
     """The fit, or why there is none and the code of that."""
     try:
-        return fit_samples(samples, target_deg=session.target_deg, dip_deg=session.dip_deg), "", ""
+        return _fit(session, samples), "", ""
     except Refused as refused:
         return refused.fit, "", ""
     except FitError as error:
@@ -293,7 +299,7 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     if fit is None or fit.verdict == "refused":
         return PreviousState(previous.name, None, "nothing to compare with yet")
     try:
-        apart = compare(previous, replace(fit, name="this one"), dip_deg=session.dip_deg, target_deg=session.target_deg)
+        apart = compare(previous, replace(fit, name="this one"), dip_deg=fit.dip_deg, target_deg=session.target_deg)
     except FlindersError as error:
         return PreviousState(previous.name, None, str(error))
     worst = apart.heading_difference_deg.worst
@@ -430,7 +436,7 @@ def _nothing_yet(error: FlindersError) -> FlindersError:
 
 def _outcome(session: LiveSession, recording: Recording) -> Fit | FlindersError:
     try:
-        return fit_samples(recording, target_deg=session.target_deg, dip_deg=session.dip_deg)
+        return _fit(session, recording)
     except Refused as refused:
         return refused
     except FlindersError as error:

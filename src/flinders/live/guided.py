@@ -139,7 +139,7 @@ class Session:
         self,
         *,
         target_deg: float = 1.0,
-        dip_deg: float = 60.0,
+        dip_deg: float | None = None,
         goal: Goal = "heading",
         unit: str = "counts",
         axes: str = "x,y,z",
@@ -150,12 +150,10 @@ class Session:
             raise UsageError(f"goal is {goal!r}: need {' or '.join(get_args(Goal))}")
         if not (rate_hz > 0.0 and every_s > 0.0):
             raise UsageError(f"rate_hz is {rate_hz:g} and every_s {every_s:g}: need positive numbers")
-        request = Request(target_deg, dip_deg)
+        Request.of(dip_deg, target_deg=target_deg)
         self._unit, self._axes, self._rate_hz, self._every_s = Unit.of(unit), Axes.of(axes), rate_hz, every_s
         series = Series(unit=self._unit, axes=self._axes)
-        self._session = LiveSession(
-            source=SOURCE, live=series, target_deg=request.target_deg, dip_deg=request.dip_deg, goal=goal
-        )
+        self._session = LiveSession(source=SOURCE, live=series, target_deg=target_deg, dip_deg=dip_deg, goal=goal)
 
     def add(
         self, readings: ArrayLike, *, time: ArrayLike | None = None, acceleration: ArrayLike | None = None

@@ -83,6 +83,8 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
         The phase in a sentence.
     reasons : list of Reason
         By severity.
+    dip_assumed : bool
+        Nobody gave the dip or the place.
     excluded : list of (start, end), s
         Ascending, apart from each other.
     stride : int
@@ -109,6 +111,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     reasons: tuple[Reason, ...]
     target_deg: float
     dip_deg: float
+    dip_assumed: bool
     goal: Goal
     excluded: tuple[Span, ...]
     can_undo: bool

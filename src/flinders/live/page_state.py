@@ -30,6 +30,7 @@ def session_state(session: LiveSession) -> SessionState:
     """The state message of a session."""
     shown, evaluated = session.shown, session.shown.evaluated
     phase, words, reasons = _phase(session)
+    dip_deg, is_assumed = session.judged_dip
     return SessionState(
         revision=session.revision,
         source=session.source,
@@ -44,7 +45,8 @@ def session_state(session: LiveSession) -> SessionState:
         words=words,
         reasons=reasons,
         target_deg=session.target_deg,
-        dip_deg=session.dip_deg,
+        dip_deg=round(dip_deg, 1) if session.dip_deg is None else dip_deg,
+        dip_assumed=is_assumed,
         goal=session.goal,
         excluded=shown.excluded,
         can_undo=bool(shown.exclusions.past),

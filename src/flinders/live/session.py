@@ -37,6 +37,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UsageError
+from flinders.likelihood.site_field import judged_dip
 from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
     LARGEST_DIP_DEG,
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
+    from flinders.likelihood.site_field import Site
     from flinders.live.messages import Link, PreviousState, Reason
     from flinders.report.view import View
 
@@ -211,6 +213,8 @@ class Series:
         When the fits in a row were done that are within the target: the first three of them.
     is_timed : bool
         The times are those of the readings, and not their numbers.
+    site : Site, optional
+        What a log states of the field where it was made.
     """
 
     buffer: ReadingBuffer = field(default_factory=ReadingBuffer.empty)
@@ -226,6 +230,7 @@ class Series:
     evaluated: Evaluated = NO_FIT
     within: tuple[float, ...] = ()
     is_timed: bool = True
+    site: Site | None = None
 
     @property
     def advice_frame(self) -> Frame:
@@ -251,6 +256,8 @@ class LiveSession:
         A log, shown in place of `live`.
     timeline : Timeline
         Where the clock of the sensor has got to.
+    dip_deg : float, optional
+        As a person gave it.
     unrecorded : str
         Why what arrives cannot be written down; nothing where it can.
     has_board : bool
@@ -273,7 +280,7 @@ class LiveSession:
     opened: Series | None = None
     opened_name: str = ""
     target_deg: float = 1.0
-    dip_deg: float = 60.0
+    dip_deg: float | None = None
     goal: Goal = "heading"
     previous: Fit | None = None
     recording: str = ""
@@ -292,6 +299,11 @@ class LiveSession:
     def shown(self) -> Series:
         """The series that pages show and commands act on."""
         return self.live if self.opened is None else self.opened
+
+    @property
+    def judged_dip(self) -> tuple[float, bool]:
+        """Dip that the shown series is judged at, and whether it is assumed."""
+        return judged_dip(self.dip_deg, self.shown.site)
 
     @property
     def is_followed(self) -> bool:
@@ -392,13 +404,15 @@ def _with_goal(session: LiveSession, **wish: object) -> Stepped:
 
 
 def _placed(session: LiveSession, place: SetPlace) -> Stepped:
-    """Take the dip of a place from the World Magnetic Model; `UsageError` where there is none or no heading."""
+    """Take the dip of a place, and no longer that of the log; `UsageError` where there is none or no heading."""
     from flinders.core.geomag import site_field
 
     site = site_field(place.latitude_deg, place.longitude_deg, year=place.year)
     dip_deg = round(site.inclination_deg, 1)
     if abs(dip_deg) > LARGEST_DIP_DEG:
         raise UsageError(f"the dip there is {dip_deg:g}°: no compass works where it is beyond {LARGEST_DIP_DEG:g}°")
+    if session.shown.site is not None:
+        session = _refit(_with_shown(session, replace(session.shown, site=None)))
     session, _ = _with_goal(session, dip_deg=dip_deg)
     words = f"the dip at {place.latitude_deg:g}°, {place.longitude_deg:g}° is {dip_deg:g}° ({site.model})"
     return session, [Notice("info", words)]
@@ -453,6 +467,7 @@ def _cleared(session: LiveSession) -> Stepped:
         unit=old.unit,
         axes=old.axes,
         frame=old.frame,
+        site=old.site,
         generation=number,
         key=keys,
         since=keys,

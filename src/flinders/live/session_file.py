@@ -5,7 +5,7 @@ session that was ended by a crash goes on as it was:
 
 >>> done = Edits(excluded=((3.0, 5.5),), target_deg=0.5)
 >>> print(done.line(), end="")
-# flinders live: {"excluded":[[3.0,5.5]],"begun_s":null,"target_deg":0.5,"dip_deg":60.0,"goal":"heading"}
+# flinders live: {"excluded":[[3.0,5.5]],"begun_s":null,"target_deg":0.5,"dip_deg":null,"goal":"heading"}
 >>> Edits.within(["0.1,1,2,3", done.line()]) == done
 True
 
@@ -29,6 +29,7 @@ from flinders.core.files import reason
 from flinders.core.samples import Wrapped, frame_of
 from flinders.core.units import Unit
 from flinders.errors import OutputError, counted
+from flinders.likelihood.site_field import recorded_site
 from flinders.live.buffer import Exclusions, ReadingBuffer, Timeline, rows_of
 from flinders.live.messages import SourceState
 from flinders.live.recorder import Patient, Resumed, ToFile
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
     from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
+    from flinders.likelihood.site_field import Site
     from flinders.live.buffer import Span
     from flinders.live.feeds import Feed
     from flinders.live.messages import Kind
@@ -65,12 +67,15 @@ class Source:
         How the recording is read, as `flinders.open_recording` takes it.
     board : ByteSource, optional
         The board at the other end, where a calibration can be sent to it.
+    site : Site, optional
+        What a log that is played back states of the field where it was made.
     """
 
     kind: Kind
     start: Callable[..., Feed]
     reading: dict[str, Any] = field(default_factory=dict)
     board: ByteSource | None = None
+    site: Site | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +112,7 @@ def begun(
     reading = {**source.reading, "axes": str(axes)}
     with contextlib.closing(Patient(ToFile(path, resume=resume is not None), say)) as sink:
         session = LiveSession(
-            live=Series(axes=axes),
+            live=Series(axes=axes, site=source.site),
             target_deg=edits.target_deg,
             dip_deg=edits.dip_deg,
             goal=edits.goal,
@@ -137,7 +142,7 @@ class Edits(msgspec.Struct, frozen=True, kw_only=True):
     excluded: tuple[tuple[float, float], ...] = ()
     begun_s: float | None = None
     target_deg: float = 1.0
-    dip_deg: float = 60.0
+    dip_deg: float | None = None
     goal: Literal["heading", "attitude"] = "heading"
 
     @classmethod
@@ -244,5 +249,7 @@ def load(path: Path, name: str, spans: tuple[Span, ...] = (), **reading: Any) ->
     words = str(recording).replace(str(path), name).replace(path.name, name)
     words = words if words.startswith(name) else f"{name}: {words}"
     unit = getattr(recording, "unit", Unit.of())
-    series = Series(buffer, unit, recording.axes, frame_of(recording), is_timed=trimmed.is_timed)
-    return series, f"{words}; {counted(buffer.total, 'reading')}", trimmed.timeline
+    site, of_site = recorded_site(recording, z_down=not recording.axes.is_identity) or (None, "")
+    series = Series(buffer, unit, recording.axes, frame_of(recording), is_timed=trimmed.is_timed, site=site)
+    said = "; ".join(filter(None, (words, counted(buffer.total, "reading"), of_site)))
+    return series, said, trimmed.timeline

@@ -386,6 +386,18 @@ def chart(width: float, height: float, title: str, *parts: str, more: str = "") 
     )
 
 
+def as_file(chart: str, style: str = "") -> str:
+    """A chart of a page as a file of its own, light or dark as the reader's screen is.
+
+    >>> as_file(chart(20, 10, "a box", rectangle("frame", 0, 0, 20, 10)))[:55]
+    '<svg xmlns="http://www.w3.org/2000/svg" class="figure" '
+    """
+    head, _, shapes = chart.removeprefix("<svg ").partition(">")
+    ground = '<rect class="ground" width="100%" height="100%"/>'
+    rules = f"<style>{rules_for(ground + shapes)}\n{style}</style>"
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {head}>{rules}{ground}{shapes}'
+
+
 def drawing(width: float, height: float, title: str, *parts: str, style: str = "") -> str:
     """A chart as a file of its own, light or dark as the reader's screen is; a shape in each line."""
     shapes = [rectangle("ground", 0, 0, width, height), *parts]

@@ -27,10 +27,10 @@ from rich.text import Text
 from flinders.comparison.comparison import CHANCE
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
-from flinders.findings import VERDICTS
+from flinders.findings import VERDICTS, in_options
 from flinders.geometry.ellipsoid import upper
 from flinders.report.fit_pages import plane_rows
-from flinders.report.fleet import STATES, about_order, chance, when
+from flinders.report.fleet import STATES, about_order, chance, common_unit, when
 from flinders.report.formatting import FINEST, angle, degrees, on_the_point, p_value, with_uncertainty
 from flinders.report.terminal import COLOURS, lines, notes, page, styled, table, verdict, whole_columns
 
@@ -96,7 +96,9 @@ def of_comparison(
     recording's under both. `own` names the recordings, if any, that went into the calibration: agreement with those
     proves nothing.
     """
-    limits = [] if fresh is None else [finding.advice for finding in fresh.findings if finding.severity == "limits"]
+    limits = (
+        [] if fresh is None else [in_options(finding) for finding in fresh.findings if finding.severity == "limits"]
+    )
     said = _comparison_verdict(comparison, fresh, own, limits)
     if own:
         limits.insert(0, f"{' and '.join(own)} went into this calibration: check it on a recording made since")
@@ -200,7 +202,7 @@ def _comparison_verdict(comparison: Comparison, fresh: Fit | None, own: Sequence
 
 def _square_basis(error: HeadingError, square: float | None, freedom: int) -> str:
     """For which dip a heading error holds, and χ² where there is one."""
-    level = f"level vehicle, dip {abs(error.dip_deg):.3g}°"
+    level = f"level vehicle, dip {error.dip_deg:.3g}°"
     if square is None:
         return level
     size = f"= {round(square, 6):.3g}" if square < 1000.0 else "> 1000"
@@ -419,7 +421,7 @@ def _states(drift: FleetDrift) -> Table:
 def _units(drift: FleetDrift) -> Table:
     names = (Column("worst first", no_wrap=True), Column("state", no_wrap=True))
     rows = [
-        (one.unit, one.state, *map(degrees, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
+        (one.unit, one.state, *map(_known_angle, (one.worst_deg, one.sigma_deg, one.offset_deg, one.matrix_deg)),
          shown_when(one.reference_s, one.reference), shown_when(one.newest_s, one.newest))
         for one in drift.listed[:SHOWN]
     ]  # fmt: skip
@@ -428,10 +430,18 @@ def _units(drift: FleetDrift) -> Table:
     return table(headings, [*rows, *_more(count)], is_dense=True)
 
 
+def _known_angle(angle_deg: float) -> str:
+    """An angle of a table; nothing where it is not known."""
+    return "" if math.isnan(angle_deg) else degrees(angle_deg)
+
+
 def _steps(drift: FleetDrift) -> Table:
-    headings = (Column("moved", no_wrap=True), "heading", "offset by", "chance", "after", "before")
+    unit = common_unit(drift.steps)
+    by = f"offset by, {unit}" if unit else "offset by"
+    headings = (Column("moved", no_wrap=True), "heading", by, "chance", "after", "before")
     rows = [
-        (one.unit, degrees(one.worst_deg), f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}",
+        (one.unit, degrees(one.worst_deg),
+         f"{figures(math.hypot(*one.moved))} {label(one.unit_of_field)}".removesuffix(f" {unit}"),
          chance(one.p_value), shown_when(one.before_s, one.before), shown_when(one.after_s, one.after))
         for one in drift.steps[:SHOWN]
     ]  # fmt: skip

@@ -176,7 +176,7 @@ def pictures(drawn: FigureData, target_deg: float) -> list[tuple[str, str]]:
     titled = [("Before", _cloud(drawn, is_corrected=False))]
     if drawn.view is not None and drawn.view.shown is not None:
         titled.append(("After", _cloud(drawn, is_corrected=True)))
-        titled.append(("Predicted error", _ball(drawn.view, target_deg)))
+        titled.append(("Predicted error", ball(drawn.view, target_deg)))
     return titled
 
 
@@ -231,7 +231,7 @@ def _triad(ends: Floats) -> str:
     return "".join(parts)
 
 
-def _ball(view: View, target_deg: float) -> str:
+def ball(view: View, target_deg: float) -> str:
     """The sphere of tiles from the same eye."""
     eye, radius, middle = _eye(), (SIDE - 8) / 2.5, SIDE / 2.0
     plot = Plot(middle - radius, middle - radius, 2 * radius, 2 * radius, Axis(-1.0, 1.0), Axis(-1.0, 1.0))

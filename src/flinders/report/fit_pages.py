@@ -24,7 +24,7 @@ from flinders.comparison.composition import ANY_ANGLE, in_words, turns_of
 from flinders.core.units import label
 from flinders.errors import FitError, counted, figures
 from flinders.estimators.reference.minmax import MinMax
-from flinders.findings import first_causes, limit_of
+from flinders.findings import first_causes, in_options, limit_of
 from flinders.fitting.advice import movement
 from flinders.fitting.axis_extremes import Extremes
 from flinders.fitting.result import Fit, fit_of
@@ -68,7 +68,7 @@ IN_NEARLY_EVERY_FIT: Final = ("scale-unknown", "rotation-unknown")
 """Notes that hold whatever the recording, unless somebody gave the field and the mounting."""
 
 
-def of_fit(fit: Fit, *, is_verbose: bool = False, is_dip_assumed: bool = False) -> RenderableType:
+def of_fit(fit: Fit, *, is_verbose: bool = False) -> RenderableType:
     """Lay out a fit: plain words, before and after, the numbers with their uncertainty, the verdict and its limits.
 
     What is true of nearly every fit is shown if `is_verbose`. Of a refused one no number of the calibration is shown:
@@ -82,8 +82,7 @@ def of_fit(fit: Fit, *, is_verbose: bool = False, is_dip_assumed: bool = False) 
         return Group(page(*blocks), findings(shown_findings(fit)))
     tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
     turn = "" if fit.verdict == "good" else movement(fit)
-    said = _fit_verdict(fit, is_dip_assumed=is_dip_assumed)
-    return Group(page(*tops, result, said), findings(_shown(fit, is_verbose=is_verbose), turn))
+    return Group(page(*tops, result, _fit_verdict(fit)), findings(_shown(fit, is_verbose=is_verbose), turn))
 
 
 def _shown(fit: Fit, *, is_verbose: bool) -> list[Finding]:
@@ -138,7 +137,7 @@ def of_sensors(outcomes: Sequence[tuple[str, Fit | FitError]], target_deg: float
     name, quality = Column("magnetometer", overflow="fold"), Column("verdict")
     rows = [(str(number), *_sensor_row(*pair)) for number, pair in enumerate(outcomes, 1)]
     reasons = [(number, _why_refused(outcome)) for number, (_, outcome) in enumerate(outcomes, 1)]
-    said = [Text(f"  {number} {why}") for number, why in reasons if why]
+    said = [Text(f"  {number}: {why}") for number, why in reasons if why]
     basis = f"worst heading error, 1 σ, level vehicle; the target is {target_deg:g}°"
     return page(table(("", name, "readings", "seen", "worst heading", quality), rows), Group(*said, basis))
 
@@ -163,9 +162,7 @@ def of_several(together: Together, target_deg: float) -> RenderableType:
     return page(table(headings, rows), said)
 
 
-def of_turn(
-    fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None, is_dip_assumed: bool = False
-) -> RenderableType:
+def of_turn(fit: Fit, turn: Turn, *, composed: Fit | None, after: str | None) -> RenderableType:
     """Lay out a turn in one plane, its calibration, and what it makes of the one that was loaded before."""
     mean_style, least_style = ("bold", "") if is_mean(fit) else ("", "bold")
     headings = (
@@ -175,8 +172,7 @@ def of_turn(
     )
     recipe = table(headings, plane_rows(turn, label(fit.calibration.unit)))
     words = spacing_words(turn, fit.target_deg, is_mean=is_mean(fit))
-    own = of_fit(fit, is_dip_assumed=is_dip_assumed)
-    return Group(page(recipe, words), own, *([] if composed is None else [_composed(composed, after)]))
+    return Group(page(recipe, words), of_fit(fit), *([] if composed is None else [_composed(composed, after)]))
 
 
 # ---------------------------------------------------------------------------------------------------------- one fit
@@ -198,7 +194,8 @@ def findings(findings: Iterable[Finding], turn: str = "") -> RenderableType:
     said: list[tuple[str, str]] = []
     is_repeated = False
     for finding in findings:
-        advice = finding.advice.replace(turn, "turn the sensor as above") if is_repeated else finding.advice
+        advice = in_options(finding)
+        advice = advice.replace(turn, "turn the sensor as above") if is_repeated else advice
         is_repeated = is_repeated or bool(turn and turn in finding.advice)
         said.append((finding.severity, advice))
     return notes(said)
@@ -238,24 +235,23 @@ def _since(fit: Fit) -> Text | None:
     )
 
 
-def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str, is_dip_assumed: bool = False) -> Table:
+def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table:
     """The verdict of a calibration, for whom its number holds, and what it rests on."""
     if fit.verdict == "refused":
         return _graded(fit.verdict, f"not fit for use, {refused}", basis)
     within = good_to(fit)
     words = f"{within}{good}" if fit.verdict == "good" else f"{within}, with limits:"
-    dip = f"dip {fit.heading_error_deg.dip_deg:.3g}°{' (assumed)' if is_dip_assumed else ''}"
-    return _graded(fit.verdict, words, f"{basis}; level, {dip}", *more)
+    return _graded(fit.verdict, words, f"{basis}; level, {fit.dip_words}", *more)
 
 
-def _fit_verdict(fit: Fit, *, is_dip_assumed: bool) -> Table:
+def _fit_verdict(fit: Fit) -> Table:
     is_surface = not (fit.is_flat or fit.plane or fit.noise > limit_of("noise", "refuses") * fit.ellipsoid.radius)
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"
     adds = "" if fit.verdict == "refused" else mounting(fit)
     more = filter(None, (adds, condition(fit)))
-    return _quality(fit, good, "no calibration was written", basis, *more, is_dip_assumed=is_dip_assumed)
+    return _quality(fit, good, "no calibration was written", basis, *more)
 
 
 # ----------------------------------------------------------------------------------------------- merged, and typed
@@ -364,7 +360,7 @@ def _member_notes(number: int, member: Member) -> Iterator[tuple[str, str]]:
         return
     own = [finding for finding in fit.findings if finding.severity != "note" and finding not in member.findings]
     for finding in (*(one for one in member.findings if one.code != "turned-to"), *own[:1]):
-        yield finding.severity, f"{number} {finding.advice}"
+        yield finding.severity, f"{number}: {in_options(finding)}"
 
 
 def _agreed(together: Together) -> str:

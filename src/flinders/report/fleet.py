@@ -293,6 +293,8 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "notes": [] if drift is None else [as_sentence(words) for words in about_order(drift)],
         "fair": FAIR,
         "units": None if drift is None else _orders(drift),
+        "unit_of_units": "" if drift is None else common_unit(drift.listed),
+        "unit_of_steps": "" if drift is None else common_unit(drift.steps),
         "states": STATES,
         "figures": _figures(overview, drift),
         "verdicts": VERDICTS,
@@ -326,6 +328,12 @@ def chance(p_value: float) -> str:
 
 
 # ------------------------------------------------------------------------------------------------------------- words
+
+
+def common_unit(rows: Sequence[UnitDrift | UnitStep]) -> str:
+    """The unit of field that all rows have, which then stands in the heading; empty where units differ."""
+    units = {label(row.unit_of_field) for row in rows}
+    return units.pop() if len(units) == 1 else ""
 
 
 def about_order(drift: FleetDrift) -> list[str]:

@@ -72,8 +72,8 @@ if TYPE_CHECKING:
     from flinders.fitting.aiding import Aiding
     from flinders.report.view import View
 
-TITLES: Final = {"good": "Good", "limited": "Good with limits", "refused": "Not to be used"}
-"""What each verdict is called, as on the page."""
+TITLES: Final = {"good": "Good", "limited": "Limited", "refused": "Refused"}
+"""What each verdict is called, as on the page, on the terminal and in JSON."""
 
 WITH_3D, WITHOUT_3D = "report.js", "plain.js"
 """The script of a report, and that of one without a 3-D view, which has to be started."""

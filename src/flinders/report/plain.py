@@ -38,6 +38,8 @@ from flinders.report.formatting import (
 from flinders.report.html_file import filled
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from flinders.core.calibration_file import Provenance
     from flinders.errors import FitError
     from flinders.findings import Finding
@@ -131,7 +133,7 @@ def _item(text: str) -> str:
     return _paragraph(text, "- ", "  ")
 
 
-FILTERS: Final = {
+FILTERS: Final[Mapping[str, Callable[..., Any]]] = {
     "paragraph": _paragraph, "item": _item, "sentence": as_sentence, "date": date_of, "label": label,
     "strength": length, "figures": figures, "degrees": degrees,
 }  # fmt: skip

@@ -304,7 +304,7 @@ def _sensor_block(sensor: RecordedSensor, site: SiteField | None) -> RenderableT
     ends = zip("xyz", sensor.lowest, sensor.highest, strict=True)
     rows.append(("range", "   ".join(f"{axis} {figures(low, 3)} to {figures(high, 3)}" for axis, low, high in ends)))
     if sensor.coverage is not None:
-        rows.append(("seen", f"{sensor.coverage:.0%} of all directions"))
+        rows.append(("seen", f"roughly {sensor.coverage:.0%} of all directions"))
     if sensor.strength is not None:
         share = ""
         if site is not None and sensor.inside != COUNTS:

@@ -19,6 +19,7 @@ readings are drawn, so that the picture gets better while the sensor is being tu
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -27,6 +28,7 @@ from msgspec import Struct
 
 from flinders.arrays import runs
 from flinders.core.units import label
+from flinders.errors import NeedsRecording
 from flinders.findings import first_causes
 from flinders.findings.row import ANY_ANGLE_DEG
 from flinders.fitting.advice import WORTH_IT, movement
@@ -35,6 +37,7 @@ from flinders.geometry.sphere import tile_of, tiles
 from flinders.heading.error_propagation import direction_gradients, level_gradients, level_turn, upright
 from flinders.heading.guidance import guide
 from flinders.report.formatting import condition, reach
+from flinders.summary.coverage import cells_of
 from flinders.summary.quality import DataQuality
 
 if TYPE_CHECKING:
@@ -65,6 +68,7 @@ class HeadingErrorView(Struct, frozen=True):
     worst: float
     bound_95: float  # that all headings stay within with a probability of 95 %
     dip_deg: float
+    dip_assumed: bool
     target_deg: float
 
 
@@ -192,7 +196,7 @@ def view(
         field_strength_known=fit.calibration.field_strength_known,
         samples=fit.samples,
         findings=tuple(FindingView(**finding.as_dict()) for finding in first_causes(fit.findings)),
-        tiles_deg=tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors.tolist()),
+        tiles_deg=_shown_errors(errors),
         tiles_seen=tuple(np.bincount(tile_of(corrected), minlength=len(errors)).tolist()),
         rejected=tuple((int(numbered[first]), int(numbered[last])) for first, last in sorted(rejected)),
         **({} if fit.verdict == "refused" else _copied(fit)),
@@ -201,6 +205,34 @@ def view(
         **({} if fit.is_flat else _drawn(fit, corrected)),
         **claims,
     )
+
+
+def view_alone(fit: Fit) -> View:
+    """What is drawn of a fit that states its uncertainty, without its readings: sphere and level turn.
+
+    A tile counts as seen where its cell of the coverage has a reading; of a loaded fit all do.
+    """
+    by_tile: Floats = np.ones(len(tiles().centres))
+    with contextlib.suppress(NeedsRecording):
+        by_tile = fit.coverage.counts[cells_of(tiles().centres @ rotation_of(fit))]
+    return View(
+        verdict=fit.verdict,
+        sentence=sentence(fit),
+        method=fit.method,
+        unit=label(fit.calibration.unit),
+        field_strength_known=fit.calibration.field_strength_known,
+        samples=fit.samples,
+        findings=(),
+        tiles_deg=_shown_errors(tile_errors_deg(fit)),
+        tiles_seen=tuple((by_tile > 0.0).astype(int).tolist()),
+        rejected=(),
+        turn=turn(fit),
+    )
+
+
+def _shown_errors(errors_deg: Floats) -> tuple[float | None, ...]:
+    """Errors of tiles as they are sent; None where nothing is known."""
+    return tuple(round(angle, 4) if angle < ANY_ANGLE_DEG else None for angle in errors_deg.tolist())
 
 
 def _copied(fit: Fit) -> dict[str, Any]:
@@ -231,7 +263,7 @@ def _claimed(fit: Fit, errors_deg: Floats, goal: Goal, frame: Frame) -> dict[str
     error = fit.heading_error_deg
     return {
         "heading_error_deg": HeadingErrorView(
-            error.rms, error.worst, fit.heading_bound_deg, error.dip_deg, fit.target_deg
+            error.rms, error.worst, fit.heading_bound_deg, error.dip_deg, fit.dip_assumed, fit.target_deg
         ),
         "attitude_limit_deg": fit.attitude_limit_deg,
         "any_attitude_deg": ErrorView(float(np.sqrt(np.mean(errors_deg**2))), float(errors_deg.max())),

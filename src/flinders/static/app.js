@@ -177,6 +177,7 @@ function drawState(state, view) {
     setText(byId("rms", HTMLElement), degrees(rms));
     setField("target", state.target_deg);
     setField("dip", state.dip_deg);
+    byId("dip-assumed", HTMLElement).hidden = !state.dip_assumed;
     const goal = byId("goal", HTMLSelectElement);
     if (document.activeElement !== goal) goal.value = state.goal;
     drawPhase(state);

@@ -58,6 +58,7 @@ export interface SessionState {
   reasons: Array<Reason>;
   target_deg: number;
   dip_deg: number;
+  dip_assumed: boolean;
   goal: "heading" | "attitude";
   excluded: Array<[number, number]>;
   can_undo: boolean;
@@ -76,6 +77,7 @@ export interface HeadingErrorView {
   worst: number;
   bound_95: number;
   dip_deg: number;
+  dip_assumed: boolean;
   target_deg: number;
 }
 

@@ -202,8 +202,8 @@ export const REASONS = Object.freeze({
  */
 export const VERDICTS = Object.freeze({
     good: "Good",
-    limited: "Good with limits",
-    refused: "Not to be used",
+    limited: "Limited",
+    refused: "Refused",
 });
 
 /**

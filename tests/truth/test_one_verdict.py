@@ -1,0 +1,62 @@
+"""A recording has one verdict: the same word on terminal, page and report, in JSON, file and notebook."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from click.testing import CliRunner
+
+from flinders import simulate
+from flinders.cli import main
+from flinders.fitting.result import Fit
+from flinders.live.guided import Session
+from flinders.report.html import TITLES
+from flinders.report.html_file import asset
+from flinders.simulate.table import write_csv
+
+if TYPE_CHECKING:
+    from flinders.core.samples import Samples
+
+EXITS = {"good": 0, "limited": 3, "refused": 4}
+CASES = {
+    "good": simulate.tumble(seed=1),
+    "limited": simulate.tumble(seed=1, motion="tilted"),
+    "refused": simulate.tumble(seed=3, disturbances=[simulate.Step([6.0, 0.0, -4.0], at=0.5)]),
+}
+
+
+@pytest.mark.parametrize("verdict", CASES)
+def test_all_renderings_have_the_word(verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_csv(CASES[verdict].samples, "tumble.csv")
+    words = ["calibrate", "tumble.csv", "--report", "report.html", "-o", "c.json"]
+    shown = CliRunner().invoke(main, words)
+    told = json.loads(CliRunner().invoke(main, ["calibrate", "tumble.csv", "--json"]).stdout)
+    assert (shown.exit_code, told["verdict"]) == (EXITS[verdict], verdict)
+    assert f"{verdict.upper()}  " in shown.output
+    assert f">{verdict.capitalize()}</h1>" in Path("report.html").read_text(encoding="utf-8")
+    if verdict == "refused":
+        assert not Path("c.json").exists()
+    else:
+        loaded = Fit.load("c.json")
+        assert loaded.verdict == verdict
+        assert f" {verdict}: " in loaded._repr_html_()
+
+
+@pytest.mark.parametrize("verdict", CASES)
+def test_the_page_has_the_verdict_of_all_readings(verdict: str) -> None:
+    assert at_the_end(CASES[verdict].samples) == verdict
+
+
+def at_the_end(samples: Samples) -> str:
+    """Verdict of a session in which all readings arrived."""
+    session = Session(unit="uT")
+    return session.add(samples.field, time=samples.time).verdict
+
+
+def test_the_page_calls_verdicts_as_the_report_does() -> None:
+    listed = asset("views/words.js").split("export const VERDICTS = Object.freeze({")[1].split("}")[0]
+    assert listed.split() == [part for verdict, title in TITLES.items() for part in (f"{verdict}:", f'"{title}",')]
