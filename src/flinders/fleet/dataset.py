@@ -145,11 +145,9 @@ class TableFile:
 def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
     """Open a Parquet or Arrow file, of this machine or in a store; raises UnreadableInput if it is broken or gone."""
     needs_arrow()
-    with storage.opened(file) as where:
-        if file.name.lower().endswith(PARQUET):
-            yield _parquet(file.name, where, options)
-        else:
-            yield _arrow(file.name, where)
+    is_parquet = file.name.lower().endswith(PARQUET)
+    with storage.opened(file) as where, reading(file.name, "a Parquet table" if is_parquet else "an Arrow file"):
+        yield _parquet(file.name, where, options) if is_parquet else _arrow(file.name, where)
 
 
 def _parquet(name: str, where: Any, options: Options) -> TableFile:  # noqa: ANN401
@@ -157,20 +155,18 @@ def _parquet(name: str, where: Any, options: Options) -> TableFile:  # noqa: ANN
     from pyarrow import parquet
 
     bounded = {"buffer_size": BUFFER, "pre_buffer": False, "page_checksum_verification": True}
-    with reading(name, "a Parquet table"):
-        file = parquet.ParquetFile(where, **bounded)
-        texts: list[str] = []
-        with contextlib.suppress(FlindersError):  # raised where the keys are used
-            keys = KeyColumns.of_schema(name, file.schema_arrow, options)
-            texts += keys.columns if keys else ()
-        if texts:
-            file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
-        metadata = file.metadata
-        groups = tuple(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
+    file = parquet.ParquetFile(where, **bounded)
+    texts: list[str] = []
+    with contextlib.suppress(FlindersError):  # raised where the keys are used
+        keys = KeyColumns.of_schema(name, file.schema_arrow, options)
+        texts += keys.columns if keys else ()
+    if texts:
+        file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
+    metadata = file.metadata
+    groups = tuple(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
 
     def batches(wanted: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
-        with reading(name, "a Parquet table"):
-            yield from file.iter_batches(rows, row_groups=list(wanted), columns=columns, use_threads=False)
+        yield from file.iter_batches(rows, row_groups=list(wanted), columns=columns, use_threads=False)
 
     def extents(column: str) -> list[tuple[str, str] | None]:
         leaves = [metadata.schema.column(place).path for place in range(len(metadata.schema))]
@@ -204,17 +200,15 @@ def _arrow(name: str, where: Any) -> TableFile:  # noqa: ANN401
     def only(places: Sequence[int]) -> Any:  # noqa: ANN401
         return ipc.open_file(source, options=ipc.IpcReadOptions(included_fields=list(places)))
 
-    with reading(name, "an Arrow file"):
-        whole = only(())
-        schema, groups = whole.schema, _rows_of(whole, only)
+    whole = only(())
+    schema, groups = whole.schema, _rows_of(whole, only)
 
     def batches(wanted: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
-        with reading(name, "an Arrow file"):
-            file = only([place for place, column in enumerate(schema.names) if column in columns])
-            for number in wanted:
-                batch = file.get_batch(number).select(columns)
-                batch.validate(full=True)
-                yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
+        file = only([place for place, column in enumerate(schema.names) if column in columns])
+        for number in wanted:
+            batch = file.get_batch(number).select(columns)
+            batch.validate(full=True)
+            yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
 
     return TableFile(name, "Arrow", schema, groups, batches, lambda _: [None] * len(groups))
 

@@ -29,6 +29,7 @@ True
 from __future__ import annotations
 
 import contextlib
+import functools
 import gzip
 import io
 import itertools
@@ -42,16 +43,20 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, ParamSpec, TypeAlias, TypeVar, cast
 
 from flinders.core.files import REASONS, reason
-from flinders.errors import UnreadableInput, UsageError
+from flinders.errors import UnreadableInput, UsageError, reading
 from flinders.readers._tokenizer import EndsEarly, Lines, cut, encoding_of, lines_of, shown
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Generator, Iterable, Iterator
 
+    from _typeshed import WriteableBuffer
+
+P = ParamSpec("P")
+Item = TypeVar("Item")
 Progress: TypeAlias = "Callable[[int, int | None], None]"
 """Called once a block with the bytes read so far and, where it is known, those there are."""
 GZIP: Final = b"\x1f\x8b"
@@ -81,6 +86,7 @@ class File:
     name: str  # for messages
     path: Path  # where the bytes lie: the file itself, or its copy in a temporary file
     size: int  # as it lies on the disk, compressed or not
+    status: os.stat_result | None = None  # of the file when it was found; None where nobody else changes it
 
     def is_packed(self) -> bool:
         """Whether it lies on the disk as gzip; raises as `opened`."""
@@ -111,7 +117,7 @@ class File:
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
         """Open the file, giving it as it lies on the disk and unpacked; `UnreadableInput` where it cannot be read."""
         try:
-            raw = self.path.open("rb")
+            raw = io.BufferedReader(UpTo(self.path, self.status.st_size if self.status else None))
         except OSError as error:
             raise refusal(self.name, error) from None
         with raw:
@@ -121,8 +127,8 @@ class File:
 
     def chunks(self) -> Iterator[bytes]:
         """Yield all bytes, unpacked; raise `EndsEarly` where they have no end, and as `lines`."""
-        with self.opened() as (_, unpacked):
-            yield from self._bounded(unpacked)
+        with self.opened() as (raw, unpacked):
+            yield from self._bounded(raw, unpacked)
 
     def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
         """Yield all lines, `BLOCK` at a time, or after the first so many blocks at a time.
@@ -130,12 +136,56 @@ class File:
         A file that cannot be opened, whose gzip data are broken or unpack to too much raises `UnreadableInput`.
         """
         with self.opened() as (raw, unpacked):
-            yield from lines_of(self._bounded(unpacked), encoding, raw.tell, blocks=blocks)
+            yield from lines_of(self._bounded(raw, unpacked), encoding, raw.tell, blocks=blocks)
 
-    def _bounded(self, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
+    def refuse_changed(self) -> None:
+        """Refuse a file that is another one by now, or was written over; one that only grew is read as it was."""
+        if self.status is None:
+            return
+        try:
+            now = self.path.stat()
+        except OSError as error:
+            raise refusal(self.name, error) from None
+        is_same = os.path.samestat(now, self.status)
+        is_touched = now.st_mtime_ns != self.status.st_mtime_ns and now.st_size <= self.status.st_size
+        if not is_same or is_touched or now.st_size < self.status.st_size:
+            raise UnreadableInput(f"{self.name} was replaced or changed while it was read: read it again")
+
+    def _bounded(self, raw: io.BufferedReader, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
+        """Yield all bytes; once packed ones look like those of a bomb, weigh the rest before more is passed on."""
         chunks = _chunks(self.name, unpacked.read1)
-        is_packed = isinstance(unpacked, gzip.GzipFile)
-        return metered(self.name, chunks, lambda: self.size) if is_packed else chunks
+        if not isinstance(unpacked, gzip.GzipFile):
+            yield from chunks
+            return
+        done, is_weighed = 0, False
+        for chunk in chunks:
+            done += len(chunk)
+            if not is_weighed and is_bomb(done, raw.tell()):
+                self._weigh()
+                is_weighed = True
+            yield chunk
+
+    def _weigh(self) -> None:
+        """Unpack all of it, and refuse what becomes too much."""
+        with self.opened() as (_, unpacked), contextlib.suppress(EndsEarly):
+            for _chunk in metered(self.name, _chunks(self.name, unpacked.read1), lambda: self.size):
+                pass
+
+
+class UpTo(io.FileIO):
+    """A file that ends at the size it had, however it grows."""
+
+    def __init__(self, path: Path, size: int | None = None) -> None:
+        super().__init__(path)
+        self._size = os.fstat(self.fileno()).st_size if size is None else size
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int | None:
+        """Read into a buffer, up to that size."""
+        return super().readinto(memoryview(buffer)[: max(self._size - self.tell(), 0)])
+
+    def readall(self) -> bytes:
+        """Read the rest, up to that size."""
+        return super().read(max(self._size - self.tell(), 0)) or b""
 
 
 class ByteStream:
@@ -236,8 +286,32 @@ def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: C
     if stat.S_ISDIR(status.st_mode):
         raise UnreadableInput(f"{name} is a folder: give the recording in it")
     if status.st_size == 0:
-        raise UnreadableInput(f"{file.name} is empty: record again, or check what was saved")
-    return File(file.name, file, status.st_size)
+        raise UnreadableInput(f"{printable(file.name)} is empty: record again, or check what was saved")
+    return File(printable(file.name), file, status.st_size, status)
+
+
+def printable(name: str) -> str:
+    r"""The name of a file with U+FFFD for bytes that are no UTF-8: no report and no table can hold those.
+
+    >>> printable(os.fsdecode(b"A\xff.csv"))
+    'A\ufffd.csv'
+    """
+    return os.fsencode(name).decode(errors="replace")
+
+
+def sound(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
+    """Have a method that goes through a recording raise only errors of Flinders, also for a file that was replaced."""
+
+    @functools.wraps(passed)
+    def checked(*args: P.args, **options: P.kwargs) -> Iterator[Item]:
+        recording: Any = args[0]
+        with reading(recording.source, "a recording"):
+            yield from passed(*args, **options)
+            file = getattr(recording, "original", None) or recording.file
+            if isinstance(file, File):
+                file.refuse_changed()
+
+    return checked
 
 
 def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:

@@ -31,6 +31,7 @@ from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
+from flinders.readers._source import sound
 from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
@@ -110,6 +111,7 @@ class TableRecording(ColumnsRecording):
         recording.temporary_files = self.temporary_files
         return recording
 
+    @sound
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
