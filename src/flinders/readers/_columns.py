@@ -48,6 +48,7 @@ from flinders.readers._names import (
     vectors,
 )
 from flinders.readers._resample import shares
+from flinders.readers._tokenizer import listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -169,7 +170,7 @@ class Columns:
         column = self.of_kind(kind)
         if column is None:
             return None
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             recorded = self.taken(values, column)
             taken = (recorded - column.start) * column.factor
             if kind == TIME and len(column.cells) == 2:
@@ -451,7 +452,7 @@ def _place(asked: str, names: list[str], width: int) -> int:
             return known.index(wanted)
     if asked.isdecimal() and 1 <= int(asked) <= width:
         return int(asked) - 1
-    there = f"its columns are {', '.join(names)}" if names else f"it has no header and {width} columns"
+    there = f"its columns are {listed(names)}" if names else f"it has no header and {width} columns"
     meant = did_you_mean(asked, names)
     raise UsageError(f"there is no column {asked!r}{meant}: {there}; give three names or numbers from 1 to {width}")
 

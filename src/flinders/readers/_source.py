@@ -70,6 +70,8 @@ MOST_MEMBER: Final = 4 << 30
 """Bytes of a member of an archive, or of a packed file of a recording of ROS 2, unpacked."""
 MOST_PIECE: Final = 1 << 30
 """Bytes that one packed piece may have, unpacked: a chunk of a bag has a few million."""
+LONGEST_MESSAGE: Final = 1 << 16
+"""Bytes of a message of a log of messages, of which length or number have two bytes at most."""
 LARGE, MOST_RATIO = 16 << 20, 250
 """Bytes from which on the ratio counts, and the ratio: a table of digits packs to a fifth, zeros to a thousandth."""
 ENOUGH_ROWS, ENOUGH_LINES = 20, 400
@@ -508,6 +510,34 @@ def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
         f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
         "yourself if you trust it"
     )
+
+
+def refuse_bomb(name: str, unpacked: int, packed: int) -> None:
+    """Refuse a file that says it holds more than so few bytes of readings pack to."""
+    if is_bomb(unpacked, packed):
+        raise UnreadableInput(
+            f"{name} is said to hold {unpacked >> 20:,} MB in {packed:,} bytes, as no recording does: write it anew "
+            "without packing if you trust it"
+        )
+
+
+def filled_size(path: Path) -> int:
+    """Size of a file without the zeros behind it, where a logger has reserved more than a message can have of them."""
+    with path.open("rb") as file:
+        size = end = file.seek(0, os.SEEK_END)
+        while end > 0:
+            start = max(end - (1 << 20), 0)
+            file.seek(start)
+            filled = file.read(end - start).rstrip(b"\0")
+            if filled:
+                return start + len(filled) if size - start - len(filled) > LONGEST_MESSAGE else size
+            end = start
+    return size
+
+
+def reserved_words(size: int) -> str:
+    """Say that so many zeros were left out."""
+    return f"{size:,} bytes of zeros behind its end are left out, as a logger reserves them: it was not closed"
 
 
 def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …

@@ -19,6 +19,7 @@ array([0., 0., 1.])
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -47,12 +48,16 @@ def open_npy(file: File, **options: Any) -> TableRecording:
     Options are those of `open_table`. Python objects, or a broken file, raise `UnreadableInput`; columns that are not
     clear `NoMagnetometer`.
     """
-    array = _mapped(file, file.name)
+    array, behind = _mapped(file, file.name)
     if array is None:
         raise UnreadableInput(
             f"{file.name} holds Python objects, which are not read from files of others: save an array of numbers"
         )
-    return open_table(file, Table.of_arrays(file.name, "NumPy", {"": array}), **options)
+    recording = open_table(file, Table.of_arrays(file.name, "NumPy", {"": array}), **options)
+    if behind:
+        words = f"{behind:,} bytes behind the {len(array):,} readings of its header"
+        recording.columns = replace(recording.columns, left_out=(*recording.columns.left_out, words))
+    return recording
 
 
 def open_npz(file: File, **options: Any) -> TableRecording:
@@ -66,7 +71,7 @@ def open_npz(file: File, **options: Any) -> TableRecording:
         if member.filename.endswith(".npy"):
             unpacked = spooled(file.name, member_chunks(file, member, ratio=False))
             unpacked_files.append(unpacked)
-            array = _mapped(unpacked, f"{member.filename} in {file.name}")
+            array, _ = _mapped(unpacked, f"{member.filename} in {file.name}")
             if array is not None:
                 arrays[member.filename.removesuffix(".npy")] = array
     unnamed = len(arrays) == 1 and next(iter(arrays)) == "arr_0"
@@ -76,13 +81,15 @@ def open_npz(file: File, **options: Any) -> TableRecording:
     return recording
 
 
-def _mapped(file: File, name: str) -> NDArray[Any] | None:
+def _mapped(file: File, name: str) -> tuple[NDArray[Any] | None, int]:
     """Map an array into memory, once its header is known to tell the truth about its size.
 
     Returns
     -------
     array or None
         None for one of Python objects, which could be made to run anything.
+    int
+        Bytes behind it.
     """
     with reading(name, "a NumPy array"):
         with file.path.open("rb") as stream:
@@ -91,7 +98,7 @@ def _mapped(file: File, name: str) -> NDArray[Any] | None:
             shape, _, dtype = header(stream)
             bytes_there = file.size - stream.tell()
         if dtype.hasobject:
-            return None
+            return None, 0
         bytes_told = math.prod(shape) * dtype.itemsize
         if bytes_told > bytes_there:
             raise UnreadableInput(
@@ -99,9 +106,9 @@ def _mapped(file: File, name: str) -> NDArray[Any] | None:
                 "again"
             )
         if not bytes_told:
-            return np.zeros(shape, dtype)
+            return np.zeros(shape, dtype), bytes_there
         mapped: NDArray[Any] = np.load(file.path, mmap_mode="r", allow_pickle=False)
-        return mapped
+        return mapped, bytes_there - bytes_told
 
 
 READERS: Final = (
