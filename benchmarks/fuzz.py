@@ -1,6 +1,6 @@
 """Fuzzer: samples of every format and wire, mutated and read in forked children with limits of time and memory.
 
-    uv run python -m benchmarks.fuzz [--inputs 100000] [--seed 1] [--target page] [--into FOLDER]
+    uv run python -m benchmarks.fuzz [--inputs 100000] [--seed 1] [--target page] [--into FOLDER] [--of FILE ...]
 
 An input is a sample with one to four mutations, and follows from seed and number alone. Whatever does not end in a
 result or an error of Flinders is a finding: another exception, a warning, the end of the child, more than `MOST_CPU_S`
@@ -42,6 +42,8 @@ BATCH: Final = 100
 """Inputs that a child reads, unless it ends before."""
 LONGEST: Final = 600
 """Characters of a message."""
+LARGEST: Final = 300_000
+"""Bytes of a file that are taken: a log has millions, and hundreds of its copies are to be read in seconds."""
 WORDS: Final = tuple(
     struct.pack(f"{order}{kind}", value)
     for order in "<>"
@@ -391,13 +393,15 @@ def preload() -> None:
             __import__(name)
 
 
-def run(inputs: int, seed: int, target: str, into: Path | None = None, only: Sequence[str] = ()) -> Counter[str]:
-    """Read inputs, and count the findings of each kind; what is new is printed, and written into a folder."""
+def run(inputs: int, seed: int, target: str, into: Path | None = None, of: Sequence[Path] = ()) -> Counter[str]:
+    """Read inputs, and count the findings of each kind; what is new is printed, and written into a folder.
+
+    They are made of the files `of`, or of all samples.
+    """
     preload()
     with tempfile.TemporaryDirectory() as folder:
-        kinds = samples(Path(folder))
+        kinds = {path.name: path.read_bytes()[:LARGEST] for path in of} or samples(Path(folder))
     kinds = {name: content for name, content in kinds.items() if target != "page" or not name.startswith("live-")}
-    kinds = {name: content for name, content in kinds.items() if not only or name in only}
     counts: Counter[str] = Counter()
     for finding in findings(kinds, target, seed, range(inputs)):
         likeness = f"{finding.input.kind}: {_kind(finding.words)}"
@@ -418,10 +422,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--target", choices=("readers", "page"), default="readers")
     parser.add_argument("--into", type=Path)
-    parser.add_argument("--only", nargs="*", default=())
+    parser.add_argument("--of", type=Path, nargs="*", default=(), help="files to mutate, in place of the samples")
     options = parser.parse_args(arguments)
     begun = time.monotonic()
-    counts = run(options.inputs, options.seed, options.target, options.into, options.only)
+    counts = run(options.inputs, options.seed, options.target, options.into, options.of)
     print(f"{options.inputs:,} inputs, {sum(counts.values())} findings, {time.monotonic() - begun:.0f} s")
     sys.exit(bool(counts))
 

@@ -537,7 +537,7 @@ def filled_size(path: Path) -> int:
 
 def reserved_words(size: int) -> str:
     """Say that so many zeros were left out."""
-    return f"{size:,} bytes of zeros behind its end are left out, as a logger reserves them: it was not closed"
+    return f"{size:,} bytes of zeros at its end are left out: the logger had reserved them, and did not close it"
 
 
 def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …

@@ -43,7 +43,7 @@ import numpy as np
 from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._fmt import HEADER, INSTANCE, WHOLE, Messages, Table, read_listed, read_packed
+from flinders.readers._fmt import HEADER, INSTANCE, LONGEST, WHOLE, Messages, Table, read_listed, read_packed
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
 from flinders.readers._parameters import (
@@ -159,7 +159,7 @@ def _messages(file: File) -> Messages:
         )
         return read_listed(lines, WANTED)
     try:
-        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)[: filled_size(file.path)]
+        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)[: filled_size(file.path) + LONGEST]
     except (OSError, ValueError) as error:
         raise refusal(file.name, error) from None
     messages = read_packed(raw, WANTED)

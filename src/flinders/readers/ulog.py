@@ -148,7 +148,8 @@ class _Bounded(io.BufferedReader):
 
 def _parsed(pyulog: Any, file: File) -> Any:  # noqa: ANN401 - pyulog has no types
     """Let pyulog read the topics that are wanted; what it would print is not printed."""
-    opened = UpTo(file.path, filled_size(file.path))
+    filled = filled_size(file.path)
+    opened = UpTo(file.path, file.size if filled == file.size else _end_of_message(file, filled))
     with redirect_stdout(io.StringIO()), _Bounded(opened, file.name, file.size) as handle:
         return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(TOPICS))
 
@@ -184,16 +185,15 @@ def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -
     return total
 
 
-def _is_cut(file: File) -> bool:
-    """Tell whether the last message is not whole: messages are gone through from the last mark on."""
+def _end_of_message(file: File, filled: int) -> int:
+    """Find where the message ends that holds the last byte before `filled`: they are gone through from a mark on."""
     if file.size <= HEADER:
-        return True
+        return HEADER
     with file.path.open("rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        size = len(content)
-        place = max(content.rfind(SYNC, max(size - TAIL, 0)) + len(SYNC), HEADER)
-        while place + 3 <= size:
+        place = max(content.rfind(SYNC, max(filled - TAIL, 0), filled) + len(SYNC), HEADER)
+        while place < filled and place + 3 <= len(content):
             place += 3 + content[place] + (content[place + 1] << 8)
-    return place != size
+    return place
 
 
 # what it holds
@@ -541,7 +541,7 @@ def _damage(file: File, flight: _Flight) -> Iterator[str]:
         yield reserved_words(reserved)
     if flight.log.file_corruption:
         yield "parts of it are broken and were left out: copy it again if you can"
-    elif not reserved and not flight.log.has_data_appended and _is_cut(file):
+    elif not reserved and not flight.log.has_data_appended and _end_of_message(file, file.size) != file.size:
         yield "it ends within a message, as after a loss of power: what comes before was read"
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)
