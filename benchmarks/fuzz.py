@@ -185,7 +185,7 @@ def _places(content: bytes, rng: np.random.Generator, count: int) -> list[int]:
     """Places of bytes: anywhere, or in the first or last kilobyte, where headers and footers are."""
     start = int(rng.choice([0, 0, 0, max(len(content) - 1024, 0)]))
     end = int(rng.choice([len(content), min(start + 1024, len(content))]))
-    return rng.integers(start, max(end, start + 1), count).tolist()
+    return [int(place) for place in rng.integers(start, max(end, start + 1), count)]
 
 
 MUTATIONS: Final = (_flip_bits, _flip_bits, _lie, _renumber, _truncate, _remove, _splice, _repeat)

@@ -213,6 +213,19 @@ def test_an_array_longer_than_its_header_says_is_told(tmp_path: Path) -> None:
     assert "7,200 bytes behind the 300 readings of its header" in " ".join((ended.out + ended.err).split())
 
 
+@pytest.mark.parametrize(
+    "header", ["mag_raw_x,mag_rxw_y,mag_raw_z,mag_x,mag_y,mag_z", "mx_raw,my_raw,m\ufffd,mx,my,mz"]
+)
+def test_raw_columns_of_which_one_has_a_damaged_name_are_told_before_the_calibrated_are_read(
+    header: str, tmp_path: Path
+) -> None:
+    rows = np.hstack([FIELD, 1.1 * FIELD])
+    np.savetxt(tmp_path / "log.csv", rows, header=header, comments="", delimiter=",")
+    words = flinders.open_recording(tmp_path / "log.csv").describe()
+    assert f"left out {header.split(',', maxsplit=1)[0]}, " in words
+    assert "(raw, and not of all axes: is a name damaged?)" in words
+
+
 # bounds
 
 

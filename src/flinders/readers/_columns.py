@@ -72,6 +72,9 @@ NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
+RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
+"""What names of readings have that nobody corrected."""
+
 
 @dataclass(frozen=True, slots=True)
 class Column:
@@ -206,7 +209,21 @@ def by_name(
     others = (*passed_over(sensors, fields), *recognised)
     several = len(fields) > 1
     made = [replace(header.around(each), passed_over=others, name=each.name if several else "") for each in fields]
+    if partly := _partly_raw(header, sensors):
+        made = [replace(each, left_out=(partly, *each.left_out)) for each in made]
     return replace(made[0], magnetometers=tuple(made)) if several else made[0]
+
+
+def _partly_raw(header: _Header, sensors: Sequence[Vector]) -> str:
+    """Say that raw readings are there of some axes, where others are read instead; nothing where that is not so."""
+    known = {place for sensor in sensors for place in sensor.cells}
+    partly = [
+        name.strip()
+        for place, (name, own) in enumerate(zip(header.names, header.meanings, strict=True))
+        if place not in known and own.kind == FIELD and own.axis and RAW_NAME.search(name)
+    ]
+    is_rawest = any(RAW_NAME.search(header.names[cell]) for each in header.fields for cell in each.cells)
+    return f"{', '.join(partly)} (raw, and not of all axes: is a name damaged?)" if partly and not is_rawest else ""
 
 
 @dataclass(frozen=True, slots=True)

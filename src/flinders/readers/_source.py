@@ -119,7 +119,7 @@ class File:
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
         """Open the file, giving it as it lies on the disk and unpacked; `UnreadableInput` where it cannot be read."""
         try:
-            raw = io.BufferedReader(UpTo(self.path, self.status.st_size if self.status else None))
+            raw: Any = io.BufferedReader(UpTo(self.path, self.status.st_size if self.status else None))
         except OSError as error:
             raise refusal(self.name, error) from None
         with raw:

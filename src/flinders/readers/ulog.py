@@ -251,7 +251,8 @@ class _Flight:
 def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
     """(N, len(names)) of a topic's columns; columns that it has not are NaN."""
     rows = len(columns["timestamp"])
-    return np.column_stack([np.asarray(columns.get(name, np.full(rows, np.nan)), np.float64) for name in names])
+    with np.errstate(invalid="ignore"):  # of a broken log, which may hold any bits
+        return np.column_stack([np.asarray(columns.get(name, np.full(rows, np.nan)), np.float64) for name in names])
 
 
 def _whole(values: Any) -> NDArray[np.int64]:  # noqa: ANN401 - a column of pyulog
