@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
     from flinders.fitting.calibrate import fit as fit
+    from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
     from flinders.fleet import fit_many as fit_many
     from flinders.live.guided import Session as Session
@@ -62,6 +63,7 @@ _HOMES: Final = {
     "open_log": "readers",
     "open_recording": "readers",
     "read": "readers",
+    "refresh": "fitting.refreshing",
     "simulate": "simulate",
     "units": "core.units",
 }

@@ -32,6 +32,7 @@ main = Program(
         "swing",
         "two_axis",
         "check",
+        "refresh",
         "compare",
         "report",
         "plot",

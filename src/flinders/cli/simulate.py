@@ -29,6 +29,7 @@ MOTIONS: Final = {
     "drive": "through bends and over hills for five minutes, 6° at most",
     "flight": "banked turns, climbs and descents for five minutes, 35° at most",
     "swayed": "all headings in a minute, leaning by up to 35° to all sides",
+    "wobble": "to and fro about each axis for ten seconds, 30° at most",
     "rocked": "sines in roll (5°), pitch (45°) and heading (360°): ten minutes",
     "sweeps": "around in the plane xy, then in yz, then in zx: a minute",
     "sweep-xy": "around in the plane xy alone: half a minute",

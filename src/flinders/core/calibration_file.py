@@ -165,8 +165,8 @@ class Fitted(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     heading_error_deg: HeadingErrorRecord | None = None
     coverage: dict[str, float] = {}  #: name to number
     findings: tuple[FindingRecord, ...] = ()
-    #: what a good verdict rests on: ``uniform-field``, ``constant-iron``
-    conditions: tuple[Literal["uniform-field", "constant-iron"], ...] | UnsetType = UNSET
+    #: what a good verdict rests on: ``same-soft-iron``, ``uniform-field``, ``constant-iron``
+    conditions: tuple[Literal["same-soft-iron", "uniform-field", "constant-iron"], ...] | UnsetType = UNSET
     beside: BesideRecord | UnsetType = UNSET  #: where something beside the magnetometer was used
 
     def __post_init__(self) -> None:

@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from flinders.likelihood.disturbance import Disturbances
     from flinders.likelihood.joint import JointIterate
     from flinders.likelihood.parameters import ParameterLayout, Parameters
+    from flinders.likelihood.prior import KnownShape
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
 
@@ -211,6 +212,7 @@ def solve(
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
     near: Aided | None = None,
+    shape: KnownShape | None = None,
 ) -> Aided:
     """Fit all that a recording holds.
 
@@ -246,6 +248,8 @@ def solve(
         What its gains may be off by, 1 σ, and its axes from square, in rad: found with the rest as well.
     near : Aided, optional
         Another fit to the same readings, with the same disturbances: tried before any other start.
+    shape : KnownShape, optional
+        Of an earlier calibration of this sensor, instead of `spread`.
 
     Raises
     ------
@@ -261,7 +265,9 @@ def solve(
     refuse_without(samples, terms)
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
-    put = _Prepared(samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, accelerometer)
+    put = _Prepared(
+        samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, accelerometer, shape
+    )  # fmt: skip
     aided = _solved(put, gyro_scale, start, near).finished()
     off = float(np.abs(aided.parameters.gyro_scale).max())
     if gyro_scale > 0.0 and off > FAR_SCALES * gyro_scale:
@@ -303,12 +309,13 @@ class _Prepared(NamedTuple):
     window_s: float
     delay: bool
     accelerometer: AccelerometerPrior | None
+    shape: KnownShape | None = None
 
     def problem(self, gyro_scale: float) -> JointProblem:
         """Put the readings in groups."""
         return JointProblem.of(
             self.samples, self.terms, self.site, self.disturbances, self.rotation, self.spread, self.window_s,
-            delay=self.delay, gyro_scale=gyro_scale, accelerometer=self.accelerometer,
+            delay=self.delay, gyro_scale=gyro_scale, accelerometer=self.accelerometer, shape=self.shape,
         )  # fmt: skip
 
 

@@ -40,6 +40,7 @@ class Cause(NamedTuple):
 CAUSES: Final = (
     Cause("axis-swap", "limits", ("heading-error", "noise", "field-changed", "outliers", "few-samples", *OF_RESIDUALS)),
     Cause("alternating", "limits", ("heading-error", "noise", "field-changed", "few-samples", *OF_RESIDUALS)),
+    Cause("soft-iron-changed", "limits", ("heading-error",)),
     Cause("saturated", "limits", ("nonlinear-axis", "structure")),
     Cause("disturbance-unmodelled", "limits", ("noise", "field-changed", *OF_RESIDUALS)),
     Cause(

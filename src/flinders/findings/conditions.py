@@ -16,12 +16,17 @@ if TYPE_CHECKING:
     from flinders.findings.row import Condition
 
 CONDITIONS: Final[dict[Condition, str]] = {
+    "same-soft-iron": "soft iron is as it was",
     "uniform-field": "no iron is near",
     "constant-iron": "currents are constant",
 }
 """What a good verdict rests on, in words."""
 
+OF_A_TUMBLE: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
+"""What a good verdict rests on where a magnetometer alone was recorded."""
+
 CERTAINTY: Final[dict[Condition, str]] = {
+    "same-soft-iron": "tumble again",
     "uniform-field": "record elsewhere too",
     "constant-iron": "record the currents",
 }
@@ -30,5 +35,6 @@ CERTAINTY: Final[dict[Condition, str]] = {
 
 def stated(conditions: Sequence[Condition]) -> str:
     """What a verdict rests on, with what would show the first of it; nothing where it rests on nothing."""
-    words = " and ".join(CONDITIONS[code] for code in conditions)
+    *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
+    words = f"{', '.join(first)} and {last}" if first else last
     return f"holds if {words}: {CERTAINTY[conditions[0]]}" if conditions else ""

@@ -89,6 +89,21 @@ ROWS: Final = (
         remedy="If they are good enough, leave them as they are.",
     ),
     CatalogueRow(
+        code="soft-iron-changed",
+        subject="fit",
+        grades="limits",
+        number="how often chance alone makes the readings contradict the soft iron of the earlier calibration as much",
+        limit="0.001",
+        action="tumble the sensor again and calibrate: what was renewed allows the soft iron a change of 5 %",
+        rule=Rule("soft_iron_by_chance", (Grade("limits", 0.001),), comparison="<"),
+        said=(
+            "the soft iron of {previous} no longer fits the readings (chance: {soft_iron_by_chance:.1g}), so that it "
+            "was allowed to have changed by 5 %: tumble the sensor again, and calibrate afresh"
+        ),
+        plain="The soft iron is not as it was at the earlier calibration.",
+        remedy="Turn the sensor through all directions again, and calibrate afresh.",
+    ),
+    CatalogueRow(
         code="rotation-uncertain",
         subject="fit",
         grades="limits",

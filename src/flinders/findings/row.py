@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
 
-Condition = Literal["uniform-field", "constant-iron"]
+Condition = Literal["same-soft-iron", "uniform-field", "constant-iron"]
 """What a good verdict may rest on."""
 Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors"]
 

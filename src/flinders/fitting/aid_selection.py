@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.likelihood.parameters import Parameters
+    from flinders.likelihood.prior import KnownShape
     from flinders.likelihood.site_field import Site
 
 NO_WORSE: Final = 1.02
@@ -90,6 +91,8 @@ def aided_by(
     gyro_scale: float = SCALE_SIGMA,
     acceleration_bias: float = ACCELERATION_SIGMA,
     acceleration_gain: float = GAIN_SIGMA,
+    start: Ellipsoid | None = None,
+    shape: KnownShape | None = None,
 ) -> tuple[Aided, Aiding]:
     """Fit with aiding sensors, those that can be trusted and, with ``auto``, those that earn their place.
 
@@ -109,6 +112,10 @@ def aided_by(
         What the accelerometer may be off by on each axis, 1 σ; 0 where it has been calibrated.
     acceleration_gain : float
         What its gains may be off by, and its axes from square in rad, 1 σ.
+    start : Ellipsoid, optional
+        Where to begin; by default what the magnetometer finds by itself.
+    shape : KnownShape, optional
+        Of an earlier calibration, instead of `spread`.
 
     Raises
     ------
@@ -122,10 +129,10 @@ def aided_by(
     refuse_without(samples, wanted)
     wanted = tuple(sorted(wanted, key=lambda name: name != "rate"))  # the others are compared with it
     samples, of_gaps = without_gaps(samples, wanted)
-    axes, mistakes = of_instruments(samples, _alone(samples), wanted)
+    axes, mistakes = of_instruments(samples, start or _alone(samples), wanted)
     rotation = None if axes is None else axes.apply(np.eye(3)).T
     options: dict[str, Any] = {"spread": spread, "gyro_scale": gyro_scale, "acceleration_bias": acceleration_bias}
-    options["acceleration_gain"] = acceleration_gain
+    options |= {"acceleration_gain": acceleration_gain, "start": start, "shape": shape}
     solver: Callable[..., Aided] = partial(solve, samples, site=site, **options)
     alone = _Candidate(samples, solver(()), rotation)
     selection = _Selection(samples, solver, rotation, site, dip_deg, is_auto, alone, [*mistakes, *of_gaps])

@@ -310,6 +310,7 @@ NOT_ASKED: Final = dict.fromkeys(
         "apart_beyond_claim_deg",
         "swap_gain",
         "farthest",
+        "soft_iron_by_chance",
     ),
     np.nan,
 ) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
     from flinders.core.samples import Recording
     from flinders.diagnostics.axis_swap import AxisSwap
+    from flinders.diagnostics.soft_iron import Refreshed
     from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.estimators import Estimate, Estimator
@@ -162,6 +163,8 @@ class _Evidence(NamedTuple):
     aiding : Aiding, optional
     is_joint : bool
         The estimate is of the magnetometer and its aiding sensors.
+    refreshed : Refreshed, optional
+        The shape is that of an earlier calibration.
     """
 
     estimate: Estimate
@@ -172,6 +175,7 @@ class _Evidence(NamedTuple):
     driving: Driving | None = None
     aiding: Aiding | None = None
     is_joint: bool = False
+    refreshed: Refreshed | None = None
 
     @classmethod
     def of(cls, estimate: Estimate, readings: Readings, aiding: Aiding | None = None) -> Self:
@@ -393,6 +397,7 @@ def judged_as(
     target_deg: float = 1.0,
     dip_deg: float = 60.0,
     sensor: str | None = None,
+    refreshed: Refreshed | None = None,
 ) -> Fit:
     """Judge an estimate that was made elsewhere, such as by several magnetometers together, as that of a recording.
 
@@ -406,6 +411,8 @@ def judged_as(
         With the rotation that corrected readings are turned by.
     field_strength, target_deg, dip_deg, sensor
         As for `fit`.
+    refreshed : Refreshed, optional
+        Where the shape is that of an earlier calibration.
 
     Raises
     ------
@@ -413,7 +420,7 @@ def judged_as(
         Where it cannot be trusted; it carries the fit.
     """
     request = Request(target_deg, dip_deg, field_strength)
-    evidence = _Evidence.of(estimate, within_range(Readings.of(source)), aiding_result)
+    evidence = _Evidence.of(estimate, within_range(Readings.of(source)), aiding_result)._replace(refreshed=refreshed)
     calibration = _turned(_calibration(estimate, request, _Frame.of(source), sensor), aiding_result)
     claim = repeated(estimate, evidence.statistics)
     return _accepted(_judged(claim, evidence, calibration, request))
@@ -637,8 +644,10 @@ def _independent(estimate: Estimate, statistics: Statistics, repetition: float) 
     return min(estimate.correlation.effective(statistics.rows / repetition), statistics.distinct)
 
 
-def _distortion(estimate: Estimate) -> float:
+def _distortion(estimate: Estimate, refreshed: Refreshed | None) -> float:
     """What belongs to the direction; a ring of them takes nearly all of it off, and the rest tells little."""
+    if refreshed is not None:
+        return refreshed.distortion
     if estimate.correlation is None or estimate.plane:
         return 0.0
     return estimate.correlation.direction
@@ -680,7 +689,7 @@ def _stated(
         samples=estimate.used or evidence.statistics.rows,
         coverage=evidence.coverage,
         heading_error_deg=error,
-        distortion=_distortion(estimate),
+        distortion=_distortion(estimate, evidence.refreshed),
         nonlinearity=nonlinearity,
         axis_lag=axis_lag,
         target_deg=request.target_deg,
@@ -698,6 +707,7 @@ def _stated(
         plane=estimate.plane,
         z_down=estimate.z_down,
         aiding=aiding,
+        refreshed=evidence.refreshed,
         alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(error.dip_deg),
     )
 

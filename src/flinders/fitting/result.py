@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Document, Provenance, SourceFile
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.repeatability import Repeats
+    from flinders.diagnostics.soft_iron import Refreshed
     from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
     from flinders.diagnostics.unmodelled import Unmodelled
     from flinders.errors import FlindersError
@@ -180,7 +181,7 @@ class Fit(Outcome):
     nonlinearity : Nonlinearity, optional
         Of the axes, where the fit is one of a hundred readings or more as they were recorded. Where it is proven,
         `structure_deg` has it.
-    conditions : tuple of {'uniform-field', 'constant-iron'}
+    conditions : tuple of {'same-soft-iron', 'uniform-field', 'constant-iron'}
         What a good verdict rests on and no recording of this kind shows: that the field is the same wherever the sensor
         was, and that neither current nor iron near it changed with its attitude. Other evidence ends them.
     axis_swap : AxisSwap, optional
@@ -206,6 +207,8 @@ class Fit(Outcome):
         `noise` of the best ellipsoid that follows nothing.
     aiding : Aiding, optional
         What was recorded beside the magnetometer and helped.
+    refreshed : Refreshed, optional
+        Where the shape is that of an earlier calibration, see `flinders.refresh`.
     z_down : bool, optional
         False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
         that dip was used and neither an accelerometer nor anybody says which way z points.
@@ -252,6 +255,7 @@ class Fit(Outcome):
     disturbances_covariance: Floats | None = None
     noise_uncompensated: float | None = None
     aiding: Aiding | None = None
+    refreshed: Refreshed | None = None
     z_down: bool | None = True
     findings: tuple[Finding, ...] = ()
     name: str = "fit"
@@ -499,6 +503,7 @@ class Fit(Outcome):
             "covariance": self.covariance.tolist(),
             **self._driven_as_dict(),
             **({} if self.aiding is None else {"aids": self.aiding.as_dict()}),
+            **({} if self.refreshed is None else {"refreshed": self.refreshed.as_dict()}),
             "findings": [finding.as_dict() for finding in self.findings],
         }
         untrusted = _ON_A_SURFACE if self.is_flat else _REFUSED if self.verdict == "refused" else ()

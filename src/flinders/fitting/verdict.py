@@ -115,6 +115,7 @@ def conditions(fit: Fit, findings: Sequence[Finding]) -> tuple[Condition, ...]:
     matches = is_strong and abs(fit.ellipsoid.radius / fit.calibration.field_strength - 1.0) < SAME_STRENGTH
     is_uniform = agrees or matches or bool(SEES_THE_FIELD & set(kept))
     open_ones: tuple[tuple[Condition, bool], ...] = (
+        ("same-soft-iron", fit.refreshed is None),
         ("uniform-field", is_uniform),
         ("constant-iron", bool(fit.disturbances)),
     )
@@ -141,9 +142,10 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             **_changes(fit),
             **_lasting(fit, statistics),
             **_outliers(fit, statistics.rows),
-            "inflation": math.nan if fit.plane else _inflation(fit, statistics.extent),
+            "inflation": math.nan if fit.plane or fit.refreshed else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / fit.ellipsoid.radius,
             **_structure(fit),
+            "soft_iron_by_chance": fit.refreshed.soft_iron_by_chance if fit.refreshed else math.nan,
         },
         fit,
     )
@@ -165,7 +167,7 @@ def _flatness(fit: Fit, statistics: Statistics) -> dict[str, float | str]:
     thickness, middle, width = np.sqrt(statistics.principal_variances).tolist()
     limit = flat_below(width, fit.noise)
     return {
-        "flatness": math.nan if fit.plane or not width else thickness / width,
+        "flatness": math.nan if fit.plane or fit.refreshed or not width else thickness / width,
         "flatness_limit": limit / width if width else math.nan,
         "where_flat": (
             "in one plane, as in a level turn, and tell nothing of the direction across it"
@@ -194,7 +196,7 @@ def _evidence(fit: Fit) -> dict[str, float]:
     """How much there was to go by; what a level turn leaves open is said once."""
     independent = min(fit.independent_samples, float(fit.samples))
     return {
-        "hole_deg": math.nan if fit.plane else fit.coverage.hole_deg,
+        "hole_deg": math.nan if fit.plane or fit.refreshed else fit.coverage.hole_deg,
         "covered": fit.coverage.fraction,
         "unobserved": 0.0 if fit.plane else fit.unobserved,
         "prior_share": math.nan if fit.plane or fit.unobserved else fit.prior_influence,
@@ -437,6 +439,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
     "unmodelled": lambda fit: "" if fit.unmodelled is None else fit.unmodelled.name,
     "outliers": lambda fit: counted(sum(run.rows for run in fit.outliers), "reading"),
     "runs": _runs,
+    "previous": lambda fit: fit.refreshed.previous if fit.refreshed else "",
 }
 """Words of the sentences about a fit."""
 

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from flinders.core.files import locked, reason, refuse_existing, write_all, write_text
 from flinders.errors import FlindersError, OutputError, UsageError, counted
-from flinders.findings.conditions import CONDITIONS
+from flinders.findings.conditions import OF_A_TUMBLE
 from flinders.fleet import worker
 from flinders.fleet.dataset import PARQUET
 from flinders.fleet.plan import plan_of
@@ -250,7 +250,7 @@ class RunSummary:
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
         fields = {name: getattr(self, name) for name in self.__slots__}
-        fields["conditions"] = list(CONDITIONS) if self.verdicts.get("good") else []
+        fields["conditions"] = list(OF_A_TUMBLE) if self.verdicts.get("good") else []
         fields["units_per_s"] = self.units / self.seconds if self.seconds else None
         return fields
 

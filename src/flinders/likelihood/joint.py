@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.likelihood.dip import AccelerometerPrior
     from flinders.likelihood.disturbance import Disturbances
+    from flinders.likelihood.prior import KnownShape
     from flinders.likelihood.site_field import Site
     from flinders.likelihood.solver import Equations
 
@@ -105,6 +106,7 @@ class JointProblem:
         delay: bool,
         gyro_scale: float = SCALE_SIGMA,
         accelerometer: AccelerometerPrior | None = None,
+        shape: KnownShape | None = None,
     ) -> Self:
         """Put the readings in groups, and lay out what is to be found."""
         if disturbances is not None and disturbances.constant:
@@ -125,7 +127,7 @@ class JointProblem:
             direction=pointed,
         )
         before = SensorPrior.of(
-            samples.field, spread, np.eye(3) if rotation is None else rotation,
+            samples.field, spread, np.eye(3) if rotation is None else rotation, shape,
             gyro_scale=gyro_scale, gyro_turn=gyro_scale,
         )  # fmt: skip
         chunks = tuple(chunk for group in groups for chunk in group.chunks())

@@ -76,6 +76,28 @@ def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class KnownShape:
+    """The shape of an earlier calibration, instead of what is usual.
+
+    Attributes
+    ----------
+    entries : (6,) float
+        In the order of `flinders.geometry.ellipsoid.upper`.
+    covariance : (6, 6) float
+        Positive definite.
+    """
+
+    entries: Floats
+    covariance: Floats
+
+    def equations(self, ellipsoid: Ellipsoid) -> NormalEquations:
+        """Give its normal equations at an ellipsoid, its residuals in standard deviations."""
+        left = self.entries - upper(ellipsoid.shape)
+        precision = np.linalg.inv(self.covariance)
+        return NormalEquations(precision, precision @ left, float(left @ precision @ left), 0).placed(slice(3, 9), 9)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SensorPrior:
     """What is thought of the parameters of one magnetometer before anything is read.
 
@@ -91,6 +113,8 @@ class SensorPrior:
         About which the rotation is thought to lie.
     sigmas : dict of str to float
         Standard deviations of blocks of `flinders.likelihood.parameters.BLOCKS` where they are not the usual ones.
+    known : KnownShape, optional
+        Of an earlier calibration: it takes the place of `spread`.
     """
 
     spread: float
@@ -98,20 +122,23 @@ class SensorPrior:
     width: float
     rotation: Floats
     sigmas: dict[str, float] = field(default_factory=dict)
+    known: KnownShape | None = None
 
     @classmethod
-    def of(cls, readings: Floats, spread: float, rotation: Floats, **sigmas: float) -> Self:
+    def of(
+        cls, readings: Floats, spread: float, rotation: Floats, known: KnownShape | None = None, **sigmas: float
+    ) -> Self:
         """About (N, 3) readings."""
         middle = readings.mean(axis=0)
         width = float(np.sqrt(np.mean(np.sum((readings - middle) ** 2, axis=1))))
-        return cls(spread, middle, width, rotation, sigmas)
+        return cls(spread, middle, width, rotation, sigmas, known)
 
     def equations(self, at: Parameters, layout: ParameterLayout) -> NormalEquations:
         """Normal equations of all free parameters, in standard deviations."""
         from flinders.likelihood.parameters import BLOCKS
 
         matrix, gradient = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-        shape = equations(at.ellipsoid, spread=self.spread) + sense(at.ellipsoid, self.middle, self.width)
+        shape = self._of_shape(at.ellipsoid) + sense(at.ellipsoid, self.middle, self.width)
         matrix[:9, :9], gradient[:9], cost = shape.matrix, shape.gradient, shape.cost
         for name, _, usual in BLOCKS:
             if usual is not None and name in layout:
@@ -123,9 +150,18 @@ class SensorPrior:
         return NormalEquations(matrix, gradient, cost, 0)
 
     def influence(self, at: Parameters, covariance: Floats) -> float:
-        """Share of the least known parameter of the shape that the prior speaks for, of (9, 9) the covariance."""
+        """Share of the least known parameter of the shape that the prior speaks for, of (9, 9) the covariance.
+
+        An earlier calibration is no prior in this sense.
+        """
+        if self.known is not None:
+            return 0.0
         of_shape = equations(at.ellipsoid, spread=self.spread).matrix
         return float(np.clip(np.real(np.linalg.eigvals(covariance @ of_shape)).max(), 0.0, 1.0))
+
+    def _of_shape(self, ellipsoid: Ellipsoid) -> NormalEquations:
+        """What is thought of the shape."""
+        return equations(ellipsoid, spread=self.spread) if self.known is None else self.known.equations(ellipsoid)
 
     def _departure(self, at: Parameters, name: str) -> Floats:
         """How far a block of parameters is from where it is thought to be; a rotation to first order, in rad."""

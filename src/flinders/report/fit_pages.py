@@ -80,7 +80,7 @@ def of_fit(fit: Fit, *, is_verbose: bool = False, is_dip_assumed: bool = False) 
     if fit.method == "merged" and fit.repeats is not None:
         blocks = _merged_parts(fit.repeats), result, _merged_verdict(fit, fit.repeats)
         return Group(page(*blocks), findings(shown_findings(fit)))
-    tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit))
+    tops = () if is_refused else (Text(summary(fit)), of_recipe(fit), _before_and_after(fit), _since(fit))
     turn = "" if fit.verdict == "good" else movement(fit)
     said = _fit_verdict(fit, is_dip_assumed=is_dip_assumed)
     return Group(page(*tops, result, said), findings(_shown(fit, is_verbose=is_verbose), turn))
@@ -224,6 +224,18 @@ def _before_and_after(fit: Fit) -> Table:
         )
     )
     return table(("", "strength", "spread", "heading error, rms", "worst"), [before, styled("bold", *after)])
+
+
+def _since(fit: Fit) -> Text | None:
+    """What changed since the calibration whose soft iron it has; None of any other fit."""
+    known = fit.refreshed
+    if known is None:
+        return None
+    change = ", ".join(f"{number:+.1f}" for number in known.offset_change)
+    return Text(
+        f"Since {known.previous} the offset has changed by ({change}) {label(fit.calibration.unit)}: with it, headings "
+        f"would now be off by up to {degrees(known.heading_change_deg)}. The soft iron is taken from it."
+    )
 
 
 def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str, is_dip_assumed: bool = False) -> Table:

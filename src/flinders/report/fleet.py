@@ -35,7 +35,7 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import CATALOGUE, action
-from flinders.findings.conditions import CONDITIONS, stated
+from flinders.findings.conditions import OF_A_TUMBLE, stated
 from flinders.report.charts import Axis, Plot, chart, segment, text
 from flinders.report.formatting import as_sentence, date_of, degrees
 from flinders.report.html_file import START, html_file, joined, style_of
@@ -296,7 +296,7 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "states": STATES,
         "figures": _figures(overview, drift),
         "verdicts": VERDICTS,
-        "condition": stated(tuple(CONDITIONS)),
+        "condition": stated(OF_A_TUMBLE),
         "changes": CHANGES,
         "most_findings": SHOWN,
         "catalogue": CATALOGUE,

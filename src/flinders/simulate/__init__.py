@@ -28,6 +28,7 @@ Which motion when:
 ``drive``      bends and hills for five minutes, 6° at most    acceleration rate
 ``flight``     banked turns for five minutes, 35° at most      acceleration rate
 ``swayed``     all headings in a minute, leaning by up to 35°  acceleration rate
+``wobble``     to and fro about each axis by 30°, in ten s     acceleration rate
 ``rocked``     sines in roll, pitch, heading: MAGYC's          acceleration rate
 ``sweeps``     around in the plane xy, then in yz, then in zx  acceleration rate
 ``sweep-xy``   around in one plane, and so ``-yz`` and ``-zx`` acceleration rate

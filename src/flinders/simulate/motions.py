@@ -52,6 +52,9 @@ LEANING: Final = 0.8
 ROCKING: Final = ((0.05, 0.08), (0.1, 0.3), (0.2, 0.4))
 """rad/s, slowest and fastest of what a rocked body's roll, pitch and heading reach."""
 
+WOBBLING_HZ: Final = (0.25, 0.6)
+"""Slowest and fastest of what a wobbled body's roll, pitch and heading swing at."""
+
 TURNING_OVER: Final = 0.05
 """Share of the readings of planar sweeps that are taken while the body is turned from one plane to the next."""
 
@@ -273,6 +276,21 @@ def rocked(
     return _trajectory(posed(heading, pitch, roll), rate_hz)
 
 
+def wobble(rng: Generator, *, seconds: float = 10.0, rate_hz: float = RATE_HZ, tilt_deg: float = 30.0) -> Trajectory:
+    """Rock a body that stands on its wheels or in the hand to and fro, by `tilt_deg` about each of its axes.
+
+    Roll, pitch and heading are sines of 0.25 to 0.6 Hz with phases of their own, about any heading.
+
+    >>> leaning = np.degrees(np.arccos(wobble(np.random.default_rng(0)).attitudes[:, 2, 2]))
+    >>> bool(30.0 < leaning.max() < 45.0)
+    True
+    """
+    time = _clock(count(round(seconds * rate_hz)), rate_hz)
+    frequency, phase = rng.uniform(*WOBBLING_HZ, (3, 1)), rng.uniform(0, 2 * np.pi, (3, 1))
+    roll, pitch, heading = math.radians(tilt_deg) * np.sin(2 * np.pi * frequency * time + phase)
+    return _trajectory(posed(heading + rng.uniform(0, 2 * np.pi), pitch, roll), rate_hz)
+
+
 def planar_sweeps(
     rng: Generator,
     *,
@@ -349,6 +367,7 @@ MOTIONS: Final[Mapping[str, Motion]] = {
     "flight": Motion(_followed(flight), 300.0, 35.0),
     "swayed": Motion(_followed(swayed), 60.0, 35.0),
     "rocked": Motion(_followed(rocked), 600.0),
+    "wobble": Motion(_followed(wobble), 10.0, 30.0),
     "sweeps": Motion(_followed(planar_sweeps), 60.0),
     "sweep-xy": Motion(_followed(planar_sweeps, planes=["xy"]), 30.0),
     "sweep-yz": Motion(_followed(planar_sweeps, planes=["yz"]), 30.0),

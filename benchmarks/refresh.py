@@ -1,0 +1,143 @@
+"""How good a refreshed calibration is: errors beside the bound with the earlier soft iron, and beside what it claims.
+
+    python -m benchmarks.refresh [--trials 200]
+
+Vehicles are calibrated by a tumble of a minute, then an offset of 10 µT an axis is added (1 σ) and the calibration is
+refreshed from ten seconds. The bound is the Cramér-Rao bound with the earlier calibration's covariance of the shape,
+and the strength of the field known to 1 %, as prior. Errors are those of a level heading, rms over all headings; a
+ratio to the claim is a root mean square over the trials, and 1 where claims are true.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+import flinders
+from flinders.errors import FitError
+from flinders.fitting.refreshing import known_shape
+from flinders.fitting.result import Refused
+from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
+from flinders.heading.error_propagation import level_error
+from flinders.likelihood.magnitude import information
+from flinders.simulate import Sensor, tumble
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
+    from flinders.simulate import Simulated
+
+FIELD_UT, MOVED_UT = 50.0, 10.0
+
+MOTIONS: Final = {
+    "10 s of ±30°": ("wobble", ()),
+    "the same, with its gyro": ("wobble", ("rate",)),
+    "level turn": ("level", ()),
+}
+"""Motion of `flinders.simulate.tumble`, and what else was recorded and counts."""
+
+CHANGES: Final = (0.0, 0.003, 0.01, 0.02, 0.05)
+"""Of the soft iron, root mean square of the entries."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A refreshed calibration: heading errors in degrees, rms, and what was said of it."""
+
+    error: float
+    claim: float
+    bound: float
+    is_good: bool
+    is_changed: bool
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="How good a refreshed calibration is.")
+    parser.add_argument("--trials", type=int, default=200)
+    trials = parser.parse_args().trials
+    print("| motion | soft iron | error ÷ bound | error ÷ claim | error, ° | claim, ° | good | “changed” | none |")
+    print("|---|---|---:|---:|---:|---:|---:|---:|---:|")
+    for words, (motion, aiding) in MOTIONS.items():
+        for change in CHANGES:
+            some = [trial for seed in range(trials) if (trial := tried(seed, motion, aiding, change)) is not None]
+            print(f"| {words} | {_changed(change)} | {_row(some, trials)} |", flush=True)
+
+
+def tried(seed: int, motion: str, aiding: Sequence[str], change: float) -> Trial | None:
+    """Calibrate a vehicle, change it, and refresh; None where there is no fit at all."""
+    rng = np.random.default_rng([seed, 24])
+    first = tumble(seed)
+    earlier = flinders.fit(first.samples, field_strength=FIELD_UT)
+    matrix = soft_iron(rng, change) @ first.sensor.matrix
+    offset = first.sensor.offset + rng.normal(0.0, MOVED_UT, 3)
+    sensor = Sensor((matrix + matrix.T) / 2.0, offset, first.sensor.noise)
+    short = tumble(np.random.default_rng([seed, 25]), motion=motion, n=500, sensor=sensor)
+    try:
+        fit = flinders.refresh(short.samples, earlier, aiding=aiding)
+    except Refused as refused:
+        fit = refused.fit
+    except FitError:
+        return None
+    codes = {finding.code for finding in fit.findings}
+    truth = Ellipsoid(sensor.offset, FIELD_UT * sensor.matrix)
+    return Trial(
+        heading_deg(truth, parameters(fit.ellipsoid) - parameters(truth)),
+        fit.heading_error_deg.rms,
+        bound_deg(short, truth, earlier),
+        fit.verdict == "good",
+        "soft-iron-changed" in codes,
+    )
+
+
+def soft_iron(rng: np.random.Generator, change: float) -> Floats:
+    """(3, 3) what a change of the soft iron does to a field: symmetric, without a change of its mean strength."""
+    entries = rng.standard_normal(6)
+    deviator = symmetric(entries) - np.eye(3) * entries[:3].mean()
+    added: Floats = change * deviator / np.sqrt(np.mean(upper(deviator) ** 2))
+    return np.eye(3) + added
+
+
+def parameters(ellipsoid: Ellipsoid) -> Floats:
+    """(9,) offset and shape."""
+    return np.concatenate([ellipsoid.centre, upper(ellipsoid.shape)])
+
+
+def heading_deg(truth: Ellipsoid, error: Floats) -> float:
+    """Error of a level heading, rms over all headings, of (9,) errors of the parameters."""
+    return level_error(truth, np.outer(error, error)).rms
+
+
+def bound_deg(short: Simulated, truth: Ellipsoid, earlier: Fit) -> float:
+    """The same at the bound, by the true directions."""
+    directions = np.linalg.solve(truth.shape, (short.samples.field - truth.centre).T).T
+    rows = information(directions / np.linalg.norm(directions, axis=1, keepdims=True), truth)
+    matrix = rows.T @ rows / short.sensor.noise**2
+    matrix[3:, 3:] += np.linalg.inv(known_shape(earlier).covariance)
+    return level_error(truth, np.linalg.inv(matrix)).rms
+
+
+def _changed(change: float) -> str:
+    return f"changed by {change:.1%}" if change else "as it was"
+
+
+def _row(trials: Sequence[Trial], count: int) -> str:
+    """Cells of a row."""
+    errors, claims, bounds = (
+        np.array([getattr(trial, name) for trial in trials]) for name in ("error", "claim", "bound")
+    )
+    good, changed = sum(trial.is_good for trial in trials), sum(trial.is_changed for trial in trials)
+    beside = [float(np.sqrt(np.mean((errors / other) ** 2))) for other in (bounds, claims)]
+    typical = [float(np.median(values)) for values in (errors, claims)]
+    return " | ".join(
+        [*(f"{number:.3g}" for number in (*beside, *typical)), *map(str, (good, changed, count - len(trials)))]
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,55 @@
+"""What `flinders refresh` prints, to the letter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tests.golden.sessions import assert_sessions_are_real, session
+from tests.worlds import TUMBLED_SENSOR
+
+import flinders
+from flinders import simulate
+
+if TYPE_CHECKING:
+    from tests.golden.sessions import Golden
+
+    from flinders.simulate import Sensor
+
+
+@pytest.fixture(autouse=True)
+def vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A calibration of a vehicle, and wobbles of it after a battery was moved, and after steel was built in."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+    flinders.fit(simulate.tumble(seed=3, sensor=TUMBLED_SENSOR).samples).save("calibration.json")
+    moved = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + np.array([8.0, -5.0, 3.0]))
+    steel = np.eye(3) + 0.05 * np.array([[0.5, 1.0, 0.0], [1.0, -0.5, 0.4], [0.0, 0.4, 0.0]])
+    bent = replace(moved, matrix=steel @ moved.matrix @ steel)
+    _wobble("wobble.csv", moved)
+    _wobble("steel.csv", bent)
+
+
+def _wobble(name: str, sensor: Sensor) -> None:
+    field = simulate.tumble(seed=4, motion="wobble", sensor=sensor).samples.field
+    rows = [",".join(f"{value:.3f}" for value in row) for row in field]
+    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+
+
+def test_a_moved_battery(golden: Golden) -> None:
+    golden("cli/refresh.txt", session("flinders refresh --previous calibration.json wobble.csv -o refreshed.json"))
+
+
+def test_steel_that_was_built_in(golden: Golden) -> None:
+    golden("cli/refresh-steel.txt", session("flinders refresh --previous calibration.json steel.csv", code=3))
+
+
+def test_help(golden: Golden) -> None:
+    golden("cli/flinders-refresh-help.txt", session("flinders refresh --help"))
+
+
+def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
+    assert_sessions_are_real("refresh.md", request, least=2)
