@@ -185,13 +185,13 @@ def write_over_it(path: Path) -> None:
     os.utime(path, ns=(0, 0))
 
 
-@pytest.mark.parametrize("change", [replace_it, write_over_it, Path.unlink])
+@pytest.mark.parametrize("change", [replace_it, write_over_it])
 def test_a_file_that_is_another_one_by_the_end_is_refused(change: Callable[[Path], None], tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(TEXT)
     recording = flinders.open_recording(path)
     change(path)
-    with pytest.raises(UnreadableInput, match=r"log\.csv (was replaced or changed while|does not exist)"):
+    with pytest.raises(UnreadableInput, match=r"log\.csv was replaced or changed while it was read"):
         list(recording.blocks())
 
 
@@ -221,7 +221,7 @@ def test_raw_columns_of_which_one_has_a_damaged_name_are_told_before_the_calibra
 ) -> None:
     rows = np.hstack([FIELD, 1.1 * FIELD])
     np.savetxt(tmp_path / "log.csv", rows, header=header, comments="", delimiter=",")
-    words = flinders.open_recording(tmp_path / "log.csv").describe()
+    words = str(flinders.open_recording(tmp_path / "log.csv"))
     assert f"left out {header.split(',', maxsplit=1)[0]}, " in words
     assert "(raw, and not of all axes: is a name damaged?)" in words
 

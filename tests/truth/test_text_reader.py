@@ -461,7 +461,7 @@ def test_a_file_that_is_gone_or_forbidden_is_refused_while_reading(
         raise PermissionError(13, "Permission denied")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "open", forbid)
+        patch.setattr("flinders.readers._source.UpTo", forbid)
         with pytest.raises(UnreadableInput, match="may not be read"):
             open_recording(path)
     path.unlink()

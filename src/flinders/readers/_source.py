@@ -141,13 +141,10 @@ class File:
             yield from lines_of(self._bounded(raw, unpacked), encoding, raw.tell, blocks=blocks)
 
     def refuse_changed(self) -> None:
-        """Refuse a file that is another one by now, or was written over; one that only grew is read as it was."""
-        if self.status is None:
+        """Refuse a file that is another one by now, or was written over; one that grew or is gone is read as it was."""
+        if self.status is None or not self.path.exists():
             return
-        try:
-            now = self.path.stat()
-        except OSError as error:
-            raise refusal(self.name, error) from None
+        now = self.path.stat()
         is_same = os.path.samestat(now, self.status)
         is_touched = now.st_mtime_ns != self.status.st_mtime_ns and now.st_size <= self.status.st_size
         if not is_same or is_touched or now.st_size < self.status.st_size:
