@@ -14,7 +14,6 @@ import sys
 import tempfile
 import threading
 import tracemalloc
-from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -29,6 +28,7 @@ from flinders.readers import READERS, TextRecording, open_recording, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
 
     from flinders.arrays import Floats
 
