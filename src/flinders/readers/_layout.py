@@ -80,6 +80,7 @@ SAME_WIDTH: Final = 0.6
 HEADING: Final = 2  # Lines above a table of plain numbers that may hold anything
 PRINTED: Final = 1024  # Characters of a line that are looked at for labels
 LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
+MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
 MOST_COLUMNS: Final = 4096  # Columns of a table
 MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
@@ -509,7 +510,13 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     few = max((_cut(lines, signs, 1).rows for signs in SIGNS), key=len)
     numbers = [(at, text) for at, text in lines if len(cut(text[:PRINTED])[0]) >= 3]
     headed = next(
-        (at for at, text in lines for sign, _ in SIGNS if names_magnetometer(split(text[: 16 * PRINTED], sign))), None
+        (
+            at
+            for at, text in lines[:MOST_ABOVE]
+            for sign, _ in SIGNS
+            if names_magnetometer(split(text[: 16 * PRINTED], sign))
+        ),
+        None,
     )
     if headed is not None and not few and not numbers:
         return UnreadableInput(
