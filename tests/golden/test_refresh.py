@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,10 +14,12 @@ from tests.worlds import TUMBLED_SENSOR
 
 import flinders
 from flinders import simulate
+from flinders.simulate.motions import north_and_down, posed, seen_from
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
+    from flinders.arrays import Floats
     from flinders.simulate import Sensor
 
 
@@ -31,10 +34,17 @@ def vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bent = replace(moved, matrix=steel @ moved.matrix @ steel)
     _wobble("wobble.csv", moved)
     _wobble("steel.csv", bent)
+    rng = np.random.default_rng(6)
+    for name, heading in {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}.items():
+        field = 50.0 * seen_from(posed(math.radians(heading), 0.0, 0.0), north_and_down(60.0))
+        _write(f"{name}.csv", moved.read(np.tile(field, (100, 1)), rng))
 
 
 def _wobble(name: str, sensor: Sensor) -> None:
-    field = simulate.tumble(seed=4, motion="wobble", sensor=sensor).samples.field
+    _write(name, simulate.tumble(seed=4, motion="wobble", sensor=sensor).samples.field)
+
+
+def _write(name: str, field: Floats) -> None:
     rows = [",".join(f"{value:.3f}" for value in row) for row in field]
     Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
 
@@ -47,9 +57,14 @@ def test_steel_that_was_built_in(golden: Golden) -> None:
     golden("cli/refresh-steel.txt", session("flinders refresh --previous calibration.json steel.csv", code=3))
 
 
+def test_known_headings(golden: Golden) -> None:
+    words = "north.csv east.csv south.csv west.csv --magnetic-heading 0,90,180,270 --dip 60 -o parked.json"
+    golden("cli/refresh-headings.txt", session(f"flinders refresh --previous calibration.json {words}"))
+
+
 def test_help(golden: Golden) -> None:
     golden("cli/flinders-refresh-help.txt", session("flinders refresh --help"))
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
-    assert_sessions_are_real("refresh.md", request, least=2)
+    assert_sessions_are_real("refresh.md", request, least=3)

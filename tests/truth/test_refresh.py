@@ -10,14 +10,18 @@ import pytest
 from tests.worlds import TUMBLED_SENSOR
 
 import flinders
+from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import AxesError, UnitError, UsageError
-from flinders.fitting.result import Fit
+from flinders.fitting.known_heading import PoseSigmas, refresh_at_headings
+from flinders.fitting.result import Fit, Refused
 from flinders.likelihood.site_field import Site
 from flinders.simulate import tumble
-from flinders.simulate.motions import turns
+from flinders.simulate.motions import north_and_down, posed, seen_from, turns
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from flinders.simulate import Simulated
 
 MOVED = np.array([8.0, -5.0, 3.0])
@@ -120,6 +124,59 @@ def test_what_cannot_be_refreshed_is_refused(earlier: Fit) -> None:
         flinders.refresh(readings, earlier, soft_iron_sigma=2.0)
     with pytest.raises(flinders.FitError, match="within"):
         flinders.refresh(np.tile(readings.field[:1], (50, 1)), earlier)
+
+
+def poses(headings: Sequence[float], *, pitch_deg: float = 0.0) -> list[Samples]:
+    """Recordings of a vehicle after its battery was moved, at rest, with an accelerometer where it leans."""
+    sensor = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + MOVED)
+    rng = np.random.default_rng(5)
+    attitudes = posed(np.radians(headings), np.radians(pitch_deg), 0.0)
+    fields, forces = (
+        seen_from(attitudes, world) for world in (50.0 * north_and_down(60.0), np.array([0.0, 0.0, -9.81]))
+    )
+    return [
+        Samples.of(
+            sensor.read(np.tile(field, (100, 1)), rng),
+            unit=Unit.of("uT"),
+            acceleration=np.tile(force, (100, 1)) if pitch_deg else None,
+        )
+        for field, force in zip(fields, forces, strict=True)
+    ]
+
+
+@pytest.mark.parametrize(("headings", "verdict"), [([10.0], "limited"), ([10.0, 100.0, 190.0, 280.0], "good")])
+def test_poses_at_known_headings_give_the_offset(earlier: Fit, headings: list[float], verdict: str) -> None:
+    fit = refresh_at_headings(poses(headings), earlier, headings, dip_deg=60.0)
+    assert fit.verdict == verdict
+    assert np.all(np.abs(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) < 3.0 * fit.offset_sigma)
+    assert fit.conditions == (() if verdict == "limited" else ("same-soft-iron", "uniform-field", "constant-iron"))
+
+
+def test_an_accelerometer_tells_how_a_pose_leans(earlier: Fit) -> None:
+    leaning = poses([45.0], pitch_deg=20.0)
+    felt = refresh_at_headings(leaning, earlier, [45.0], dip_deg=60.0)
+    ignored = refresh_at_headings([replace(one, acceleration=None) for one in leaning], earlier, [45.0], dip_deg=60.0)
+    errors = [np.linalg.norm(fit.calibration.offset - TUMBLED_SENSOR.offset - MOVED) for fit in (felt, ignored)]
+    assert errors[0] < 0.2
+    assert errors[1] > 10.0
+
+
+def test_a_heading_that_was_typed_wrong_contradicts_the_others(earlier: Fit) -> None:
+    with pytest.raises(Refused, match="contradict each other") as refused:
+        refresh_at_headings(poses([0.0, 90.0, 180.0, 270.0]), earlier, [0.0, 90.0, 180.0, 250.0], dip_deg=60.0)
+    assert refused.value.fit.findings[0].code == "poses-contradict"
+
+
+def test_poses_that_tell_nothing_are_refused(earlier: Fit) -> None:
+    pose = poses([0.0])
+    with pytest.raises(UsageError, match="dip"):
+        refresh_at_headings(pose, earlier, [0.0])
+    with pytest.raises(UsageError, match="a heading for each pose"):
+        refresh_at_headings(pose, earlier, [0.0, 90.0], dip_deg=60.0)
+    with pytest.raises(UsageError, match="moved"):
+        refresh_at_headings([recorded().samples], earlier, [0.0], dip_deg=60.0)
+    with pytest.raises(UsageError, match="sigma"):
+        PoseSigmas(heading_deg=0.0)
 
 
 def test_an_array_is_in_unit_and_axes_of_the_calibration() -> None:

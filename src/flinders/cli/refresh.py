@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, load, open_with, provenance, refuse_calibrations, say_sensor
+from flinders.cli._inputs import Counted, load, open_with, provenance, refuse_calibrations, say_sensor, site_in, site_of
+from flinders.cli._output import refuse_twice
 from flinders.cli._program import EXITS
 from flinders.cli.calibrate import SiteOptions, recorded
 from flinders.errors import UsageError
+
+if TYPE_CHECKING:
+    from flinders.fitting.result import Fit
 
 
 class Refresh(option.Group):
     """A short recording, the earlier calibration, what counts beside it, and where the new one goes."""
 
-    recording: str = option.argument("RECORDING")
+    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
     previous: str = option.member(
         "--previous", metavar="CALIBRATION", required=True, help="The earlier calibration of this sensor."
     )
@@ -32,6 +36,14 @@ class Refresh(option.Group):
         type=option.within(0, 0.5, "a share from 0 to 0.5, such as 0.005", zero=True),
         help="What the soft iron may have changed by, 1 σ.",
     )  # fmt: skip
+    headings: str | None = option.member(
+        "--heading", heading=option.SITE, metavar="DEG,…",
+        help="True heading at each RECORDING, the vehicle at rest; with --at and --date, or those of a log.",
+    )  # fmt: skip
+    magnetic_headings: str | None = option.member(
+        "--magnetic-heading", heading=option.SITE, metavar="DEG,…",
+        help="The same from magnetic north; with --dip or --at.",
+    )  # fmt: skip
     place: str | None = option.same_as(SiteOptions, "place")
     date: str | None = option.same_as(SiteOptions, "date")
     target_deg: float = option.target()
@@ -45,12 +57,13 @@ class Refresh(option.Group):
 @option.command_of(
     "refresh",
     Refresh,
-    common=("previous", "output", "names", "target_deg", "as_json"),
+    common=("previous", "output", "names", "headings", "target_deg", "as_json"),
     short_help="Renew the hard iron of a calibration in ten seconds.",
     epilog="""\b
 Example:
   flinders refresh --previous calibration.json wobble.csv -o refreshed.json
   flinders refresh --previous calibration.json wobble.csv --with rate -o refreshed.json
+  flinders refresh --previous calibration.json north.csv south.csv --magnetic-heading 0,180 --dip 66
 
 \b
 Exit codes:
@@ -64,30 +77,63 @@ def command(options: Refresh) -> int:
 
     Wobble the vehicle by 30° to all sides for ten seconds, or turn it on level ground, while recording. The soft iron
     of CALIBRATION counts with its uncertainty; where the readings contradict it the verdict says so. Unit and axes
-    are those of the calibration file.
+    are those of the calibration file. A vehicle that cannot be turned at all is recorded at rest, at one or more
+    known headings, a RECORDING each (--heading).
     """
     from flinders.core.calibration_file import dumps
-    from flinders.fitting.refreshing import refresh
     from flinders.report.fit_pages import of_fit
 
-    outputs = options.checked_outputs(options.recording)
-    refuse_calibrations([options.recording])
+    outputs = options.checked_outputs(*options.recordings)
+    refuse_twice(options.recordings)
+    refuse_calibrations(options.recordings)
     previous = load("refresh --previous", options.previous)
-    recording = open_with(previous.calibration, options.recording, sensor=options.sensor, **options.reading.as_dict())
-    say_sensor(options.previous, previous.calibration, recording, options.sensor)
-    counted = Counted(recording)
-    fit = refresh(
-        counted,
-        previous,
-        aiding=_aiding(options.names),
-        soft_iron_sigma=options.soft_iron_sigma,
-        target_deg=options.target_deg,
-        **_site(options, recording),
-    )
-    outputs.write(dumps(fit.to_document(provenance([counted], files=previous.files))), options.output)
+    opened = [_opened(path, previous, options) for path in options.recordings]
+    fit = _refreshed(opened, previous, options)
+    outputs.write(dumps(fit.to_document(provenance(opened, files=previous.files))), options.output)
     outputs.print(fit.as_dict, lambda: of_fit(fit))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]
+
+
+def _opened(path: str, previous: Fit, options: Refresh) -> Counted:
+    """Open a recording in unit and axes of the earlier calibration, and say which magnetometer is read."""
+    recording = open_with(previous.calibration, path, sensor=options.sensor, **options.reading.as_dict())
+    say_sensor(options.previous, previous.calibration, recording, options.sensor)
+    return Counted(recording)
+
+
+def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
+    """Refresh by a recording in motion, or by poses at known headings."""
+    from flinders.fitting.known_heading import refresh_at_headings
+    from flinders.fitting.refreshing import refresh
+
+    judged = {"target_deg": options.target_deg, **_site(options, opened[0].recording)}
+    if options.headings is None and options.magnetic_headings is None:
+        if len(opened) > 1:
+            raise UsageError("several recordings go with --heading, one for each: give one recording, or the headings")
+        aiding = _aiding(options.names)
+        return refresh(opened[0], previous, aiding=aiding, soft_iron_sigma=options.soft_iron_sigma, **judged)
+    if options.names or options.soft_iron_sigma:
+        raise UsageError("--with and --soft-iron-sigma go with a recording in motion: leave them out with --heading")
+    return refresh_at_headings(opened, previous, _magnetic(options, opened[0].recording), **judged)
+
+
+def _magnetic(options: Refresh, recording: object) -> list[float]:
+    """Magnetic headings, of true ones by the declination of the place."""
+    typed = options.headings if options.magnetic_headings is None else options.magnetic_headings
+    if options.headings is not None and options.magnetic_headings is not None:
+        raise UsageError("give --heading or --magnetic-heading, not both")
+    numbers = option.numbers_of(typed or "")
+    if not numbers:
+        raise UsageError(f"headings are {typed!r}: need degrees with commas between them, such as 0,90,180,270")
+    if options.headings is None:
+        return numbers
+    place = site_in(recording) if options.place is None else site_of(options.place, options.date)
+    if place is None:
+        raise UsageError(
+            "a true heading needs the declination of the place: give --at and --date, or --magnetic-heading"
+        )
+    return [number - place.declination_deg for number in numbers]
 
 
 def _aiding(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -104,6 +104,21 @@ ROWS: Final = (
         remedy="Turn the sensor through all directions again, and calibrate afresh.",
     ),
     CatalogueRow(
+        code="poses-contradict",
+        subject="fit",
+        grades="refuses",
+        number="how often chance alone makes poses at known headings contradict each other as much",
+        limit="0.001",
+        action="check each heading, the dip, and that no iron is near; soft iron that has changed needs a full tumble",
+        rule=Rule("poses_by_chance", (Grade("refuses", 0.001),), comparison="<"),
+        said=(
+            "the poses contradict each other (chance: {poses_by_chance:.1g}): check each heading and the dip of the "
+            "place, and that no iron is near; soft iron that has changed needs a full tumble"
+        ),
+        plain="The readings at the known headings do not agree with each other.",
+        remedy="Check each heading, and record away from iron.",
+    ),
+    CatalogueRow(
         code="rotation-uncertain",
         subject="fit",
         grades="limits",

@@ -311,6 +311,7 @@ NOT_ASKED: Final = dict.fromkeys(
         "swap_gain",
         "farthest",
         "soft_iron_by_chance",
+        "poses_by_chance",
     ),
     np.nan,
 ) | dict.fromkeys(("bias_deg", "is_planar", "skipped", "nothing", "rows"), 0.0)

@@ -135,8 +135,10 @@ def refresh(
     >>> refresh(wobble.samples, calibrate.fit(tumble.samples)).verdict
     'good'
     """
-    _refuse(previous, soft_iron_sigma)
-    samples = _samples(source, previous)
+    if not 0.0 <= soft_iron_sigma <= 0.5:
+        raise UsageError(f"soft iron sigma is {soft_iron_sigma:g}: need a share from 0 to 0.5, such as 0.005")
+    refuse_unfit(previous)
+    samples = samples_of(source, previous)
     _refuse_still(samples.field, previous.ellipsoid.shape)
     if dip_deg is None:
         dip_deg = previous.dip_deg if site is None or site.inclination_deg is None else site.inclination_deg
@@ -146,13 +148,21 @@ def refresh(
         replace(aided.estimate(), method=METHOD),
         samples,
         aiding_result=reported if aiding else None,
-        field_strength=_strength(previous.calibration, site),
+        field_strength=strength_of(previous.calibration, site),
         target_deg=target_deg,
         dip_deg=dip_deg,
         sensor=previous.calibration.sensor,
-        refreshed=_compared(aided.ellipsoid, previous, dip_deg, chance),
+        refreshed=Refreshed(
+            previous.name,
+            aided.parameters.offset - previous.calibration.offset,
+            heading_change_deg(aided.ellipsoid, previous, dip_deg),
+            chance,
+            previous.distortion,
+        ),
     )
-    return fit if fit.calibration.rotation == "estimated" else replace(fit, calibration=_turned(fit, previous))
+    return (
+        fit if fit.calibration.rotation == "estimated" else replace(fit, calibration=turned(fit.calibration, previous))
+    )
 
 
 def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
@@ -165,7 +175,7 @@ def known_shape(previous: Fit, site: Site | None = None) -> KnownShape:
     >>> shape.entries, np.sqrt(np.diag(shape.covariance)).round(2)
     (array([50., 50., 50.,  0.,  0.,  0.]), array([1.12, 1.12, 1.12, 1.  , 1.  , 1.  ]))
     """
-    strength = _strength(previous.calibration, site)
+    strength = strength_of(previous.calibration, site)
     factor = 1.0 if strength is None else strength / previous.calibration.field_strength
     entries = factor * upper(previous.ellipsoid.shape)
     radius = previous.ellipsoid.radius
@@ -189,10 +199,8 @@ def started(field: Floats, offset: Floats, shape: Floats) -> Ellipsoid:
     return Ellipsoid(offset + shape @ centre, shape)
 
 
-def _refuse(previous: Fit, soft_iron_sigma: float) -> None:
-    """Refuse an earlier calibration that cannot be renewed, and a share that is none."""
-    if not 0.0 <= soft_iron_sigma <= 0.5:
-        raise UsageError(f"soft iron sigma is {soft_iron_sigma:g}: need a share from 0 to 0.5, such as 0.005")
+def refuse_unfit(previous: Fit) -> None:
+    """Refuse an earlier calibration that cannot be renewed."""
     if previous.verdict == "refused":
         raise UsageError(f"{previous.name} was refused when it was made: calibrate again, from a full tumble")
     if previous.plane:
@@ -214,7 +222,7 @@ def _refuse_still(field: Floats, shape: Floats) -> None:
         raise Unmoved(turned_deg, "by 30° to all sides")
 
 
-def _samples(source: AnyReadings, previous: Fit) -> Samples:
+def samples_of(source: AnyReadings, previous: Fit) -> Samples:
     """The readings, all in memory, in the unit and axes of the earlier calibration."""
     calibration = previous.calibration
     recording, _ = recording_of(source, calibration.raw, calibration.axes, calibration.sensor)
@@ -234,7 +242,7 @@ def _samples(source: AnyReadings, previous: Fit) -> Samples:
     return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
 
 
-def _strength(calibration: Calibration, site: Site | None) -> float | None:
+def strength_of(calibration: Calibration, site: Site | None) -> float | None:
     """Length of corrected readings: that of the site, else as it was; None where it was not known."""
     if not calibration.field_strength_known:
         return None
@@ -257,15 +265,17 @@ def _solved(
     return (changed, reported_freer, chance) if is_changed else (same, reported, chance)
 
 
-def _compared(ellipsoid: Ellipsoid, previous: Fit, dip_deg: float, chance: float) -> Refreshed:
-    """What the earlier calibration would do to headings now."""
-    change = ellipsoid.centre - previous.calibration.offset
-    off = Ellipsoid(np.linalg.solve(previous.ellipsoid.shape, change), np.eye(3))
-    worst = raw_error(off, dip_deg=dip_deg).worst
-    return Refreshed(previous.name, change, worst, chance, previous.distortion)
+def heading_change_deg(ellipsoid: Ellipsoid, previous: Fit, dip_deg: float) -> float:
+    """Heading error at the worst heading of a level vehicle that goes on with the earlier calibration."""
+    change = np.linalg.solve(previous.ellipsoid.shape, ellipsoid.centre - previous.calibration.offset)
+    return raw_error(Ellipsoid(change, np.eye(3)), dip_deg=dip_deg).worst
 
 
-def _turned(fit: Fit, previous: Fit) -> Calibration:
+def turned(calibration: Calibration, previous: Fit) -> Calibration:
     """The correction in the axes that the earlier calibration corrects to."""
-    rotation = previous.calibration.rotation_matrix
-    return replace(fit.calibration, matrix=rotation @ fit.calibration.matrix, rotation=previous.calibration.rotation)
+    rotation = previous.calibration.rotation
+    return (
+        replace(calibration, matrix=previous.calibration.rotation_matrix @ calibration.matrix, rotation=rotation)
+        if rotation != "symmetric"
+        else calibration
+    )

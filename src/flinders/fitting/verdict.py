@@ -145,6 +145,7 @@ def fit_record(fit: Fit, statistics: Statistics) -> Record:
             "inflation": math.nan if fit.plane or fit.refreshed else _inflation(fit, statistics.extent),
             "noise_share": fit.noise / fit.ellipsoid.radius,
             **_structure(fit),
+            "poses_by_chance": math.nan,
             "soft_iron_by_chance": fit.refreshed.soft_iron_by_chance if fit.refreshed else math.nan,
         },
         fit,

@@ -1,0 +1,309 @@
+"""A calibration renewed where the vehicle cannot be turned at all: from one or a few poses at known headings.
+
+At a pose the field of the site has a known direction q in the vehicle's axes, and the mean reading is
+
+    x̄ = b + S q + S δq + n
+
+with the shape S of the earlier calibration and its uncertainty, δq what heading, tilt and dip may be off by, and n the
+noise. Generalised least squares with the earlier shape as prior gives the offset b. What one pose leaves open, its
+covariance says: each degree of the heading moves the offset by a sixtieth of the field, along which other headings err.
+
+ArduPilot's large vehicle calibration does the same without a claim.
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> tumble = simulate.tumble(seed=1)
+>>> earlier = calibrate.fit(tumble.samples)
+>>> reading = tumble.sensor.matrix @ [25.0, 0.0, 43.3] + tumble.sensor.offset
+>>> fit = refresh_at_headings([np.tile(reading, (20, 1))], earlier, [0.0], dip_deg=60.0)
+>>> fit.verdict, fit.refreshed.offset_change.round(1) + 0.0
+('limited', array([0., 0., 0.]))
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Self
+
+import numpy as np
+
+from flinders.core.calibration import Calibration
+from flinders.diagnostics.soft_iron import Refreshed
+from flinders.errors import UsageError
+from flinders.findings import CATALOGUE, Record, by_severity
+from flinders.fitting.refreshing import (
+    FINEST_SHAPE,
+    heading_change_deg,
+    known_shape,
+    refuse_unfit,
+    samples_of,
+    strength_of,
+    turned,
+)
+from flinders.fitting.result import Fit, Refused
+from flinders.fitting.verdict import of_calibration
+from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric
+from flinders.likelihood import dip
+from flinders.summary.coverage import Coverage
+from flinders.summary.pooling import chance_of
+from flinders.summary.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.findings import Condition, Finding
+    from flinders.fitting.calibrate import AnyReadings
+    from flinders.likelihood.site_field import Site
+
+METHOD: Final = "known-heading"
+
+CONDITIONS_OF_POSES: Final[tuple[Condition, ...]] = ("same-soft-iron", "uniform-field", "constant-iron")
+"""What a good verdict rests on."""
+
+BLOCKS: Final = 10
+"""Of a pose, whose means say how well the mean of all is known, also where noise has a memory."""
+
+STILL_DEG: Final = 5.0
+"""From the mean reading: farther away the vehicle was moved."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseSigmas:
+    """What a pose may be off by, 1 σ, in degrees: its heading, the tilt about each level axis, the dip of the site."""
+
+    heading_deg: float = 1.0
+    tilt_deg: float = 1.0
+    dip_deg: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no angle."""
+        for name in ("heading_deg", "tilt_deg", "dip_deg"):
+            if not 0.0 < getattr(self, name) <= 45.0:
+                raise UsageError(
+                    f"{name.replace('_', ' ')} sigma is {getattr(self, name):g}: need more than 0, up to 45"
+                )
+
+
+SIGMAS: Final = PoseSigmas()
+
+
+def refresh_at_headings(
+    poses: Sequence[AnyReadings],
+    previous: Fit,
+    headings_deg: Sequence[float],
+    *,
+    dip_deg: float | None = None,
+    site: Site | None = None,
+    sigmas: PoseSigmas = SIGMAS,
+    target_deg: float = 1.0,
+) -> Fit:
+    """Renew the hard iron of a calibration from poses at known headings.
+
+    Parameters
+    ----------
+    poses : sequence of Samples, Recording, (N, 3) array-like, path, open file or data frame
+        A recording of each pose, at rest; with an accelerometer its tilt counts, else the vehicle stands level.
+    previous : Fit
+        As for `flinders.refresh`.
+    headings_deg : sequence of float
+        Magnetic heading of the vehicle at each pose: the true one less the declination.
+    dip_deg : float, optional
+        Inclination of the field; by default that of `site`.
+    site : Site, optional
+        As for `flinders.refresh`.
+    sigmas : PoseSigmas, optional
+        What headings, tilts and the dip may be off by.
+    target_deg : float
+        Worst heading error that is good enough, in degrees.
+
+    Raises
+    ------
+    Refused
+        With the fit, where it cannot be trusted.
+    UsageError
+        Without a dip, without a heading for each pose, for a vehicle that was moved, and as `flinders.refresh`.
+    """
+    refuse_unfit(previous)
+    dip_deg = site.inclination_deg if dip_deg is None and site is not None else dip_deg
+    if dip_deg is None:
+        raise UsageError("a pose needs the dip of the field at the place: give site= or dip_deg=")
+    if not poses or len(poses) != len(headings_deg):
+        raise UsageError(f"{len(poses)} poses and {len(headings_deg)} headings: need a heading for each pose")
+    known = known_shape(previous, site)
+    shape = symmetric(known.entries)
+    rotation = previous.calibration.rotation_matrix
+    recordings = [samples_of(pose, previous) for pose in poses]
+    readings = np.concatenate([recording.field for recording in recordings])
+    seen = [Pose.of(recording, shape) for recording in recordings]
+    equations = _Equations.of(seen, np.radians(headings_deg), math.radians(dip_deg), sigmas, shape, rotation)
+    centre, entries, covariance, chance = equations.solved(known.entries, known.covariance)
+    ellipsoid = Ellipsoid(centre, symmetric(entries))
+    fit = Fit(
+        _calibration(ellipsoid, previous, site),
+        method=METHOD,
+        covariance=covariance,
+        noise=math.sqrt(sum(pose.noise**2 for pose in seen) / len(seen)),
+        samples=len(readings),
+        coverage=Coverage.through(Summary.of(readings).cloud, ellipsoid),
+        target_deg=target_deg,
+        dip_deg=dip_deg,
+        distortion=previous.distortion,
+        refreshed=Refreshed(
+            previous.name,
+            centre - previous.calibration.offset,
+            heading_change_deg(ellipsoid, previous, dip_deg),
+            1.0,
+            previous.distortion,
+        ),
+    )
+    fit = replace(fit, heading_error_deg=fit.level_error(dip_deg))
+    fit = replace(fit, findings=by_severity(_judged(fit, chance)))
+    if fit.verdict == "refused":
+        raise Refused(fit)
+    return replace(fit, conditions=CONDITIONS_OF_POSES) if fit.verdict == "good" else fit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """What was read while a vehicle stood still.
+
+    Attributes
+    ----------
+    mean : (3,) float
+        Reading.
+    noise, noise_of_mean : float
+        Standard deviation of a component of a reading, and of the mean.
+    down : (3,) float
+        In the vehicle's axes: by its accelerometer, else z.
+    """
+
+    mean: Floats
+    noise: float
+    noise_of_mean: float
+    down: Floats
+
+    @classmethod
+    def of(cls, samples: Samples, shape: Floats) -> Self:
+        """Take the mean of a recording.
+
+        Raises
+        ------
+        UsageError
+            Where the vehicle was moved.
+        """
+        if len(samples) == 0:
+            raise UsageError(f"{samples.source} has no reading: record the pose for some seconds")
+        mean = samples.field.mean(axis=0)
+        off = np.linalg.norm(np.linalg.solve(shape, (samples.field - mean).T), axis=0)
+        if math.degrees(float(np.median(off))) > STILL_DEG:
+            raise UsageError(
+                f"{samples.source}: the vehicle was moved while the pose was recorded, or the field is not steady: "
+                "record each pose at rest"
+            )
+        noise = float(np.sqrt(np.mean(np.square(samples.field - mean))))
+        blocks = [block.mean(axis=0) for block in np.array_split(samples.field, min(BLOCKS, len(samples)))]
+        of_mean = math.sqrt(float(np.var(blocks, axis=0, ddof=1).mean()) / len(blocks)) if len(blocks) > 1 else noise
+        down = np.zeros(3) if samples.acceleration is None else dip.verticals(samples.acceleration)[0].mean(axis=0)
+        length = float(np.linalg.norm(down))
+        return cls(mean, noise, of_mean, down / length if length > 0.0 else np.array([0.0, 0.0, 1.0]))
+
+    @property
+    def level(self) -> tuple[Floats, Floats]:
+        """(3,) unit vectors forward and right in the vehicle's axes, across `down`."""
+        forward = np.array([1.0, 0.0, 0.0]) - self.down[0] * self.down
+        forward /= np.linalg.norm(forward)
+        return forward, np.cross(self.down, forward)
+
+    def field(self, heading: float, inclination: float) -> tuple[Floats, Floats]:
+        """(3,) direction of the field in the vehicle's axes at a heading, in rad; and what moves it.
+
+        The latter are (3, 4): derivatives by the dip, the heading, and the tilt about forward and right.
+        """
+        forward, right = self.level
+        north = math.cos(heading) * forward - math.sin(heading) * right
+        west = -math.sin(heading) * forward - math.cos(heading) * right
+        flat, height = math.cos(inclination), math.sin(inclination)
+        seen = flat * north + height * self.down
+        moved = (flat * self.down - height * north, flat * west, np.cross(forward, seen), np.cross(right, seen))
+        return seen, np.column_stack(moved)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Equations:
+    """Rows x̄ = b + J s + noise of all poses: (3K, 9) design, (3K,) readings, (3K, 3K) covariance of the noise."""
+
+    design: Floats
+    readings: Floats
+    covariance: Floats
+
+    @classmethod
+    def of(
+        cls,
+        poses: Sequence[Pose],
+        headings: Floats,
+        inclination: float,
+        sigmas: PoseSigmas,
+        shape: Floats,
+        rotation: Floats,
+    ) -> Self:
+        """Linearise about the known shape; the error of the dip is common to all poses."""
+        size = 3 * len(poses)
+        design, dips, covariance = np.empty((size, 9)), np.empty(size), np.zeros((size, size))
+        own = np.square(np.radians([sigmas.heading_deg, sigmas.tilt_deg, sigmas.tilt_deg]))
+        for place, (pose, heading) in enumerate(zip(poses, headings, strict=True)):
+            rows = slice(3 * place, 3 * place + 3)
+            seen, moved = pose.field(float(heading), inclination)
+            design[rows] = gathered(np.eye(3), np.tile((rotation.T @ seen)[:, np.newaxis], 3))
+            dips[rows], *others = (shape @ rotation.T @ moved).T
+            errors = np.column_stack(others)
+            noise = pose.noise_of_mean**2 + np.square(FINEST_SHAPE) * np.trace(shape) ** 2
+            covariance[rows, rows] = errors * own @ errors.T + noise * np.eye(3)
+        covariance += np.radians(sigmas.dip_deg) ** 2 * np.outer(dips, dips)
+        return cls(design, np.concatenate([pose.mean for pose in poses]), covariance)
+
+    def solved(self, entries: Floats, prior: Floats) -> tuple[Floats, Floats, Floats, float]:
+        """Offset (3,), shape (6,), covariance (9, 9), and how often chance makes residuals as large.
+
+        `entries` (6,) and `prior` (6, 6) are the earlier shape and its covariance.
+        """
+        precision, known = np.linalg.inv(self.covariance), np.linalg.inv(prior)
+        matrix, right = self.design.T @ precision @ self.design, self.design.T @ precision @ self.readings
+        matrix[3:, 3:] += known
+        right[3:] += known @ entries
+        covariance: Floats = np.linalg.inv(matrix)
+        found = covariance @ right
+        left, moved = self.readings - self.design @ found, found[3:] - entries
+        freedom = len(left) - 3
+        chance = chance_of(float(left @ precision @ left + moved @ known @ moved), freedom) if freedom else 1.0
+        return found[:3], found[3:], covariance, chance
+
+
+def _calibration(ellipsoid: Ellipsoid, previous: Fit, site: Site | None) -> Calibration:
+    """The correction, recorded and turned as the earlier one."""
+    known = previous.calibration
+    made = Calibration.from_ellipsoid(
+        ellipsoid.centre,
+        ellipsoid.shape,
+        field_strength=strength_of(known, site),
+        raw=known.raw,
+        axes=known.axes,
+        sensor=known.sensor,
+        frame=known.frame,
+    )
+    return turned(made, previous)
+
+
+def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
+    """What there is to know of a fit to poses."""
+    record = Record(
+        {"worst_deg": fit.heading_error_deg.worst, "target_deg": fit.target_deg, "poses_by_chance": chance},
+        why="",
+        remedy="add poses at other headings, or turn the vehicle",
+    )
+    for code in ("poses-contradict", "heading-error"):
+        if finding := CATALOGUE[code].finding(record):
+            yield finding
+    yield from of_calibration(fit)
