@@ -1,6 +1,6 @@
 """The live page under load, with a real browser: processor time, memory, latency, and whether anything gets lost.
 
-    python -m benchmarks.live [--seconds 60] [--minutes 10] [--tables start,page,wire]
+    python -m benchmarks.live [--seconds 60] [--minutes 10] [--tables start,page,turn,wire]
 
 A board on a pseudo-terminal talks like MotionCal's sketches, `flinders live` listens, and Chromium shows the page at
 1280 × 800 with software rendering.
@@ -10,6 +10,7 @@ A board on a pseudo-terminal talks like MotionCal's sketches, `flinders live` li
 in shares of a core, and with it the browser's for comparison; an update is a frame of readings that the page received,
 drawn when WebGL has drawn after it; a page that cannot keep up draws several at once. Latency is counted for each
 reading from its sending to the frame after the one in which WebGL drew it, when the picture is out of the page's hands.
+*turn*: pictures a second of the sphere, and of both clouds, with so many points while somebody turns the view by keys.
 *wire*: 1 kHz for so many minutes, sent at ten times that rate; each reading is numbered, and the numbers in the
 recording are counted. The page looks on.
 """
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 CPU_LIMIT: Final = 10.0
 LATENCY_LIMIT_MS: Final = 150.0
 START_LIMIT_S: Final = 1.5
+PICTURES_HZ: Final = 20.0
 SHOWN: Final = 20_000
 RATE_HZ: Final = 100.0
 FAST_HZ: Final = 10_000.0
@@ -212,9 +214,9 @@ def until(page: Page, expression: str, seconds: float = 120.0) -> None:
         page.wait_for_timeout(50)
 
 
-def opened(browser: Browser, program: Program) -> Page:
+def opened(browser: Browser, program: Program, size: tuple[int, int] = (1280, 800)) -> Page:
     """Open the page."""
-    page = browser.new_context(viewport={"width": 1280, "height": 800}, color_scheme="dark").new_page()
+    page = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme="dark").new_page()
     page.goto(program.address)
     until(page, "Boolean(window.flinders?.store.hello)")
     return page
@@ -288,6 +290,51 @@ def page_load(browser: Browser, folder: Path, seconds: float) -> list[str]:
         f"| … drawn, in so many pictures | {seen['drawn']}, {seen['pictures']} | |",
         f"| reading sent → drawn | {median_and_p95(latency)} | {latency_limit} |",
     ]
+
+
+TURN: Final = """seconds => new Promise(resolve => {
+    const canvas = document.querySelector("#scene canvas");
+    const begun = performance.now();
+    let pictures = 0;
+    const look = () => {
+        pictures += 1;
+        canvas.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowLeft", bubbles: true}));
+        const passed = (performance.now() - begun) / 1000;
+        if (passed > seconds) resolve(pictures / passed);
+        else requestAnimationFrame(look);
+    };
+    requestAnimationFrame(look);
+})"""
+TURN_S: Final = 4.0
+
+
+def turned(browser: Browser, folder: Path) -> list[str]:
+    """Lines on how often the 3-D view is drawn while it is turned."""
+    log = folder / "turned.csv"
+    rows = np.column_stack([np.arange(SHOWN) / RATE_HZ, tumbling(SHOWN)])
+    np.savetxt(log, rows, fmt="%.4f", delimiter=",", header="t_s,mx_uT,my_uT,mz_uT", comments="")
+    with Program(folder, "--replay", str(log), "--speed", "1000") as program:
+        return [line for size in ((1280, 800), (1920, 1080)) for line in _turned(browser, program, size)]
+
+
+def _turned(browser: Browser, program: Program, size: tuple[int, int]) -> list[str]:
+    page = opened(browser, program, size)
+    until(page, f"flinders.store.points.count >= {SHOWN} && Boolean(flinders.store.view?.shown)")
+    lines = []
+    for mode in ("sphere", "clouds"):
+        page.locator(f"input[value={mode}]").check(force=True)
+        page.evaluate(TURN, TURN_S)  # until the page knows how fast it is
+        before, pids = seconds_used(browser_pids(program)), browser_pids(program)
+        rate = page.evaluate(TURN, TURN_S)
+        cost_ms = 1e3 * (seconds_used(pids) - before) / (rate * TURN_S)
+        detail = page.evaluate("document.querySelector('#scene canvas').dataset.detail")
+        judged = f"≥ {PICTURES_HZ:g} a second" if rate >= PICTURES_HZ else f"**≥ {PICTURES_HZ:g} a second: missed**"
+        lines.append(
+            f"| {mode} turned at {size[0]} × {size[1]}, {detail} detail | {rate:.0f} pictures a second, "
+            f"{cost_ms:.0f} ms of processor time each | {judged} |"
+        )
+    page.context.close()
+    return lines
 
 
 def browser_pids(program: Program) -> list[int]:
@@ -364,11 +411,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--tables", default="start,page,wire")
+    parser.add_argument("--tables", default="start,page,turn,wire")
     given = parser.parse_args()
     tables: dict[str, Callable[[Browser, Path], list[str]]] = {
         "start": start,
         "page": lambda browser, folder: page_load(browser, folder, given.seconds),
+        "turn": turned,
         "wire": lambda browser, folder: wire(browser, folder, given.minutes),
     }
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:

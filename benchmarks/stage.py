@@ -39,7 +39,7 @@ FLAGS: Final = (
 )
 """WebGL in software, and a browser that asks nobody for anything."""
 STARTING_S: Final = 60.0
-STOPPING_S: Final = 20.0
+STOPPING_S: Final = 60.0
 FULL_S: Final = 0.002
 """Seconds until a full port is tried again."""
 COUNTS_PER_UT: Final = 10

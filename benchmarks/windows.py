@@ -11,7 +11,7 @@ much firmware does: what is then applied should make no compass worse.
 the median and 2.1 at 90 %. *Made worse* counts parts whose calibration is off by more than the readings themselves, by
 more than twice that claim. Recordings are looked for as `benchmarks.recordings` does; what a place does to the strength
 of the field is removed. The first table has whole recordings of one board: the root mean square of their difference
-over the claim of it, of all nine parameters and without the strength.
+over the claim of it: of all nine parameters, of the eight without the strength, of groups of those, of the strength.
 """
 
 from __future__ import annotations
@@ -41,6 +41,8 @@ BOARD: Final = ("calTest1_198_253_-9", "calTest1_208_249_-2", "calTest1_215_253_
 PARTS: Final = (2, 4, 8)
 WORST_DEG: Final = 1.3
 KINDS: Final = ("as recorded", "offset alone", "corrected before")
+GROUPS: Final = {"offset": (slice(0, 3), 3), "gains": (slice(3, 6), 2), "cross-axis": (slice(6, 9), 3)}
+"""Of the nine parameters, with their degrees of freedom where the strength of the field is removed."""
 SIZE: Final = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]) / 3.0
 
 
@@ -148,20 +150,29 @@ def scaled_off(fit: Fit) -> Floats:
 def repeats() -> Iterator[str]:
     """The table of pairs of recordings of one board."""
     fits = {name: fitted(flinders.read(FOLDER / "pichim_betaflight" / f"{name}.csv")) for name in BOARD}
-    yield "| recordings of one board | verdicts | heading, worst | combined claim | ratio | nine | without strength |"
-    yield "|---|---|---:|---:|---:|---:|---:|"
+    names = " | ".join(GROUPS)
+    yield f"| recordings of one board | verdicts | heading, worst | claim | ratio | nine | eight | {names} | strength |"
+    yield "|---|---|" + "---:|" * (6 + len(GROUPS))
+    rows = []
     for one, other in combinations(fits, 2):
         first, second = fits[one], fits[other]
         if first is None or second is None:
             continue
         off, claim = off_deg(first, second), math.hypot(first.heading_error_deg.worst, second.heading_error_deg.worst)
-        ours, theirs = first.ellipsoid.parameters, second.ellipsoid.parameters
-        nine = chi(ours - theirs, first.covariance + second.covariance, 9)
-        eight = chi(difference(ours, theirs), scaled_off(first) + scaled_off(second), 8)
-        yield (
-            f"| {one}, {other} | {first.verdict}, {second.verdict} | {off:.2f}° | {claim:.2f}° | {off / claim:.2f} | "
-            f"{nine:.2f} | {eight:.2f} |"
-        )
+        rows.append([off / claim, *ratios(first, second)])
+        cells = [f"{off:.2f}°", f"{claim:.2f}°", *(f"{number:.2f}" for number in rows[-1])]
+        yield f"| {one}, {other} | {first.verdict}, {second.verdict} | {' | '.join(cells)} |"
+    yield f"| median | | | | {' | '.join(f'{number:.2f}' for number in np.median(rows, axis=0))} |"
+
+
+def ratios(first: Fit, second: Fit) -> list[float]:
+    """Difference over the claim of it: of all nine, without the strength, of each of `GROUPS` so, of the strength."""
+    ours, theirs = first.ellipsoid.parameters, second.ellipsoid.parameters
+    whole, apart = first.covariance + second.covariance, difference(ours, theirs)
+    scaled = scaled_off(first) + scaled_off(second)
+    each = [chi(apart[part], scaled[part, part], freedom) for part, freedom in GROUPS.values()]
+    strength = abs(SIZE @ (ours - theirs)) / math.sqrt(SIZE @ whole @ SIZE)
+    return [chi(ours - theirs, whole, 9), chi(apart, scaled, 8), *each, float(strength)]
 
 
 def chi(apart: Floats, covariance: Floats, freedom: int) -> float:

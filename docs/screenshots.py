@@ -1,5 +1,8 @@
 """Makes the pictures of the page and of the report in README and docs: ``python -m docs.screenshots [NAME…]``.
 
+``python -m docs.screenshots --states FOLDER [STATE…]`` makes one of each state, at each size and in both themes,
+to be looked at after a change.
+
 Each is taken of the real program in a real browser, from a simulated sensor of a stated seed played back, so that the
 same pictures come out each time but for what a clock or a font changes. They go to ``docs/images``.
 """
@@ -11,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -36,6 +40,8 @@ SETTLED: Final = (
     "=== flinders.store.state.readings"
 )
 
+TURNED: Final = "flinders.store.state.seconds > 18 && flinders.store.view.guidance.direction"
+
 
 @dataclass(frozen=True, slots=True)
 class Shot:
@@ -46,7 +52,7 @@ class Shot:
     name : str
         Of the file.
     readings : str
-        ``good``, ``collecting`` or ``wrong``: see `log`.
+        ``good`` or ``wrong``: see `log`; ``collecting`` is the simulated sensor while it is turned.
     scheme : str
     options : dict
         Of the browser.
@@ -84,12 +90,17 @@ UNITS: Final = 300
 
 
 def log(readings: str, folder: Path) -> Path:
-    """Write a table of 50 readings a second: a whole tumble, the beginning of one, or one in a field that changes."""
+    """Write a table of 50 readings a second: a tumble, one in a field that changes, a sensor at rest, or no sensor."""
     tumble = simulate.tumble(seed=11, n=3000, noise=0.4).samples
-    count = {"good": 3000, "collecting": 160, "wrong": 2200}[readings]
+    count = {"good": 3000, "wrong": 2200, "still": 800, "garbage": 2000}[readings]
     rows: Floats = np.column_stack([0.02 * np.arange(count), tumble.field[:count], _acceleration(tumble, count)])
     if readings == "wrong":
         rows[1400:, 1:4] += (14.0, -9.0, 6.0)  # somebody puts a phone down beside it
+    rng = np.random.default_rng(1)
+    if readings == "still":
+        rows[:, 1:4] = rows[0, 1:4] + rng.normal(scale=0.4, size=(count, 3))
+    if readings == "garbage":
+        rows[:, 1:4] = rng.uniform(-500, 500, size=(count, 3))
     path = folder / f"{readings}.csv"
     header = "t_s,mx_uT,my_uT,mz_uT,ax_g,ay_g,az_g"
     np.savetxt(path, rows, fmt="%.4f", delimiter=",", header=header, comments="")
@@ -114,14 +125,17 @@ def shoot(browser: Browser, shot: Shot, folder: Path) -> Path:
     """Take a picture of the page."""
     place = folder / shot.name
     place.mkdir()
-    with Program(place, "--replay", str(log(shot.readings, place)), "--speed", "50") as program:
+    is_live = shot.readings == "collecting"
+    played = (
+        ("--simulate", "--speed", "2") if is_live else ("--replay", str(log(shot.readings, place)), "--speed", "50")
+    )
+    with Program(place, *played) as program:
         options: dict[str, Any] = {"color_scheme": shot.scheme, **shot.options}
         context = browser.new_context(reduced_motion="reduce", **options)
         page = context.new_page()
         page.goto(program.address)
-        until(page, f"Boolean(window.flinders?.store.hello) && {SETTLED}")
-        for notice in page.locator("#notices button").all():
-            notice.click()
+        until(page, f"Boolean(window.flinders?.store.hello) && {TURNED if is_live else SETTLED}")
+        page.evaluate("document.querySelectorAll('#notices button').forEach(button => button.click())")
         for key in shot.keys:
             page.keyboard.press(key)
         if "f" in shot.keys:
@@ -130,6 +144,59 @@ def shoot(browser: Browser, shot: Shot, folder: Path) -> Path:
         path = _saved(page, shot.name)
         context.close()
     return path
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A state of the page: what is listened to, when it is there, and what is pressed then."""
+
+    readings: str = ""  # as `log` takes it
+    ready: str = SETTLED
+    keys: tuple[str, ...] = ()
+    source: tuple[str, ...] = ("--udp", "48123")  # where there are no readings
+
+
+STATES: Final = {
+    "empty": State(ready="flinders.store.state.phase === 'waiting'"),
+    "still": State("still", "flinders.store.state.readings > 400"),
+    "collecting": State(ready="flinders.store.state.seconds > 6", source=("--simulate", "--speed", "0.5")),
+    "button": State("wrong", f"{SETTLED} && document.querySelector('#remedies button') !== null"),
+    "wrong": State("garbage", "flinders.store.state.phase === 'wrong'"),
+    "good": State("good"),
+    "finish": State("good", keys=("f",)),
+}
+SIZES: Final[dict[str, dict[str, Any]]] = {
+    "1440": {"viewport": {"width": 1440, "height": 900}},
+    "1280": {"viewport": {"width": 1280, "height": 720}},
+    "phone": ON_PHONE,
+}
+
+
+def states(browser: Browser, out: Path, names: list[str]) -> None:
+    """Take each state at each size, in both themes."""
+    out.mkdir(parents=True, exist_ok=True)
+    for name in names or STATES:
+        state = STATES[name]
+        with tempfile.TemporaryDirectory() as folder:
+            place = Path(folder)
+            replay = ("--replay", str(log(state.readings, place)), "--speed", "50") if state.readings else state.source
+            with Program(place, *replay) as program:
+                for size, scheme in product(SIZES, ("dark", "light")):
+                    _take(browser, program, state, out / f"{name}-{size}-{scheme}.png", (SIZES[size], scheme))
+        print(out / f"{name}-*.png", flush=True)
+
+
+def _take(browser: Browser, program: Program, state: State, path: Path, how: tuple[dict[str, Any], str]) -> None:
+    options: dict[str, Any] = {"color_scheme": how[1], **how[0]}
+    context = browser.new_context(reduced_motion="reduce", **options)
+    page = context.new_page()
+    page.goto(program.address)
+    until(page, f"Boolean(window.flinders?.store.hello) && {state.ready}")
+    for key in state.keys:
+        page.keyboard.press(key)
+    page.wait_for_timeout(1500)
+    page.screenshot(path=path)
+    context.close()
 
 
 def report(browser: Browser, name: str, folder: Path) -> Path:
@@ -208,6 +275,10 @@ def _saved(page: Page, name: str) -> Path:
 def main() -> None:
     """Take those that are named, or all."""
     asked = sys.argv[1:]
+    if asked[:1] == ["--states"]:
+        with chromium() as browser:
+            states(browser, Path(asked[1]), asked[2:])
+        return
     names = [*(shot.name for shot in SHOTS), *REPORTS]
     unknown = [name for name in asked if name not in names]
     if unknown:

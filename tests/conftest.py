@@ -24,9 +24,10 @@ ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden" / "files"
 # A worker takes a file at a time. These take longest, and one that is begun last keeps the others waiting.
 LONGEST = (
-    "test_page", "test_serial", "test_report_page", "test_simulated", "test_replay", "test_live_program",
-    "test_cli", "test_disturbance_findings", "test_disturbances", "test_text_reader", "test_readers", "test_together",
-    "test_native_memory", "test_send_mavlink", "test_record", "test_feeds", "test_auto_aids", "test_two_axis",
+    "test_page", "test_serial", "test_report_page", "test_fleet", "test_simulated", "test_replay", "test_live_program",
+    "test_cli", "test_disturbance_findings", "test_disturbances", "test_aided", "test_text_reader", "test_readers",
+    "test_together", "test_native_memory", "test_send_mavlink", "test_record", "test_feeds", "test_auto_aids",
+    "test_two_axis",
 )  # fmt: skip
 ON_CI = bool(os.environ.get("CI"))
 

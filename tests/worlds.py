@@ -31,6 +31,17 @@ FIELD_STRENGTH: Final = 50.0
 SOFT_IRON: Final = np.array([[1.10, 0.10, 0.04], [0.10, 0.88, 0.02], [0.04, 0.02, 1.22]])
 HARD_IRON: Final = np.array([20.0, 120.0, 90.0])
 """mG: with `SOFT_IRON` the sensor of the MAGYC simulations, whose field is in mG too."""
+SIX_READINGS: Final = np.array(
+    [
+        [167.4, -242.4, 91.7],
+        [140.3, -221.9, 86.8],
+        [152.4, -230.4, -0.6],
+        [180.3, -270.6, 71.0],
+        [190.9, -212.4, 62.7],
+        [192.9, -242.4, 17.1],
+    ]
+)
+"""The worked example of NXP's AN4246 rev. 4."""
 SENSOR: Final = Sensor(SOFT_IRON, np.array([20.0, -60.0, 30.0]), 0.5)
 RANDOM_SENSOR: Final = Sensor.random(np.random.default_rng(7))
 TUMBLED_SENSOR: Final = simulate.tumble(seed=2, motion="uniform").sensor
@@ -68,6 +79,18 @@ class Streamed:
         """From the first block again."""
         self.passes += 1
         return self.whole.blocks(self.rows)
+
+
+def spiral(sigma: float, *, half: bool = False) -> Floats:
+    """500 directions on a Fibonacci spiral, or those with u_z > 0, and noise of one seed."""
+    i = np.arange(500) + 0.5
+    z = 1.0 - 2.0 * i / 500.0
+    longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
+    directions = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
+    noise = np.random.default_rng(20240601).standard_normal((500, 3))
+    field = 50.0 * directions @ SOFT_IRON.T + HARD_IRON + sigma * noise
+    kept: Floats = field[z > 0] if half else field
+    return kept
 
 
 def level_turn(

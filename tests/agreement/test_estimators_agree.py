@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from scipy.optimize import least_squares
 from tests.worlds import HARD_IRON, SOFT_IRON
 
 from flinders import simulate
@@ -208,6 +207,8 @@ def orthogonal(field: Floats) -> Callable[[Floats], Floats]:
 
 
 def by_scipy(residuals: Callable[[Floats], Floats], start: Ellipsoid) -> Floats:
+    from scipy.optimize import least_squares
+
     solution = least_squares(residuals, parameters(start), method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
     found: Floats = solution.x
     return found
@@ -240,6 +241,8 @@ def test_the_orthogonal_distance_gives_nearly_the_same(noise: float, share: floa
 
 
 def test_the_covariance_is_that_of_scipys_jacobian() -> None:
+    from scipy.optimize import least_squares
+
     field = recorded(SHAPES["general"], 0.5, n=400)
     readings = Readings.of(field)
     found = Likelihood(prior=None, bias_correction=False).estimate(readings)

@@ -9,13 +9,13 @@ from __future__ import annotations
 import os
 import re
 import threading
-import time
 import tty
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pytest
 from tests.sketches import DOCS, SHAPES, printed
+from tests.waiting import wait_until
 
 import flinders
 from flinders import simulate
@@ -33,7 +33,6 @@ TUMBLE: Final = simulate.tumble(seed=5).samples[:600:10]
 IN_WORDS: Final = {"uT": "µT", "": "counts"}
 NOISE: Final = ("low battery", "wifi: retry 3", "\ufffd\ufffd~")
 """Lines of a board that are no readings."""
-PATIENCE_S: Final = 30.0
 
 
 def with_noise(shape: dict[str, Any], readings: list[list[str]]) -> list[str]:
@@ -119,10 +118,13 @@ def test_a_recording_and_the_live_page_give_the_same_numbers(
         recorder = Recorder(source, sink, columns=options.get("columns"), pattern=options.get("pattern"))
         sender.start()
         live = []
-        until = time.monotonic() + PATIENCE_S
-        while recorder.statistics.readings < len(numbers) and time.monotonic() < until:
+
+        def has_all() -> bool:
             found = recorder.next(0.1)
-            live += [found.field] if isinstance(found, Samples) else []
+            live.extend([found.field] if isinstance(found, Samples) else [])
+            return recorder.statistics.readings >= len(numbers)
+
+        wait_until(has_all)
         recorder.close()
         while found := recorder.next(0.0):
             live += [found.field] if isinstance(found, Samples) else []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from base64 import b64decode
 from itertools import product
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import Document
 
-GOOD_MS = 30_000
 SETTLED = "flinders.store.state.used + flinders.store.state.rejected + flinders.store.state.excluded_readings === 3000"
 
 
@@ -64,7 +64,7 @@ def done(page: Page) -> Page:
     page.evaluate("commands => commands.forEach(command => flinders.connection.send(command))", AS_AT_FIRST)
     until(page, SETTLED)
     expect(page.locator("#scene canvas")).to_be_attached()
-    expect(page.locator(".status")).to_have_attribute("data-phase", "good", timeout=GOOD_MS)
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good")
     return page
 
 
@@ -241,7 +241,7 @@ def test_what_stood_beside_the_sensor_is_left_out_by_a_button(visitor: Visitor, 
     dropped(page, "disturbed.csv", table.encode())
     button = page.get_by_role("button", name=re.compile(r"Leave out 2[78]\.\d–4[34]\.\d s"))
     button.click()
-    expect(page.locator(".status")).to_have_attribute("data-phase", "good", timeout=GOOD_MS)
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good")
     expect(button).to_be_hidden()
     page.get_by_role("button", name="Undo").click()
     expect(button).to_be_visible()
@@ -408,7 +408,7 @@ def test_a_log_that_is_dropped_gets_the_same_views_and_leaves_again(visitor: Vis
     dropped(page, "half.csv", b"".join(rows[:1501]))
     expect(page.locator("#source-name")).to_have_text("half.csv")
     until(page, "flinders.store.state.opened === 'half.csv' && flinders.store.points.count === 1500")
-    expect(page.locator(".status")).to_have_attribute("data-phase", "good", timeout=GOOD_MS)
+    expect(page.locator(".status")).to_have_attribute("data-phase", "good")
     expect(page.locator("#clear")).to_be_hidden()
     page.get_by_role("button", name="Back to the sensor").click()
     until(page, "flinders.store.state.opened === null && flinders.store.points.count === 3000")
@@ -595,6 +595,18 @@ def test_no_text_of_a_small_screen_is_smaller_than_twelve_pixels(visitor: Visito
     assert page.evaluate(SMALL) == []
 
 
+def test_the_legend_names_the_colours_that_are_drawn(visitor: Visitor) -> None:
+    page = done(visitor.page())
+    rows = page.locator("#legend p")
+    scale = ["0.5° or less", "1°", "2°", "5°", "12° or more", "not visited"]
+    assert rows.all_text_contents() == scale
+    page.evaluate("flinders.connection.send({type: 'exclude', start_s: 5, end_s: 6})")
+    expect(rows).to_have_text([*scale, "left out"])
+    for key, clouds in (("2", ["raw", "corrected"]), ("3", ["raw"]), ("4", ["corrected"])):
+        page.keyboard.press(key)
+        expect(rows).to_have_text([*clouds, "left out"])
+
+
 def test_the_deviation_is_drawn_on_one_scale_at_a_time(visitor: Visitor) -> None:
     page = done(visitor.page())
     raw, corrected = page.locator("#deviation path.raw"), page.locator("#deviation path.corrected")
@@ -603,6 +615,33 @@ def test_the_deviation_is_drawn_on_one_scale_at_a_time(visitor: Visitor) -> None
     page.locator(".deviation").get_by_role("button", name="Raw").click()
     expect(raw).to_have_count(1)
     expect(corrected).to_have_count(0)
+
+
+MARKS = """() => Object.fromEntries(["strength", "projections", "residuals"].map(
+    name => [name, document.querySelectorAll(`#${name} .hovered`).length]
+))"""
+RING = "[...document.querySelectorAll('.scene-label')].find(one => one.textContent === '◯')?.style.display === 'block'"
+BOTH = {"strength": 2, "projections": 6, "residuals": 1}
+"""Marks of a reading: raw and corrected over time and in three squares, and its residual."""
+
+
+@pytest.mark.parametrize("chart", ["strength", "projections", "residuals", "scene"])
+def test_a_reading_under_the_pointer_is_marked_in_every_view(visitor: Visitor, chart: str) -> None:
+    page = done(visitor.page())
+    box = page.locator(f"#{chart}").bounding_box()
+    assert box is not None
+    square = page.locator(f"#{chart} rect.frame").first.bounding_box() if chart == "projections" else box
+    assert square is not None
+    for share in (0.3, 0.35, 0.4, 0.45, 0.5):
+        page.mouse.move(square["x"] + share * square["width"], square["y"] + 0.5 * square["height"])
+        if page.evaluate("flinders.store.hovered") is not None:
+            break
+    until(page, f"JSON.stringify(({MARKS})()) === JSON.stringify({json.dumps(BOTH)})")
+    if chart == "strength":
+        assert page.evaluate("flinders.store.hovered") == pytest.approx(3000 * share, abs=200)
+    until(page, RING)
+    page.mouse.move(5, 5)
+    until(page, f"flinders.store.hovered === null && Object.values(({MARKS})()).every(count => count === 0)")
 
 
 FOCUS = """() => {

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
 from benchmarks.stage import Program
 from playwright.sync_api import expect
-from tests.browser.visitor import Visitor, grave, until
+from tests.browser.visitor import Visitor, until
 
 from flinders.core import calibration_file
 
@@ -19,20 +20,23 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def visitor(browser: Browser, tmp_path: Path) -> Iterator[Visitor]:
-    with Program(tmp_path, "--simulate") as program:
+def visitor(browser: Browser, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Visitor]:
+    """Of a simulation as fast as is asked."""
+    with Program(tmp_path, "--simulate", "--speed", str(getattr(request, "param", 1))) as program:
         visitor = Visitor(browser, program)
         yield visitor
         visitor.leave()
         visitor.close()
 
 
+@pytest.mark.parametrize("visitor", [10], indirect=True)
 def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Path) -> None:
     page = visitor.page()
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
     expect(page.locator("#source-name")).to_have_text("simulation")
     until(page, "flinders.store.state.readings > 20 && flinders.store.points.count > 20")
     until(page, "flinders.store.state.phase === 'good'")
+    expect(page.locator("#drawn")).to_be_hidden()
     expect(page.locator("#phase")).to_have_text("Good")
     expect(page.locator("#advice-words")).to_contain_text("press Finish")
     page.locator("#pause").click()
@@ -54,17 +58,22 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
     assert saved.fit.verdict == "good"
 
 
-@pytest.mark.nightly
-def test_axe_finds_nothing_serious_while_it_collects(visitor: Visitor, axe: str) -> None:
-    page = visitor.page()
-    page.locator("#target").fill("0.05")  # which takes minutes
-    page.keyboard.press("Enter")
-    until(page, "flinders.store.state.target_deg === 0.05 && flinders.store.view && flinders.store.points.count > 50")
-    expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
-    assert grave(page, axe) == []
-    page.keyboard.press("l")
-    expect(page.locator("html")).to_have_attribute("data-theme", "light")
-    assert grave(page, axe) == []
+POSES = """() => [...document.querySelectorAll("#drawn .side, #drawn .way")].map(part => part.getAttribute("d"))"""
+
+
+def test_a_drawn_board_turns_as_the_sensor_is_to_be_turned(visitor: Visitor) -> None:
+    context = visitor.context(reduced_motion="no-preference")
+    page = visitor.page(context)
+    until(page, "flinders.store.view?.guidance?.direction")
+    expect(page.locator("#drawn")).to_be_visible()
+    expect(page.locator("#advice-words")).to_have_text("Turn the sensor as the drawing shows.")
+    expect(page.locator("#drawn svg")).to_have_attribute("aria-label", re.compile("Follow the arrow"))
+    side, way = page.evaluate(POSES)
+    assert way, "an arrow shows which way"
+    until(page, f"document.querySelector('#drawn .side').getAttribute('d') !== '{side}'")
+    expect(page.locator("#notices")).to_contain_text("a common mistake")
+    page.locator("#pause").click()
+    expect(page.locator("#drawn")).to_be_hidden()
 
 
 def test_it_starts_again_only_when_that_is_confirmed(visitor: Visitor) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from tests.worlds import HARD_IRON, SOFT_IRON
+from tests.worlds import HARD_IRON, SIX_READINGS, SOFT_IRON, spiral
 
 import flinders
 from flinders.estimators import Estimator, Readings, fit_error
@@ -28,7 +28,6 @@ from flinders.simulate import hemisphere
 if TYPE_CHECKING:
     from tests.trials import Choose
 
-    from flinders.arrays import Floats
     from flinders.estimators import Estimate
 
 RADIUS: Final = 50.0 * float(np.cbrt(np.linalg.det(SOFT_IRON)))
@@ -38,18 +37,6 @@ ALS: Final = Consistent()
 NXP: Final = Algebraic("nxp")
 SAMPSON: Final = Likelihood(prior=None, bias_correction=False)
 LI4: Final = Li(k=4.0)
-
-
-def spiral(sigma: float, *, half: bool = False) -> Floats:
-    """Readings in all directions, or in those with u_z > 0."""
-    i = np.arange(500) + 0.5
-    z = 1.0 - 2.0 * i / 500.0
-    longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
-    directions = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-    noise = np.random.default_rng(20240601).standard_normal((500, 3))
-    field = 50.0 * directions @ SOFT_IRON.T + HARD_IRON + sigma * noise
-    kept: Floats = field[z > 0] if half else field
-    return kept
 
 
 def estimated(estimator: Estimator, sigma: float, *, half: bool = False) -> Estimate:
@@ -157,17 +144,7 @@ def test_the_fit_error_of_the_sphere_is_what_nxp_reports() -> None:
 
 def test_the_worked_example_of_an4246() -> None:
     """AN4246 rev. 4 prints β and V; its B = 47.0 comes from rounded intermediates, exactly it is 47.236."""
-    points = np.array(
-        [
-            [167.4, -242.4, 91.7],
-            [140.3, -221.9, 86.8],
-            [152.4, -230.4, -0.6],
-            [180.3, -270.6, 71.0],
-            [190.9, -212.4, 62.7],
-            [192.9, -242.4, 17.1],
-        ]
-    )
-    readings = Readings.of(points)
+    readings = Readings.of(SIX_READINGS)
     found = Sphere().estimate(readings).ellipsoid
     npt.assert_allclose(found.centre.round(2), [155.74, -239.12, 45.83])
     beta = [*(2.0 * found.centre), found.radius**2 - found.centre @ found.centre]

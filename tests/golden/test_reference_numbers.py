@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from scipy.optimize import least_squares
-from tests.worlds import HARD_IRON, SOFT_IRON
+from tests.worlds import HARD_IRON, SIX_READINGS, SOFT_IRON
 
 import flinders
 from flinders import simulate
@@ -131,6 +130,8 @@ def test_a_ring_errs_by_the_figures_of_the_table_to_a_fifth(
 @pytest.mark.parametrize("half", [180.0, 90.0], ids=["ring", "arch"])
 def test_the_cost_of_the_paper_runs_away(half: float) -> None:
     """Σ (|T(h − b)| − 1)² from the truth, at a dip of 31°: it shrinks as the ellipsoid grows, without end."""
+    from scipy.optimize import least_squares
+
     distortion, hard = vasconcelos()
     rng = np.random.default_rng(3)
     body = carried(rng.uniform(-half, half, 2000), rng.uniform(-20.0, 20.0, 2000), 0.0, 31.0)
@@ -212,17 +213,9 @@ def test_half_a_sphere_biases_plain_least_squares_and_not_the_consistent_fit(
 
 def test_the_condition_of_the_example_of_an4246() -> None:
     """Six points nearly in a plane: the condition of [h 1] is 4240, that of the normal equations its square."""
-    points = [
-        [167.4, -242.4, 91.7],
-        [140.3, -221.9, 86.8],
-        [152.4, -230.4, -0.6],
-        [180.3, -270.6, 71.0],
-        [190.9, -212.4, 62.7],
-        [192.9, -242.4, 17.1],
-    ]
-    assert np.linalg.cond(np.column_stack([points, np.ones(6)])) == pytest.approx(4240.0, abs=0.5)
+    assert np.linalg.cond(np.column_stack([SIX_READINGS, np.ones(6)])) == pytest.approx(4240.0, abs=0.5)
     # Centred and scaled, as it is solved here, the same points are no trouble.
-    moments = Readings.of(points).summary.moments
+    moments = Readings.of(SIX_READINGS).summary.moments
     assert np.linalg.cond(moments.about(moments.mean, moments.spread)[6:, 6:]) < 100.0
 
 

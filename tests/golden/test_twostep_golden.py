@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from tests.worlds import HARD_IRON, SOFT_IRON
+from tests.worlds import HARD_IRON, SOFT_IRON, spiral
 
 from flinders.estimators import Readings
 from flinders.estimators.reference.alonso_shuster import AlonsoShuster
@@ -26,18 +26,6 @@ from flinders.estimators.reference.attitude_independent import (
 if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.estimators.reference.attitude_independent import Weights
-
-
-def spiral(sigma: float, *, half: bool = False) -> Floats:
-    """500 directions on a Fibonacci spiral, or those with u_z > 0, and noise of one seed."""
-    i = np.arange(500) + 0.5
-    z = 1.0 - 2.0 * i / 500.0
-    longitude, across = np.pi * (1.0 + np.sqrt(5.0)) * i, np.sqrt(1.0 - z * z)
-    directions = np.stack([across * np.cos(longitude), across * np.sin(longitude), z], axis=1)
-    noise = np.random.default_rng(20240601).standard_normal((500, 3))
-    field = 50.0 * directions @ SOFT_IRON.T + HARD_IRON + sigma * noise
-    kept: Floats = field[z > 0] if half else field
-    return kept
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,7 +28,8 @@ from flinders.likelihood.parameters import ParameterLayout, Parameters
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-LAYOUT = ParameterLayout.of(
+TURNED = partial(
+    ParameterLayout.of,
     disturbances=2,
     rotation=True,
     slope=True,
@@ -35,19 +37,9 @@ LAYOUT = ParameterLayout.of(
     gyro_scale=True,
     gyro_turn=True,
     delay=True,
-    accelerometer=True,
-    sine=True,
 )
-POINTED = ParameterLayout.of(
-    disturbances=2,
-    rotation=True,
-    slope=True,
-    gyro_bias=True,
-    gyro_scale=True,
-    gyro_turn=True,
-    delay=True,
-    direction=True,
-)
+LAYOUT = TURNED(accelerometer=True, sine=True)
+POINTED = TURNED(direction=True)
 WEIGHTS = Weights(0.5, 0.004)
 STEP = 1e-6
 

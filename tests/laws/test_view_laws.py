@@ -33,7 +33,7 @@ def node(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pytest.skip("there is no Node.js here")
     folder = tmp_path_factory.mktemp("views")
     (folder / "package.json").write_text('{"type": "module"}', encoding="utf-8")
-    for name in ("colours", "geometry", "marks", "vectors"):
+    for name in ("colours", "detail", "geometry", "marks", "turn", "vectors"):
         shutil.copyfile(VIEWS / f"{name}.js", folder / f"{name}.js")
     return folder
 
@@ -43,8 +43,10 @@ def run(folder: Path, script: str, **given: object) -> Any:  # noqa: ANN401
     lines = [f"const {name} = {json.dumps(value)};" for name, value in given.items()]
     source = [
         'import * as colours from "./colours.js";',
+        'import * as details from "./detail.js";',
         'import * as geometry from "./geometry.js";',
         'import * as marking from "./marks.js";',
+        'import * as turn from "./turn.js";',
         *lines,
         f"console.log(JSON.stringify({script}));",
     ]
@@ -178,3 +180,76 @@ def test_marks_are_those_of_each_reading(node: Path, stride: int) -> None:
     excluded = np.any([(a <= time) & (time <= b) for a, b in spans], axis=0)
     npt.assert_array_equal(drawn, np.where(excluded, 2, rejected.astype(int)))
     assert {0, 1, 2} == set(drawn)
+
+
+# the drawn board
+
+FOLLOWED = """readings.map(({field, acceleration}) => {
+    attitude.follow({raw: field, acceleration}, {offset: [0, 0, 0], matrix: turn.LEVEL, strength: 1});
+    return attitude.rotation;
+})"""
+
+
+def followed(node: Path, fields: Floats, forces: Floats | None) -> Floats:
+    """(N, 3, 3) attitudes that are drawn for directions of the field and specific forces."""
+    accelerations = [None] * len(fields) if forces is None else forces.tolist()
+    pairs = zip(fields.tolist(), accelerations, strict=True)
+    readings = [{"field": field, "acceleration": acceleration} for field, acceleration in pairs]
+    script = f"((attitude) => {FOLLOWED})(new turn.Attitude())"
+    return np.array(run(node, script, readings=readings))
+
+
+def test_the_board_turns_and_the_field_stays_where_it_is(node: Path) -> None:
+    fields = simulate.tumble(seed=2, n=300, noise=0.0).samples.field
+    fields = fields - fields.mean(axis=0)
+    attitudes = followed(node, fields, None)
+    npt.assert_allclose(np.linalg.det(attitudes), 1.0)
+    directions = fields / np.linalg.norm(fields, axis=1, keepdims=True)
+    there = np.einsum("nij,nj->ni", attitudes, directions)
+    npt.assert_allclose(there, np.broadcast_to(there[0], there.shape), atol=1e-9)
+
+
+def test_with_an_accelerometer_up_is_up_and_north_is_away(node: Path) -> None:
+    rng = np.random.default_rng(4)
+    forces, fields = (simulate.uniform(rng, 100) for _ in range(2))
+    is_level = np.abs(np.sum(forces * fields, axis=1)) < 0.99  # near the magnetic poles there is no north
+    forces, fields = forces[is_level], fields[is_level]
+    attitudes = followed(node, fields, forces)
+    npt.assert_allclose(np.linalg.det(attitudes), 1.0)
+    up = np.einsum("nij,nj->ni", attitudes, forces)
+    npt.assert_allclose(up[:, :2], 0.0, atol=1e-9)
+    field = np.einsum("nij,nj->ni", attitudes, fields)
+    npt.assert_allclose(field[:, 0], 0.0, atol=1e-9)
+    assert (field[:, 1] > 0.0).all()
+
+
+def test_the_turn_that_is_drawn_leads_the_field_to_where_the_arrow_points(node: Path) -> None:
+    rng = np.random.default_rng(5)
+    starts, ends = (simulate.uniform(rng, 40) for _ in range(2))
+    ends[0], ends[1] = starts[0], -starts[1]
+    script = "pairs.map(([from, to]) => turn.rotation(turn.between(to, from)))"
+    turns = np.array(run(node, script, pairs=list(zip(starts.tolist(), ends.tolist(), strict=True))))
+    body = np.swapaxes(turns, 1, 2)  # from axes that stay to those of the board that has turned
+    npt.assert_allclose(np.einsum("nij,nj->ni", body, starts), ends, atol=1e-6)
+
+
+# low detail
+
+CHANGES = """((detail) => pictures.flatMap((ms, k) => detail.took(ms) ? [[k, detail.isLow]] : []))(
+    new details.Detail()
+)"""
+
+
+def test_slow_pictures_lower_the_detail_and_one_hitch_does_not(node: Path) -> None:
+    assert run(node, CHANGES, pictures=[16.0] * 50 + [900.0] + [16.0] * 50) == []
+    ((when, is_low),) = run(node, CHANGES, pictures=[16.0] * 50 + [70.0] * 50)
+    assert is_low
+    assert when < 50 + 10
+
+
+def test_full_detail_is_tried_again_more_and_more_seldom(node: Path) -> None:
+    slow, fast = [70.0] * 20, [16.0] * 500
+    changes = run(node, CHANGES, pictures=(slow + fast) * 3)
+    assert [is_low for _, is_low in changes] == [True, False] * 3
+    waits = [up - down for (down, _), (up, _) in zip(changes[::2], changes[1::2], strict=True)]
+    assert np.diff(waits).tolist() == pytest.approx([90, 180], abs=2)

@@ -8,7 +8,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +20,7 @@ import pytest
 from benchmarks.emulations import EMULATIONS
 from click.testing import CliRunner
 from tests.program import flinders_
+from tests.waiting import wait_until
 
 import flinders
 from flinders import simulate
@@ -652,13 +652,9 @@ def scratch(tmp_path: Path) -> Path:
 
 
 def wait_for(happened: Callable[[], object], process: subprocess.Popen[bytes]) -> None:
-    """Wait until something happens while a process runs, for a minute at most."""
-    deadline = time.monotonic() + 60
-    while not happened():
-        if process.poll() is not None or time.monotonic() > deadline:
-            process.kill()
-            pytest.fail(f"it never happened: {process.communicate()[1].decode()}")
-        time.sleep(0.002)
+    """Wait until something happens while a process runs."""
+    wait_until(lambda: happened() or process.poll() is not None)
+    assert process.poll() is None, process.communicate()[1].decode()
 
 
 @pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])

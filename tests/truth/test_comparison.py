@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
-from scipy import stats
 from tests.worlds import RANDOM_SENSOR
 
 import flinders
@@ -69,6 +68,8 @@ def test_chance_explains_the_difference_as_often_as_it_says(field_strength: floa
 
 @pytest.mark.parametrize("freedom", range(3, 10))
 def test_chance_is_that_of_the_chi_square_distribution(freedom: int) -> None:
+    from scipy import stats
+
     values = np.linspace(0.0, 60.0, 600)
     found, true = [chance_of(value, freedom) for value in values], stats.chi2.sf(values, freedom)
     npt.assert_allclose(found, true, atol=0.006)

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
-from scipy.signal import lfilter
 from tests.trials import nightly
 from tests.worlds import ARMS, MOTORS, OFFSET_SENSOR, PER_AMPERE
 
@@ -431,6 +430,8 @@ def test_a_current_that_was_recorded_and_not_asked_for_is_named(seed: int) -> No
 
 def test_readings_that_hang_together_hide_no_driver_of_a_long_recording() -> None:
     """Of a long recording every so many readings are looked at, and those hang together less."""
+    from scipy.signal import lfilter
+
     rng = np.random.default_rng(2)
     directions = simulate.uniform(rng, 60_000)
     strength = 50.0 + lfilter([math.sqrt(1.0 - 0.95**2)], [1.0, -0.95], 0.5 * rng.normal(size=len(directions)))

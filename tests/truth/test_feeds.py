@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import struct
 import threading
@@ -14,13 +15,13 @@ import numpy as np
 import pytest
 from tests.feeding import asked
 
-from flinders import fit, simulate
+from flinders import Session, fit, simulate
 from flinders.core.samples import Samples
 from flinders.errors import OutputError, UsageError
 from flinders.live.feeds import AT_ONCE, FeedEvent, Replay
 from flinders.live.mavlink import ARDUPILOT, PX4, Telemetry, Vehicle
 from flinders.live.recorder import RecordedFeed, Resumed, ToFile
-from flinders.live.simulated import SimulatedFeed
+from flinders.live.simulated import ROCKED_S, SAID, SimulatedFeed
 from flinders.live.transports import Udp
 from flinders.readers import open_recording, read
 from flinders.targets.ardupilot import ArduPilotParameters as Parameters
@@ -113,6 +114,16 @@ def test_a_speed_is_positive(speed: float) -> None:
         Replay(TUMBLE, speed=speed)
 
 
+def test_a_recording_without_times_says_at_what_rate_it_is_played() -> None:
+    untimed = Samples.of(TUMBLE.field, unit="uT", source="log.csv")
+    _, events = asked(Replay(untimed, speed=None), at_the_end)
+    assumed = "as if it had 50 readings a second: the file has no times"
+    assert events[0].words == f"log.csv, played back as fast as possible, {assumed}"
+    assert events[-1].words == f"log.csv has been played to its end, {assumed}"
+    _, events = asked(Replay(TUMBLE, speed=None), at_the_end)
+    assert not [event for event in events if "no times" in event.words]
+
+
 def test_a_real_recording_is_played_back(recordings: Callable[[str], Path]) -> None:
     path = recordings("michaelwro_fxos8700/mag-readings.txt")
     readings, _ = asked(Replay(open_recording(path, unit="uT"), speed=None), at_the_end)
@@ -132,6 +143,22 @@ def test_the_simulated_sensor_is_calibrated_to_its_truth() -> None:
                                matrix / np.cbrt(np.linalg.det(matrix)), atol=0.01)  # fmt: skip
     again, _ = asked(SimulatedFeed(seed=2, speed=None), lambda readings, _: len(readings) >= 3000)
     np.testing.assert_array_equal(again.field, readings.field)
+
+
+def test_it_is_rocked_at_first_and_good_after_half_a_minute() -> None:
+    """A newcomer sees what the page says while the calibration is not good, and a mistake by its name."""
+    readings, events = asked(SimulatedFeed(seed=1, speed=None), lambda readings, _: len(readings) >= 1700)
+    assert readings.time is not None
+    assert readings.acceleration is not None
+    session, good_s = Session(unit="uT"), math.inf
+    for block in readings.blocks(rows=25):
+        state = session.add(block.field, time=block.time, acceleration=block.acceleration)
+        if block.time is not None and block.time[-1] < ROCKED_S:
+            assert state.phase == "collecting"
+        good_s = min(good_s, float(readings.time[state.readings - 1]) if state.phase == "good" else math.inf)
+    assert 25.0 < good_s < 32.0
+    assert [event.at for event in events] == [0.0, *(at for at, _ in SAID)]
+    assert "a common mistake" in events[1].words
 
 
 def test_it_goes_on_for_ever_without_a_jump() -> None:

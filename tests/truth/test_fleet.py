@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 import urllib.request
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.flight_log import dataflash
+from tests.waiting import wait_until
 
 import flinders
 from flinders import simulate
@@ -180,11 +180,11 @@ def test_a_full_disk_is_said_and_nothing_that_is_done_is_lost(
 def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path) -> None:
     run(str(logs), tmp_path / "whole.parquet", Options(), workers=0)
     command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]
-    disturbance = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.PIPE)
-    while not list((tmp_path / "out.parquet.parts").glob("part-*.arrow")) and disturbance.poll() is None:
-        time.sleep(0.002)
-    disturbance.kill()
-    disturbance.communicate()
+    parts = tmp_path / "out.parquet.parts"
+    running = subprocess.Popen([*command, "--workers", "1"], stderr=subprocess.PIPE)
+    wait_until(lambda: list(parts.glob("part-*.arrow")) or running.poll() is not None)
+    running.kill()
+    running.communicate()
     with pytest.raises(UsageError, match="go on with resume=True"):
         run(str(logs), tmp_path / "out.parquet", Options(), workers=0)
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.program import Ended, flinders_
+from tests.waiting import PATIENCE_S
 
 from flinders import simulate
 from flinders.core.calibration import Calibration
@@ -247,7 +248,7 @@ def test_a_stream_is_answered_line_by_line(home: Path) -> None:
         running.stdin.flush()
         assert running.stdout.readline().startswith("32,")
         running.stdin.close()
-        assert running.wait(10) == 0
+        assert running.wait(PATIENCE_S) == 0
 
 
 @pytest.mark.parametrize(

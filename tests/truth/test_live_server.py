@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import io
 import json
 import re
 import socket
@@ -21,7 +22,7 @@ import numpy.testing as npt
 import pytest
 from starlette.websockets import WebSocketDisconnect
 from tests.message_types import typescript
-from tests.waiting import PATIENCE_S, Heartbeat
+from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
 from flinders import simulate
@@ -87,10 +88,7 @@ class Bench:
         return self.client.websocket_connect("/socket", headers=OWN)
 
     def until(self, done: Callable[[LiveSession], bool]) -> None:
-        end = time.monotonic() + PATIENCE_S
-        while not done(self.hub.session):
-            assert time.monotonic() < end, self.hub.session
-            time.sleep(0.01)
+        wait_until(lambda: done(self.hub.session), lambda: self.hub.session)
 
 
 def has_fit(session: LiveSession) -> bool:
@@ -275,10 +273,7 @@ def test_what_is_taken_out_is_not_in_the_calibration_and_is_written_down(bench: 
     document = loads(bench.client.get("/calibration.json").content)
     assert document.fit is not None
     assert document.fit.samples == 3000 - 1501
-    end = time.monotonic() + PATIENCE_S
-    while Edits.read(bench.path).excluded != ((0.0, 30.0),):
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_until(lambda: Edits.read(bench.path).excluded == ((0.0, 30.0),))
     assert len(flinders.read(bench.path)) == 3000
 
 
@@ -340,6 +335,24 @@ def test_a_log_that_is_too_large_is_refused_before_it_is_read(wall: Bench, monke
     answer = wall.client.post("/open?name=huge.csv", content=b"1,2,3\n" * 200_000, headers=OWN)
     assert answer.status_code == 413
     assert UPLOAD_BYTES == 64 << 20
+
+
+def test_an_archive_that_unpacks_to_too_much_is_refused_before_it_is_read(wall: Bench) -> None:
+    """A thousand times its size, in one array or in many."""
+    for columns in (1, 12):
+        archive = io.BytesIO()
+        arrays: dict[str, Any] = {f"mag{column}": np.zeros((12_000_000 // columns, 3)) for column in range(columns)}
+        np.savez_compressed(archive, **arrays)
+        assert len(archive.getvalue()) < 1 << 20
+        answer = wall.client.post("/open?name=zeros.npz", content=archive.getvalue(), headers=OWN)
+        assert answer.status_code == 422
+        assert answer.json()["words"].startswith("zeros.npz unpacks to 274 MB, and this page takes 256 MB")
+    small = io.BytesIO()
+    np.savez_compressed(small, mag=simulate.tumble(seed=5, n=400).samples.field)
+    assert wall.client.post("/open?name=small.npz", content=small.getvalue(), headers=OWN).status_code == 200
+    with wall.page() as socket:
+        socket.send_json({"type": "back_to_live"})
+        wall.until(lambda session: session.opened is None)
 
 
 def test_a_calibration_from_before_is_compared(bench: Bench) -> None:
@@ -473,8 +486,13 @@ def test_who_never_says_what_he_wants_is_not_waited_for(listener: int) -> None:
     assert time.monotonic() - begun < 4.0 + 10.0 * heartbeat.worst_s
     crowd = [connected(b"") for _ in range(30)]
     assert is_closed(crowd[-1])
-    time.sleep(1.0)
-    assert httpx.get(f"http://127.0.0.1:{listener}/session.csv").status_code in (200, 404)
+
+    def is_answered() -> bool:
+        with contextlib.suppress(httpx.TransportError):
+            return httpx.get(f"http://127.0.0.1:{listener}/session.csv").status_code in (200, 404)
+        return False
+
+    wait_until(is_answered)
     for one in [*slow, *crowd]:
         one.close()
 
@@ -489,6 +507,40 @@ def test_a_browser_that_goes_away_in_an_upload_is_no_fault(listener: int, caplog
     assert httpx.get(f"http://{own}/session.csv").status_code in (200, 404)
     assert "Traceback" not in caplog.text
     assert "ClientDisconnect" not in caplog.text
+
+
+def upload_begun(listener: int, sent: bytes, length: int) -> socket.socket:
+    """A file of which only the beginning has come."""
+    own = f"127.0.0.1:{listener}"
+    head = f"POST /open?name=a.csv HTTP/1.1\r\nHost: {own}\r\nOrigin: http://{own}\r\nContent-Length: {length}\r\n\r\n"
+    upload = socket.create_connection(("127.0.0.1", listener), timeout=PATIENCE_S)
+    upload.sendall(head.encode() + sent)
+    return upload
+
+
+def test_an_upload_that_stalls_is_dropped(listener: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("flinders.live.server.STALLED_S", 0.3)
+    with upload_begun(listener, b"1,2", 1000) as upload:
+        answer = b""
+        while part := upload.recv(4096):
+            answer += part
+    assert answer.startswith(b"HTTP/1.1 408")
+    assert b"a.csv stopped coming" in answer
+
+
+def test_files_on_their_way_share_the_limit_of_one(listener: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("flinders.live.server.UPLOAD_BYTES", 1 << 20)
+
+    def answered() -> httpx.Response:
+        own = f"http://127.0.0.1:{listener}"
+        return httpx.post(f"{own}/open?name=b.csv", content=b"1,2,3\n" * 50_000, headers={"Origin": own})
+
+    with upload_begun(listener, b"1,2,3\n" * 140_000, 1 << 20):
+        time.sleep(0.3)
+        refused = answered()
+    assert refused.status_code == 503
+    assert "drop b.csv again" in refused.json()["words"]
+    wait_until(lambda: answered().status_code != 503)
 
 
 def test_nothing_can_be_made_of_nothing(tmp_path: Path) -> None:

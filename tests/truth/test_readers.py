@@ -152,6 +152,13 @@ def test_rows_that_are_not_finite_are_left_out_and_counted(tmp_path: Path) -> No
     assert [str(skipped) for skipped in samples.skipped] == ["2 not finite rows (line 4, 15001)"]
 
 
+def test_an_array_that_python_2_wrote_is_read_without_a_warning(tmp_path: Path) -> None:
+    np.save(tmp_path / "old.npy", np.eye(3))
+    content = (tmp_path / "old.npy").read_bytes().replace(b"(3, 3), ", b"(3L, 3),")
+    (tmp_path / "old.npy").write_bytes(content)
+    assert np.array_equal(flinders.read(tmp_path / "old.npy").field, np.eye(3))
+
+
 def test_a_date_is_a_time(tmp_path: Path) -> None:
     days = np.datetime64("2026-11-21T10:00:00", "ms") + np.arange(10) * np.timedelta64(100, "ms")
     np.savez(tmp_path / "dated.npz", timestamp=days, mag=np.eye(10, 3))

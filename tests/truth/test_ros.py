@@ -6,6 +6,7 @@ import re
 import sys
 import zlib
 from contextlib import suppress
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -84,6 +85,13 @@ class Messages:
         return pack(message, message.__msgtype__)
 
 
+@cache
+def messages_of_ros(version: int) -> Messages:
+    """Messages of ROS 1 or 2, whose code rosbags writes and compiles at first use."""
+    store = {1: typesys.Stores.ROS1_NOETIC, 2: typesys.Stores.ROS2_HUMBLE}[version]
+    return Messages(typesys.get_typestore(store), first=version == 1)
+
+
 Rows = list[tuple[str, str, int, Foreign]]
 
 
@@ -107,7 +115,7 @@ def rows_of(messages: Messages, count: int = 40) -> Rows:
 
 def second(folder: Path, kind: str = "mcap", rows: Rows | None = None) -> Path:
     """Write a recording of ROS 2."""
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    messages = messages_of_ros(2)
     plugin, packing = KINDS[kind]
     writer = rosbag2.Writer(folder / kind, version=9, storage_plugin=plugin)
     if packing is not None:
@@ -118,7 +126,7 @@ def second(folder: Path, kind: str = "mcap", rows: Rows | None = None) -> Path:
 
 def first(folder: Path, *, packed: str | bool = False, chunk: int = 1 << 20) -> Path:
     """Write a bag of ROS 1, packed as BZ2 or LZ4, with chunks of so many bytes."""
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS1_NOETIC), first=True)
+    messages = messages_of_ros(1)
     writer = rosbag1.Writer(folder / "boat.bag")
     writer.chunk_threshold = chunk
     if packed:
@@ -227,7 +235,7 @@ def test_a_vector_is_in_the_unit_that_is_given(tmp_path: Path) -> None:
 
 
 def test_messages_without_a_stamp_have_the_time_of_recording(tmp_path: Path) -> None:
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    messages = messages_of_ros(2)
     rows = [("/mag", ros.FIELD, BEGUN + n * STEP, messages.make(ros.FIELD, 0, "", (1e-5, 0.0, 4e-5))) for n in range(5)]
     (magnetometer,) = opened(second(tmp_path, rows=rows)).instruments
     close(only(magnetometer).time, 0.01 * np.arange(5))
@@ -236,7 +244,7 @@ def test_messages_without_a_stamp_have_the_time_of_recording(tmp_path: Path) -> 
 
 
 def test_a_clock_of_a_simulation_is_left_alone(tmp_path: Path) -> None:
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    messages = messages_of_ros(2)
     rows = [("/mag", ros.FIELD, BEGUN, messages.make(ros.FIELD, 7 * 10**9, "", (1e-5, 0.0, 4e-5)))]
     log = opened(second(tmp_path, rows=rows))
     close(only(log.instruments[0]).time, [7.0])
@@ -244,7 +252,7 @@ def test_a_clock_of_a_simulation_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_an_imu_that_has_no_acceleration_says_so_by_its_covariance(tmp_path: Path) -> None:
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    messages = messages_of_ros(2)
     rows: Rows = [("/mag", ros.FIELD, BEGUN, messages.make(ros.FIELD, BEGUN, "a", (1e-5, 0.0, 4e-5)))]
     rows.append(("/imu", ros.IMU, BEGUN, messages.make(ros.IMU, BEGUN, "a", (0, 0, 0, 0, 0, 0), none=-1.0)))
     found = only(opened(second(tmp_path, rows=rows)).instruments[0])
@@ -252,7 +260,7 @@ def test_an_imu_that_has_no_acceleration_says_so_by_its_covariance(tmp_path: Pat
 
 
 def test_a_gap_in_the_acceleration_leaves_the_rate(tmp_path: Path) -> None:
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    messages = messages_of_ros(2)
     rows: Rows = [("/mag", ros.FIELD, BEGUN, messages.make(ros.FIELD, BEGUN, "a", (1e-5, 0.0, 4e-5)))]
     gap = (np.nan, np.nan, np.nan, 0.0, 0.0, 0.5)
     rows.append(("/imu", ros.IMU, BEGUN, messages.make(ros.IMU, BEGUN, "a", gap)))
@@ -263,7 +271,7 @@ def test_a_gap_in_the_acceleration_leaves_the_rate(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("length", "told"), [(1.0, "readings are about 1 T long"), (4e-5, "")])
 def test_a_driver_that_writes_no_tesla_is_noted(tmp_path: Path, length: float, told: str) -> None:
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    messages = messages_of_ros(2)
     rows = [("/mag", ros.FIELD, BEGUN, messages.make(ros.FIELD, BEGUN, "a", (0.0, 0.0, length)))]
     (magnetometer,) = opened(second(tmp_path, rows=rows)).instruments
     assert any("normalises" in note for note in magnetometer.notes) == bool(told)
@@ -271,7 +279,7 @@ def test_a_driver_that_writes_no_tesla_is_noted(tmp_path: Path, length: float, t
 
 
 def test_a_recording_without_a_magnetometer_has_no_instruments(tmp_path: Path) -> None:
-    messages = Messages(typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), first=False)
+    messages = messages_of_ros(2)
     rows = [("/v", ros.VECTOR, BEGUN, messages.make(ros.VECTOR, BEGUN, "a", (1.0, 2.0, 3.0)))]
     assert opened(second(tmp_path, rows=rows)).instruments == ()
 

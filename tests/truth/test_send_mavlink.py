@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, wait_until
 
 from flinders.cli import main
 from flinders.core.axes import Axes
@@ -537,9 +537,7 @@ def test_ctrl_c_pressed_twice_leaves_the_vehicle_as_it_was() -> None:
     with at(late=0.05) as (autopilot, address):
         words = ["send", "--mavlink", address, "--system", "1", "--compass", "1", "cal.json"]
         running = subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
-        until = time.monotonic() + PATIENCE_S
-        while len(autopilot.sets) < 2 and time.monotonic() < until:
-            time.sleep(0.005)
+        wait_until(lambda: len(autopilot.sets) >= 2)
         running.send_signal(signal.SIGINT)
         time.sleep(0.02)
         running.send_signal(signal.SIGINT)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.waiting import PATIENCE_S
+from tests.waiting import PATIENCE_S, wait_until
 
 from flinders.cli import main
 from flinders.core.axes import Axes
@@ -339,9 +339,7 @@ def test_ctrl_c_says_what_the_board_may_hold() -> None:
     with board(is_deaf=True) as one:
         words = [sys.executable, "-c", code, "send", "--port", str(one.name), "cal.json"]
         running = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
-        until = time.monotonic() + PATIENCE_S
-        while not one.accepted and time.monotonic() < until:
-            time.sleep(0.01)
+        wait_until(lambda: one.accepted)
         running.send_signal(signal.SIGINT)
         _, err = running.communicate(timeout=PATIENCE_S)
     assert running.returncode == 130, err

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
 
 TIMED = [name for name, motion in MOTIONS.items() if motion.seconds is not None]
-DOWN = np.array([0.0, 0.0, 1.0])
 
 
 def tilts_deg(recording: Simulated) -> Floats:
@@ -279,7 +278,7 @@ def test_saturation_comes_after_all_that_moves_the_reading() -> None:
     [
         ({"stationary": 1.2}, r"stationary is 1\.2: need a share of the readings, 0 to 1"),
         ({"rate_hz": 0.0}, "rate_hz is 0"),
-        ({"tilt_deg": 10.0}, "tilt goes with the motions tilted, drive, flight, swayed: leave it out for hand"),
+        ({"tilt_deg": 10.0}, "tilt goes with the motions tilted, drive, flight, swayed, wobble: leave it out for hand"),
         ({"motion": "drive", "tilt_deg": 100.0}, "tilt is 100°"),
         ({"dip_deg": 91.0}, "dip is 91°"),
         ({"disturbances": [Step(-1.0)]}, "by is -1 µT"),

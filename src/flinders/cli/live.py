@@ -74,8 +74,8 @@ class LiveSource(option.Group):
         named = [name for name, value in sources.items() if value not in (None, False)]
         if len(named) > 1:
             raise UsageError(f"{' and '.join(named)} name several sensors: show each on a page of its own")
-        if self.speed is not None and self.replay is None:
-            raise UsageError("--speed goes with --replay: leave it out")
+        if self.speed is not None and self.replay is None and not self.simulate:
+            raise UsageError("--speed goes with --replay and --simulate: leave it out")
         if self.compass != 1 and self.mavlink is None:
             raise UsageError("--compass goes with --mavlink: leave it out")
         if (self.mavlink is not None or self.simulate) and (wrong := self.lines.typed()):
@@ -109,7 +109,7 @@ class LiveSource(option.Group):
         if kind == "simulated":
             from flinders.live.simulated import SimulatedFeed
 
-            return Source(kind, partial(RecordedFeed, SimulatedFeed(SEED)))
+            return Source(kind, partial(RecordedFeed, SimulatedFeed(SEED, speed=self.speed or 1.0)))
         wire = opened_lines(port=port, baud=self.baud, udp=self.udp, tcp=self.tcp)
         stack.enter_context(contextlib.closing(wire))
         return Source(kind, partial(Recorder, wire, **reading), reading, None if kind == "udp" else wire)

@@ -42,7 +42,7 @@ from flinders.errors import LinkError
 from flinders.live.messages import LONGEST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -207,9 +207,9 @@ def shown_name(name: str) -> str:
     return text[:LONGEST_NAME] or "a file"
 
 
-def answer(words: str, status: int) -> Response:
+def answer(words: str, status: int, headers: Mapping[str, str] | None = None) -> Response:
     """Words for a person, as JSON."""
-    return JSONResponse({"words": words}, status_code=status)
+    return JSONResponse({"words": words}, status_code=status, headers=headers)
 
 
 NO_TOKEN: Final = """<!doctype html>

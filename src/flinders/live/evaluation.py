@@ -340,7 +340,7 @@ def guided(view: View, fit: Fit, samples: Samples, *, goal: Goal = "heading", fr
     if path.worst_deg <= fit.target_deg and not belief.is_rough:
         return view
     words = f"follow the arrow: {path.words(frame)}"
-    leads = GuidanceView(_triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal)
+    leads = GuidanceView(_triple(path.waypoints[0]), words, path.worst_deg, path.after_deg, goal, frame)
     return msgspec.structs.replace(view, guidance=leads, shown=_round(belief) if belief.is_rough else view.shown)
 
 

@@ -125,8 +125,7 @@ class Replay:
     ) -> None:
         if speed is not None and not 0 < speed < np.inf:
             raise UsageError(f"speed is {speed:g}: need a number above 0, or none for as fast as possible")
-        how = "as fast as possible" if speed is None else f"at {speed:g} times its speed"
-        self.name, self._words = recording.source, f"{recording.source}, played back {how}"
+        self.name, self._is_timed = recording.source, True
         self._speed, self._clock, self._sleep = speed, clock, sleep
         self._blocks = recording.blocks()
         self._block = Samples.of(np.empty((0, 3)))
@@ -144,6 +143,7 @@ class Replay:
             Where the recording cannot be read to its end.
         """
         if not self._is_announced:
+            self._load()
             self._is_announced, self._start = True, self._clock()
             return FeedEvent("connected", 0.0, self._words)
         if not len(self._block) and not self._is_over:
@@ -158,12 +158,22 @@ class Replay:
         """As `Feed.close`."""
         self._is_over = True
 
+    @property
+    def _words(self) -> str:
+        how = "as fast as possible" if self._speed is None else f"at {self._speed:g} times its speed"
+        return f"{self.name}, played back {how}{self._assumption}"
+
+    @property
+    def _assumption(self) -> str:
+        return "" if self._is_timed else f", as if it had {ASSUMED_HZ:g} readings a second: the file has no times"
+
     def _load(self) -> None:
         """Take the next block, and say when each of its readings is due."""
         block = next(self._blocks, None)
         if block is None or not len(block):
             self._is_over = block is None
             return
+        self._is_timed = block.time is not None
         counted = (self._count + np.arange(len(block))) / ASSUMED_HZ
         times = counted if block.time is None else block.time
         self._count += len(block)
@@ -186,7 +196,8 @@ class Replay:
     def _ended(self, timeout: float) -> FeedEvent | None:
         if not self._has_ended:
             self._has_ended = True
-            return FeedEvent("ended", self._clock() - self._start, f"{self.name} has been played to its end")
+            words = f"{self.name} has been played to its end{self._assumption}"
+            return FeedEvent("ended", self._clock() - self._start, words)
         self._sleep(timeout)
         return None
 

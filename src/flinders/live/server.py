@@ -8,6 +8,8 @@ import contextlib
 import functools
 import secrets
 import tempfile
+import zipfile
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +23,16 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 
 from flinders.core.files import reason
-from flinders.errors import FitError, FlindersError, LinkError, NotSent, OutputError, UsageError, fault_words
+from flinders.errors import (
+    FitError,
+    FlindersError,
+    LinkError,
+    NotSent,
+    OutputError,
+    UnreadableInput,
+    UsageError,
+    fault_words,
+)
 from flinders.live.access import Gate, Guard, Tokens, answer, shown_name
 from flinders.live.hub import UPLOAD_BYTES, Hub, Page
 from flinders.live.messages import FitMessage, Notice, encode, parse
@@ -30,7 +41,7 @@ from flinders.live.session import GotPrevious, LiveSession, Opened, Requested
 from flinders.report.html_file import joined
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable
+    from collections.abc import AsyncIterator, Callable, Iterator
 
     from starlette.requests import Request
     from starlette.types import ASGIApp
@@ -45,6 +56,32 @@ SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"app.js": (), "views/scene.js": ("
 STATE_S: Final = 0.2  # From one state to the next, unless something was asked for
 MOST_PAGES: Final = 20
 CALIBRATION_BYTES: Final = 4 << 20
+UNPACKED_BYTES: Final = 4 * UPLOAD_BYTES  # Of the members of an archive, as it declares them
+STALLED_S: Final = 10.0  # Seconds that an upload may send nothing
+
+
+@dataclass(slots=True)
+class Uploads:
+    """What is being uploaded: all of it together is no larger than one file may be, and files are read one by one."""
+
+    size: int = 0
+    reading: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    @contextlib.contextmanager
+    def counting(self) -> Iterator[Callable[[int], int]]:
+        """Count the bytes of one upload until it is done with; the count returns how many they are by now."""
+        mine = 0
+
+        def count(size: int) -> int:
+            nonlocal mine
+            mine += size
+            self.size += size
+            return mine
+
+        try:
+            yield count
+        finally:
+            self.size -= mine
 
 
 def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callable[[str], None] = print) -> ASGIApp:
@@ -74,14 +111,14 @@ def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callabl
     ]
     handlers = dict.fromkeys((FlindersError, HTTPException, Exception), _on_error)
     app = Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers)
-    app.state.hub = hub
+    app.state.hub, app.state.uploads = hub, Uploads()
     return Guard(app, gate, tokens, say)
 
 
 async def _on_error(_: Request, error: Exception) -> Response:
     """An error as an answer: what was asked for is not there, cannot be read, or cannot be done now."""
     if isinstance(error, HTTPException):
-        return answer(error.detail, error.status_code)
+        return answer(error.detail, error.status_code, error.headers)
     if not isinstance(error, FlindersError):
         return answer(fault_words(error), 500)
     status = {2: 400, 5: 422}.get(error.exit_code, 409)
@@ -187,7 +224,9 @@ async def _open(request: Request) -> Response:
     hub: Hub = request.app.state.hub
     async with _dropped(request, UPLOAD_BYTES, "calibrate it with flinders calibrate") as (path, name):
         try:
-            series, words, _ = await asyncio.to_thread(load, path, name)
+            _refuse_a_bomb(path, name)
+            async with request.app.state.uploads.reading:
+                series, words, _ = await asyncio.to_thread(load, path, name)
         except FlindersError as error:
             words = str(error).replace(str(path), name).replace(path.name, name)
             return JSONResponse({"words": words, "code": error.code}, status_code=422)
@@ -210,19 +249,52 @@ async def _previous(request: Request) -> Response:
 @contextlib.asynccontextmanager
 async def _dropped(request: Request, most: int, advice: str) -> AsyncIterator[tuple[Path, str]]:
     """A file that was dropped on the page, copied to one of our own, which goes afterwards; and the name it had."""
-    name, size = shown_name(request.query_params.get("name", "")), 0
-    with tempfile.TemporaryDirectory(prefix="flinders-") as folder:
+    name = shown_name(request.query_params.get("name", ""))
+    uploads: Uploads = request.app.state.uploads
+    with tempfile.TemporaryDirectory(prefix="flinders-") as folder, uploads.counting() as count:
         path = Path(folder) / f"dropped-{secrets.token_hex(4)}"
         try:
             with path.open("wb") as file:
-                async for chunk in request.stream():
-                    size += len(chunk)
-                    if size > most:
+                async for chunk in _sent(request, name):
+                    if count(len(chunk)) > most:
                         raise HTTPException(413, f"{name} is larger than {most >> 20} MB: {advice}")
+                    if uploads.size > UPLOAD_BYTES:
+                        raise HTTPException(503, f"other files are on their way: drop {name} again in a moment")
                     file.write(chunk)
         except OSError as error:
             raise OutputError(f"a file for what was dropped cannot be written: {reason(error)}") from None
         yield path, name
+
+
+async def _sent(request: Request, name: str) -> AsyncIterator[bytes]:
+    """The body of a request, a piece at a time; one that stalls is dropped."""
+    chunks = request.stream()
+    while True:
+        try:
+            async with asyncio.timeout(STALLED_S):
+                chunk = await anext(chunks)
+        except StopAsyncIteration:
+            return
+        except TimeoutError:
+            words = f"{name} stopped coming for {STALLED_S:g} s: drop it again"
+            raise HTTPException(408, words, {"Connection": "close"}) from None
+        yield chunk
+
+
+def _refuse_a_bomb(path: Path, name: str) -> None:
+    """See that the members of an archive are not too large; zipfile unpacks no more than is declared."""
+    if not zipfile.is_zipfile(path):
+        return
+    try:
+        with zipfile.ZipFile(path) as archive:
+            declared = sum(member.file_size for member in archive.infolist())
+    except zipfile.BadZipFile:
+        return  # which its reader says
+    if declared > UNPACKED_BYTES:
+        raise UnreadableInput(
+            f"{name} unpacks to {declared >> 20:,} MB, and this page takes {UNPACKED_BYTES >> 20} MB: "
+            "calibrate it with flinders calibrate"
+        )
 
 
 async def _send(request: Request) -> Response:

@@ -1,4 +1,6 @@
-"""A simulated sensor that tumbles by itself, for ever.
+"""A simulated sensor in a hand, for ever: at first it is only rocked, the commonest mistake, and then turned over.
+
+A calibration within 1° takes half a minute, so that a newcomer sees what the page says while it is not good.
 
 >>> feed = SimulatedFeed(seed=1, speed=None)
 >>> feed.next(0.1).words
@@ -20,20 +22,32 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.live.feeds import Replay
+from flinders.geometry.rotation import rotations
+from flinders.live.feeds import FeedEvent, Received, Replay
 from flinders.simulate import Imu, Sensor, hand_tumble, north_and_down, seen_from, specific_force
+from flinders.simulate.motions import Trajectory, integrated, random_attitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.random import Generator
 
-    from flinders.simulate import Trajectory
+    from flinders.arrays import Floats
 
 RATE_HZ: Final = 50.0
 FIELD_UT: Final = 50.0
 DIP_DEG: Final = 60.0
-TUMBLE_S: Final = 60.0  # Seconds of tumbling that are drawn, and gone through again and again, forwards and backwards
+ROCKED_S: Final = 16.0
+ROCKING: Final = ((0.5, 0.25), (0.4, 0.375), (0.0, 0.0))
+"""Amplitude, rad/s, and frequency, Hz, of the rate about each axis while it is rocked: by some 20° either way."""
+TUMBLE_S: Final = 60.0
+TUMBLE_RADPS: Final = 0.8
+"""Of a hand that takes its time."""
+SAID: Final = (
+    (4.0, "the simulated hand only rocks the sensor, a common mistake: most directions of the sphere stay unknown"),
+    (ROCKED_S, "now it turns the sensor over, through all directions: the error falls"),
+)
+"""Seconds of the simulation, and what is said then."""
 
 
 class SimulatedFeed(Replay):
@@ -69,9 +83,33 @@ class SimulatedFeed(Replay):
     ) -> None:
         of_sensor, of_motion, noise = np.random.default_rng(seed).spawn(3)
         self.sensor = Sensor.random(of_sensor)
-        path = hand_tumble(of_motion, seconds=TUMBLE_S, rate_hz=RATE_HZ)
+        path = rocked_and_turned(of_motion)
         super().__init__(_EndlessTumble(self.sensor, path, noise), speed=speed, clock=clock, sleep=sleep)
-        self._words = f"a simulated sensor, {RATE_HZ:g} readings a second"
+        self._said = list(SAID)
+        self._reached_s = 0.0
+
+    @property
+    def _words(self) -> str:
+        return f"a simulated sensor, {RATE_HZ:g} readings a second"
+
+    def next(self, timeout: float) -> Received:
+        """As `Feed.next`; also what is said of the hand."""
+        if self._said and self._reached_s >= self._said[0][0]:
+            return FeedEvent("connected", *self._said.pop(0))
+        received = super().next(timeout)
+        if isinstance(received, Samples) and received.time is not None:
+            self._reached_s = float(received.time[-1])
+        return received
+
+
+def rocked_and_turned(rng: Generator) -> Trajectory:
+    """Rock a body for `ROCKED_S`, and tumble it for `TUMBLE_S`."""
+    time: Floats = np.arange(round(ROCKED_S * RATE_HZ)) / RATE_HZ
+    rocking = np.stack([amplitude * np.cos(2.0 * np.pi * hertz * time) for amplitude, hertz in ROCKING], axis=1)
+    tumbling = hand_tumble(rng, seconds=TUMBLE_S, rate_hz=RATE_HZ, speed=TUMBLE_RADPS)
+    rate = np.concatenate([rocking, tumbling.rate])
+    attitudes = integrated(random_attitude(rng), rotations(rate / RATE_HZ))
+    return Trajectory(np.arange(len(rate)) / RATE_HZ, attitudes, rate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

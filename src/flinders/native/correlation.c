@@ -54,7 +54,7 @@ static void gather_stretches(const fl_kernels *kernels, const fl_view *view, con
     const size_t used = fit->used, all = FL_LOOKED;
     const size_t every = used <= all ? used : (used + FL_STRETCHES - 1) / FL_STRETCHES;
     const size_t length = used <= all ? used : FL_STRETCH;
-    out->n = 0, out->stretches = 0, out->width = 9, out->stride = 10;
+    out->n = 0, out->stretches = 0, out->width = 9, out->stride = 10, out->weights = NULL;
     out->rows = room->rows, out->distances = room->distances, out->cells = room->order, out->begins = room->begins;
     out->directions = room->directions;
     if (!view->rejected && !room->parts) gather_all(kernels, view, &fit->surface, every, length, room, out);
@@ -86,7 +86,9 @@ static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const
     if (fl_sqrt(square_of(residuals) / n) < FL_FINEST * fit->surface.radius) return;
     int lags = fl_autocovariance(residuals, autocovariance);
     record->correlation_time = fl_time_of(autocovariance, lags);
-    record->distortion = fl_distortion(residuals, &fit->surface, 3 * (size_t)lags, record->correlation_time, room, scatter);
+    const int has_copies = record->distinct > 0 && record->distinct < record->rows;
+    record->distortion = fl_distortion(residuals, &fit->surface, has_copies, 3 * (size_t)lags, record->correlation_time,
+                                       room, scatter);
     if (record->distortion > 0) {
         for (int i = 0; i < 81; i++) scatter[i] *= share * share;
         lags = fl_autocovariance(residuals, autocovariance);

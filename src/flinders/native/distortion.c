@@ -26,11 +26,35 @@ static real alike(const real a[3], const real b[3])
     return fl_exp(-angle * angle / 2);
 }
 
+/* Weigh each residual 1, and 0 where the reading is another one again: copies tell nothing of a place. */
+static void weigh_once(fl_residuals *residuals, const fl_room *room)
+{
+    uint64_t *const keys = (uint64_t *)(void *)room->series; /* twice to four times as many as residuals */
+    size_t slots = 2;
+    while (slots < 2 * residuals->n) slots *= 2;
+    memset(keys, 0xFF, slots * sizeof *keys);
+    residuals->weights = (real *)(void *)(keys + slots);
+    for (size_t i = 0; i < residuals->n; i++) {
+        uint64_t key = 0;
+        memcpy(&key, residuals->distances + i, sizeof *residuals->distances);
+        const size_t slot = fl_slot(keys, slots, key);
+        residuals->weights[i] = keys[slot] != key;
+        keys[slot] = key;
+    }
+}
+
+/* Whether a reading is not another one again. */
+static int counts_once(const fl_residuals *residuals, size_t i)
+{
+    return !residuals->weights || residuals->weights[i] > 0;
+}
+
 /* Count readings and residuals by direction: the middle of the readings of each cell. */
 static void count_cells(const fl_residuals *residuals, const fl_surface *surface, sphere *on)
 {
     real counts[CELLS] = {0}, sums[CELLS] = {0}, middles[CELLS][3] = {{0}};
     for (size_t i = 0; i < residuals->n; i++) {
+        if (!counts_once(residuals, i)) continue;
         const uint32_t cell = residuals->cells[i];
         counts[cell] += 1, sums[cell] += residuals->distances[i];
         for (int axis = 0; axis < 3; axis++) middles[cell][axis] += residuals->directions[axis * FL_LOOKED + i];
@@ -53,6 +77,7 @@ static void between_visits(const fl_residuals *residuals, const sphere *on, size
     real sums[CELLS][2] = {{0}}, squares[CELLS][2] = {{0}}, visit[CELLS][2] = {{0}};
     size_t last[CELLS] = {0};
     for (size_t i = 0; i < residuals->n; i++) {
+        if (!counts_once(residuals, i)) continue;
         const int cell = on->place[residuals->cells[i]];
         if (visit[cell][1] > 0 && i - last[cell] > apart)
             for (int k = 0; k < 2; k++) {
@@ -166,21 +191,25 @@ static void take_off(fl_residuals *residuals, const sphere *on, real direction, 
 }
 
 /* Standard deviation of the distortion, 0 where unproven; its scatter of the gradient, and residuals without it. */
-real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t apart, real time, const fl_room *room,
-                   real scatter[81])
+real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real time,
+                   const fl_room *room, real scatter[81])
 {
     sphere on;
-    real cross[CELLS], pairs[CELLS], variance[CELLS], found = 0, weight = 0, square = 0, expected = 0;
-    real counted[CELLS][9], spread[CELLS][9];
+    real cross[CELLS], pairs[CELLS], variance[CELLS], found = 0, weight = 0, square = 0, count = 0, expected = 0;
+    real all[CELLS] = {0}, counted[CELLS][9], spread[CELLS][9];
     on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
+    if (has_copies) weigh_once(residuals, room);
     count_cells(residuals, surface, &on);
     between_visits(residuals, &on, apart, cross, pairs);
     for (int k = 0; k < on.n; k++) {
         found += cross[k] / on.counts[k];
         weight += pairs[k] / (on.counts[k] * on.counts[k]);
     }
-    for (size_t i = 0; i < residuals->n; i++) square += residuals->distances[i] * residuals->distances[i];
-    const real noise = square / (real)residuals->n * time;
+    for (size_t i = 0; i < residuals->n; i++) {
+        if (counts_once(residuals, i)) square += residuals->distances[i] * residuals->distances[i], count += 1;
+        all[on.place[residuals->cells[i]]] += 1;
+    }
+    const real noise = square / count * time;
     if (!(found > PROVEN * noise * fl_sqrt(2 * weight))) return 0;
     fill_kernel(surface, &on);
     left_over(&on, variance);
@@ -188,7 +217,7 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t ap
     if (!(expected > 0)) return 0;
     const real direction = fl_sqrt(found / expected);
     for (int k = 0; k < on.n; k++)
-        for (int i = 0; i < 9; i++) counted[k][i] = on.counts[k] * on.jacobian[k][i];
+        for (int i = 0; i < 9; i++) counted[k][i] = all[k] * on.jacobian[k][i];
     fl_multiply(on.kernel, counted[0], on.n, on.n, 9, spread[0]);
     for (int k = 0; k < on.n; k++)
         for (int i = 0; i < 9; i++)

@@ -28,7 +28,7 @@ size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl
     const size_t count = some.stride ? fl_view_count(&some) : 0;
     out->n = 0, out->stretches = 1, out->width = width, out->stride = stride;
     out->rows = room->rows, out->distances = room->distances, out->directions = room->directions;
-    out->begins = room->begins, out->cells = room->order;
+    out->begins = room->begins, out->cells = room->order, out->weights = NULL;
     out->places = room->order + (view->rows < FL_ENOUGH ? view->rows : FL_ENOUGH);
     if (count < FEWEST) return some.stride;
     kernels->rows(&some, surface, stride, out->rows + before, out->directions);

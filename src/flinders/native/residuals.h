@@ -13,6 +13,7 @@ typedef struct {
     size_t *begins;  /* (stretches + 1,) of stretches of consecutive readings, and the end */
     real *rows;      /* (n, stride) Jacobian first */
     real *distances; /* (n,) less what is explained */
+    real *weights;   /* (n,) 1, 0 for a reading that is another one again; NULL where all count; set by fl_distortion */
     real *directions; /* (3, FL_LOOKED) */
     uint32_t *cells; /* (n,) of the sphere */
     uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
@@ -31,8 +32,8 @@ real fl_time_of(const real *autocovariance, int lags);
 void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,
                         const real *autocovariance, int lags, real *scatter);
 real fl_creep(fl_blocks *blocks, const real scatter[81]);
-real fl_distortion(fl_residuals *residuals, const fl_surface *surface, size_t apart, real time, const fl_room *room,
-                   real scatter[81]);
+real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real time,
+                   const fl_room *room, real scatter[81]);
 real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,

@@ -19,6 +19,7 @@ array([0., 0., 1.])
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -91,7 +92,8 @@ def _mapped(file: File, name: str) -> tuple[NDArray[Any] | None, int]:
     int
         Bytes behind it.
     """
-    with reading(name, "a NumPy array"):
+    with reading(name, "a NumPy array"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of headers that Python 2 wrote, which nobody can do anything about
         with file.path.open("rb") as stream:
             version = np.lib.format.read_magic(stream)
             header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

@@ -25,14 +25,16 @@ import base64
 import hashlib
 import posixpath
 import re
+from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
 from flinders.report.colours import variables
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
+    import jinja2
 
 SHEETS: Final = ("figure.css", "report.css")
 """Style sheets of every report."""
@@ -49,8 +51,14 @@ def html_file(template: str, given: Mapping[str, Any], *, style: str, script: st
     return filled(template, {**given, "style": style, "script": script, **hashes}, filters) + "\n"
 
 
-def filled(template: str, given: Mapping[str, Any], filters: Mapping[str, Any]) -> str:
+def filled(template: str, given: Mapping[str, Any], filters: Mapping[str, Callable[..., Any]]) -> str:
     """Fill in a template of this package; what stands in HTML is escaped."""
+    return _compiled(template, *filters.items()).render(**given)
+
+
+@cache
+def _compiled(template: str, *filters: tuple[str, Callable[..., Any]]) -> jinja2.Template:
+    """A template of this package with its filters, which takes longer to compile than to fill in."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -61,7 +69,7 @@ def filled(template: str, given: Mapping[str, Any], filters: Mapping[str, Any]) 
         lstrip_blocks=True,
     )
     environment.filters.update(filters)
-    return environment.get_template(template).render(**given)
+    return environment.get_template(template)
 
 
 def style_of(*sheets: str) -> str:

@@ -116,6 +116,7 @@ class GuidanceView(Struct, frozen=True):
     worst_deg: float  # the error that matters now
     after_deg: float  # and after some readings there
     goal: Literal["heading", "attitude"]  # of a level vehicle, or of one at any attitude
+    frame: Literal["vehicle", "sensor"] = "sensor"  # whose axes the direction is in, and whose words are used
 
 
 class View(Struct, frozen=True, kw_only=True):
@@ -381,7 +382,7 @@ def guidance(fit: Fit, goal: Goal, frame: Frame) -> GuidanceView:
     elif guided.after_deg <= (1.0 - WORTH_IT) * guided.worst_deg:
         direction, words = _triple(rotation_of(fit) @ guided.direction), guided.words(frame)
     worst, after = (math.hypot(error, fit.structure_deg) for error in (guided.worst_deg, guided.after_deg))
-    return GuidanceView(direction, words, worst, after, goal)
+    return GuidanceView(direction, words, worst, after, goal, frame)
 
 
 def _triple(vector: Floats) -> Triple:

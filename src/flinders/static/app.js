@@ -10,13 +10,13 @@ import { Connection } from "./connection.js";
 import { ask, byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
+import { legendOf, legendRow } from "./legend.js";
 import { listenForPlace, showRemedies } from "./remedies.js";
 import { errors, Gap, goesOn, Store } from "./store.js";
-import { legend, palette } from "./views/colours.js";
+import { Board } from "./views/board.js";
 import { ems, gauge } from "./views/gauge.js";
-import { svg } from "./views/plot.js";
 import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, REASONS, sentence, things } from "./views/words.js";
-import { drawChanged, lay } from "./widgets.js";
+import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
@@ -31,18 +31,24 @@ const CHART_SHARE = 6;
 const LONG_ADVICE = 112;
 /** Where the browser keeps which theme was chosen; see theme.js. */
 const THEME = "flinders-theme";
+/** What to do, where no direction is better than the others; and where the drawn board shows it. */
+const AROUND = "Turn the sensor slowly through all directions.";
+const AS_DRAWN = "Turn the sensor as the drawing shows.";
 const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
 const store = new Store();
 const finish = new Finish(notify);
-const panels = lay(byId("strip", HTMLElement), { store, send, notify });
+const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
+/** Drawn beside the sphere, and in its place before the first turn. */
+const board = new Board(byId("drawn", HTMLElement));
+const begin = new Board(byId("turning", HTMLElement));
 /** @type {Scene | null} */
 let scene = null;
 let sceneAsked = false;
 /** Points from this one on are not in the scene yet. */
 let sceneFrom = Infinity;
-const dirty = { state: true, view: true, points: true, now: true };
+const dirty = { state: true, view: true, points: true, now: true, hovered: false };
 let chartsNext = 0;
 let frameAsked = false;
 let wasOpen = false;
@@ -116,10 +122,15 @@ function draw(now) {
     if (dirty.state || dirty.view) finish.show(view, state);
     if (dirty.points || dirty.view || dirty.state) drawScene(view, state);
     if (dirty.now) scene?.setNow(store.now ? { raw: store.now.raw } : null);
+    if (dirty.now && store.now && view?.shown) board.attitude.follow(store.now, view.shown);
     const picture = { view, state, now: store.now, points: store.points };
     drawChanged(panels, /** @type {const} */ (["view", "state", "now"]).filter((part) => dirty[part]), picture);
+    if (dirty.hovered) {
+        markHovered(panels, store.hovered);
+        scene?.setHovered(store.hovered);
+    }
     const charts = dirty.points || dirty.view || dirty.state;
-    Object.assign(dirty, { state: false, view: false, now: false });
+    Object.assign(dirty, { state: false, view: false, now: false, hovered: false });
     if (!charts) return;
     if (now >= chartsNext) {
         const begun = performance.now();
@@ -130,6 +141,17 @@ function draw(now) {
         dirty.points = true;
         window.setTimeout(askFrame, chartsNext - now);
     }
+}
+
+/**
+ * Mark a reading in all views that show it.
+ * @param {number | null} reading
+ */
+function hover(reading) {
+    if (store.hovered === reading) return;
+    store.hovered = reading;
+    dirty.hovered = true;
+    askFrame();
 }
 
 /** Draw everything again, as after a change of theme. */
@@ -240,7 +262,24 @@ function drawAdvice(state, view) {
     byId("advice", HTMLElement).dataset.phase = state.phase;
     byId("advice", HTMLElement).classList.toggle("long", words.length > LONG_ADVICE);
     setText(byId("advice-words", HTMLElement), words);
-    say("advice", wrong ? "" : words); // what is wrong is said with the phase
+    drawBoard(state, view?.guidance ?? null);
+    const spoken = words === AS_DRAWN ? sentence(view?.guidance?.words ?? "") : words;
+    say("advice", wrong ? "" : spoken); // what is wrong is said with the phase
+}
+
+/**
+ * Show how to turn next, as long as that is asked for.
+ * @param {State} state
+ * @param {View["guidance"]} guidance
+ */
+function drawBoard(state, guidance) {
+    const isAsked = goesOn(state) && !state.paused && !isStill(state, store.view);
+    if (isAsked && (state.phase === "collecting" || state.phase === "limited")) {
+        const { direction = null, frame = "sensor", words = AROUND } = guidance ?? {};
+        board.show({ direction, frame }, capital(words));
+    } else {
+        board.hide();
+    }
 }
 
 /**
@@ -274,10 +313,11 @@ function drawEmpty(state, view) {
     const isEmpty = readings === 0 || still;
     byId("empty", HTMLElement).hidden = !isEmpty;
     byId("stage", HTMLElement).toggleAttribute("data-empty", isEmpty);
-    byId("turning", HTMLElement).hidden = !still;
+    if (still) begin.show({ direction: null, frame: "sensor" }, AROUND);
+    else begin.hide();
     const lead = phase === "waiting" ? "Waiting for readings" : "No readings";
     setText(byId("empty-lead", HTMLElement), still ? "Start turning" : lead);
-    setText(byId("empty-from", HTMLElement), still ? "Turn the sensor slowly through all directions." : `from ${source.name}`);
+    setText(byId("empty-from", HTMLElement), still ? AROUND : `from ${source.name}`);
     byId("empty-drop", HTMLElement).hidden = still;
     byId("empty-board", HTMLElement).hidden = phase !== "waiting" || !EXAMPLES[source.kind];
     setText(byId("empty-example", HTMLElement), EXAMPLES[source.kind] ?? "");
@@ -295,41 +335,31 @@ function advice(state, view) {
     if (state.phase === "wrong") return sentence(brief(state.words)[0]);
     if (!goesOn(state) && state.readings > 0) {
         if (state.phase === "good" || state.phase === "limited") return "Done: press Finish.";
-        const next = guidance && !guidance.words.includes("arrow") ? guidance.words : "turn the sensor slowly through all directions";
-        return `The recording has ended. To do better, record again: ${sentence(next).replace(/^\w/, (letter) => letter.toLowerCase())}`;
+        const next = guidance && !hasLetters(guidance) && !guidance.words.includes("arrow") ? sentence(guidance.words) : AROUND;
+        return `The recording has ended. To do better, record again: ${next.replace(/^\w/, (letter) => letter.toLowerCase())}`;
     }
     if (state.phase === "good") return "Done: press Finish, or keep turning to make it better.";
-    return guidance ? sentence(guidance.words) : "Turn the sensor slowly through all directions.";
+    if (guidance === null) return AROUND;
+    return hasLetters(guidance) ? AS_DRAWN : sentence(guidance.words);
+}
+
+/**
+ * Whether advice names axes of a sensor, which nobody can see on a board.
+ * @param {import("./messages.d.ts").GuidanceView} guidance
+ */
+function hasLetters({ direction, frame }) {
+    return direction !== null && frame === "sensor";
 }
 
 let legendDrawn = "";
 
+/** Name the colours that are drawn. */
 function drawLegend() {
-    const target = store.state?.target_deg ?? 1;
-    const hasUnknown = store.view?.tiles_deg.some((deg) => deg === null) ?? false;
-    const key = `${target} ${theme()} ${hasUnknown}`;
+    const rows = legendOf(store.state, store.view, mode(), theme());
+    const key = JSON.stringify(rows);
     if (legendDrawn === key) return;
     legendDrawn = key;
-    const rows = legend(target, theme()).map(({ colour, words }) => legendRow(colour, words));
-    if (hasUnknown) rows.push(legendRow(palette(theme()).unknown, "not known"));
-    byId("legend", HTMLElement).replaceChildren(...rows, legendRow(null, "not visited"));
-}
-
-/**
- * @param {string | null} colour Null: hatched.
- * @param {string} words
- * @returns {HTMLElement}
- */
-function legendRow(colour, words) {
-    const row = element("p");
-    const patch = svg("svg", { viewBox: "0 0 14 14", "aria-hidden": "true" });
-    if (colour) patch.append(svg("rect", { width: 14, height: 14, rx: 3, fill: colour }));
-    else patch.append(svg("rect", { width: 13, height: 13, x: 0.5, y: 0.5, rx: 3, fill: "none", stroke: "currentColor" }), svg("path", { d: "M2 12L12 2M2 7L7 2M7 12L12 7", stroke: "currentColor" }));
-    const [, first, rest] = /^(\S+°)?(.*)$/.exec(words) ?? [words, "", words];
-    const label = element("span", first);
-    label.append(element("span", rest, first ? "rest" : ""));
-    row.append(patch, label);
-    return row;
+    byId("legend", HTMLElement).replaceChildren(...rows.map(legendRow));
 }
 
 // Scene -------------------------------------------------------------------------------------------------------------
@@ -352,6 +382,12 @@ async function startScene() {
         return;
     }
     scene.setMode(mode());
+    host.addEventListener("pointermove", ({ pointerType, buttons, clientX, clientY }) => {
+        if (pointerType === "touch" || buttons) return;
+        const { left, top } = host.getBoundingClientRect();
+        hover(scene?.readingAt(clientX - left, clientY - top) ?? null);
+    });
+    host.addEventListener("pointerleave", () => hover(null));
     sceneFrom = 0;
     drawAll();
 }
@@ -411,7 +447,7 @@ function chooseMode(which) {
 
 function modeChosen() {
     scene?.setMode(mode());
-    byId("legend", HTMLElement).hidden = mode() !== "sphere";
+    drawLegend();
 }
 
 // Words -------------------------------------------------------------------------------------------------------------

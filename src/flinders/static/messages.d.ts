@@ -114,6 +114,7 @@ export interface GuidanceView {
   worst_deg: number;
   after_deg: number;
   goal: "heading" | "attitude";
+  frame: "vehicle" | "sensor";
 }
 
 /** The correction that readings are drawn under, for drawing only: ``matrix @ (raw - offset) / strength``. */

@@ -64,6 +64,8 @@ export class Store {
         this.view = null;
         /** @type {Now | null} */
         this.now = null;
+        /** @type {number | null} point that the pointer is at, in any of the views */
+        this.hovered = null;
         this.generation = -1;
         /** @type {Points} */
         this.points = noPoints();
@@ -105,6 +107,7 @@ export class Store {
         let from = first;
         if (generation !== this.generation) {
             this.generation = generation;
+            this.hovered = null;
             this.points = noPoints();
             from = 0;
         }
@@ -129,6 +132,7 @@ export class Store {
      * @param {number} stride
      */
     thin(stride) {
+        this.hovered = null;
         const { points } = this;
         const every = stride / points.stride;
         if (points.count > 0 && (!Number.isInteger(every) || every < 1)) points.count = 0;

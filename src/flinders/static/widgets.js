@@ -6,6 +6,7 @@
  */
 
 import { element, icon } from "./dom.js";
+import { chartOf, markReading } from "./views/charts.js";
 import { deviation } from "./views/deviation.js";
 import { heading } from "./views/heading.js";
 import { projections } from "./views/projections.js";
@@ -39,6 +40,7 @@ import { strength } from "./views/strength.js";
  * @property {Store} store
  * @property {(message: import("./messages.d.ts").ToServer) => void} send
  * @property {(severity: "info" | "warning" | "error", words: string) => void} notify
+ * @property {(reading: number | null) => void} hover
  */
 
 /**
@@ -60,6 +62,7 @@ import { strength } from "./views/strength.js";
  * @property {(panel: WidgetPanel, picture: Picture) => void} draw
  * @property {(panel: WidgetPanel, page: Page) => Controls | void} [begin]
  * @property {readonly (readonly [string, string])[]} [legend]  classes and words
+ * @property {boolean} [showsReadings]  a chart that marks the reading at the pointer, wherever that is
  * @property {string} [enlarges]  what the button that enlarges it names; without it there is none
  * @property {string} [host]  class of the host, where it is no chart
  */
@@ -96,6 +99,7 @@ export function lay(strip, page) {
         if (row.place === "strip") strip.append(section);
         else strip.before(section);
         panel.controls = row.begin?.(panel, page) ?? null;
+        if (row.showsReadings) listenForHover(panel, page);
         return panel;
     });
 }
@@ -112,6 +116,26 @@ export function drawChanged(panels, changed, picture) {
         const isDue = on.includes("points") ? changed.includes("points") : on.some((part) => changed.includes(part));
         if (isDue) draw(panel, picture);
     }
+}
+
+/**
+ * Mark a reading in all charts that show it; null takes the marks away.
+ * @param {readonly WidgetPanel[]} panels
+ * @param {number | null} reading
+ */
+export function markHovered(panels, reading) {
+    for (const { row, host } of panels) if (row.showsReadings) markReading(chartOf(host), reading);
+}
+
+/** @param {WidgetPanel} panel @param {Page} page */
+function listenForHover({ host }, page) {
+    const chart = chartOf(host);
+    host.addEventListener("pointermove", ({ pointerType, clientX, clientY }) => {
+        if (pointerType === "touch") return;
+        const { left, top } = host.getBoundingClientRect();
+        page.hover(chart.nearest(clientX - left, clientY - top));
+    });
+    host.addEventListener("pointerleave", () => page.hover(null));
 }
 
 /**

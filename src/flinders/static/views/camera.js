@@ -1,8 +1,8 @@
 /**
  * The eye of the 3-D view: turned, moved and brought nearer by mouse, touch and keys; eased, never thrown about.
  *
- * z points up on the screen. As long as nobody has touched the view it keeps what is drawn in frame, and turns slowly
- * towards what is asked for; a person's hand ends that until the view is reset.
+ * z points up on the screen. As long as nobody has touched the view it keeps what is drawn in frame. It turns towards
+ * what is asked for, and where a person has turned it, only some seconds later.
  */
 
 import { OrbitControls, PerspectiveCamera, Vector3 } from "../vendor/three.js";
@@ -15,10 +15,13 @@ const STEEPEST = (84 * Math.PI) / 180;
 const STEP = (12 * Math.PI) / 180;
 
 /** Off the middle of the picture, radians: still well in sight; not worth turning for. */
-const [INSIGHT, LEEWAY] = [1.05, 0.25];
+const [INSIGHT, LEEWAY] = [0.95, 0.25];
+
+/** Milliseconds after a person's hand, in which the view stays as it was left. */
+const LEFT_MS = 4000;
 
 /** Time constants in seconds: of what was asked for, and of following. */
-const [QUICK, SLOW] = [0.11, 0.75];
+const [QUICK, SLOW] = [0.11, 0.45];
 
 export class Eye {
     /**
@@ -41,6 +44,7 @@ export class Eye {
         this.constant = QUICK;
         this.easing = false;
         this.untouched = true;
+        this.touchedAt = -Infinity;
         this.offset = new Vector3();
 
         this.controls = new OrbitControls(this.camera, canvas);
@@ -51,7 +55,9 @@ export class Eye {
         this.controls.addEventListener("start", () => {
             this.untouched = false;
             this.easing = false;
+            this.touchedAt = Infinity;
         });
+        this.controls.addEventListener("end", () => (this.touchedAt = performance.now()));
         this.controls.addEventListener("change", changed);
         if (wheel === "focus") canvas.addEventListener("wheel", this.#leave, { capture: true });
         if (interactive) canvas.addEventListener("keydown", this.#key);
@@ -93,15 +99,16 @@ export class Eye {
     }
 
     /**
-     * Turn slowly until a direction is well in sight, and what lies around it, if nobody holds the view.
+     * Turn until a direction is well in sight, and what lies around it, unless a person has just turned the view.
      *
      * @param {Vector3} direction  unit vector, from the centre of what is drawn
      * @param {number} around  radians
      */
     follow(direction, around) {
-        if (!this.untouched || this.still) return;
+        if (performance.now() - this.touchedAt < LEFT_MS) return;
         this.offset.copy(this.camera.position).sub(this.controls.target).normalize();
         if (this.offset.dot(direction) > Math.cos(Math.max(INSIGHT - around, LEEWAY))) return;
+        this.#takeOver();
         this.azimuth = nearestTurn(Math.atan2(direction.y, direction.x), this.#azimuth());
         this.elevation = clamp(Math.asin(clamp(direction.z, -1, 1)), -1.1, 1.1);
         this.#ease(SLOW);
@@ -162,13 +169,18 @@ export class Eye {
 
     /** From where the eye is, as a person left it, on to where a key sends it. */
     #goOn() {
-        if (!this.easing) {
-            this.offset.copy(this.camera.position).sub(this.controls.target);
-            [this.azimuth, this.elevation, this.distance] = [this.#azimuth(), this.#elevation(), this.offset.length()];
-            this.target.copy(this.controls.target);
-        }
+        this.#takeOver();
         this.untouched = false;
+        this.touchedAt = performance.now();
         this.#ease(QUICK);
+    }
+
+    /** Where the eye is becomes where it is to be. */
+    #takeOver() {
+        if (this.easing) return;
+        this.offset.copy(this.camera.position).sub(this.controls.target);
+        [this.azimuth, this.elevation, this.distance] = [this.#azimuth(), this.#elevation(), this.offset.length()];
+        this.target.copy(this.controls.target);
     }
 
     #azimuth() {

@@ -12,16 +12,47 @@ import { Density, Panel } from "./plot.js";
 /** Crosses in one chart at most: more would be a smear. */
 const MOST_CROSSES = 400;
 
-/** A chart in its host: keeps its panel, and draws again when the size changes. */
+/** @typedef {readonly [number, number]} Place  in pixels of the chart */
+
+/**
+ * A chart in its host: keeps its panel, and draws again when the size changes. One that shows each reading says where,
+ * and marks the one that the pointer is at, here or in another chart.
+ */
 export class Chart {
+    /** @type {(reading: number) => Place[]} Where a reading is drawn. */
+    places = () => [];
+    /** @type {(x: number, y: number) => number | null} The reading that is drawn next to a place. */
+    nearest = () => null;
+
     /** @param {HTMLElement} host */
     constructor(host) {
         this.panel = new Panel(host);
         this.before = new Density();
         this.after = new Density();
         this.draw = () => {};
+        /** @type {number | null} */
+        this.hovered = null;
         this.panel.onresize = () => this.draw();
     }
+
+    /** Show no readings, until some are drawn. */
+    forget() {
+        this.places = () => [];
+        this.nearest = () => null;
+    }
+}
+
+/**
+ * Mark a reading in a chart; null takes the mark away.
+ * @param {Chart} chart
+ * @param {number | null} reading
+ */
+export function markReading(chart, reading) {
+    chart.hovered = reading;
+    chart.panel.front.querySelectorAll(".hovered").forEach((mark) => mark.remove());
+    if (reading === null) return;
+    const r = 0.4 * chart.panel.em;
+    for (const [cx, cy] of chart.places(reading)) chart.panel.draw("circle", { class: "hovered", cx, cy, r });
 }
 
 /** @type {WeakMap<HTMLElement, Chart>} */
@@ -47,7 +78,11 @@ export function chartOf(host) {
  */
 export function drawChart(host, draw) {
     const chart = chartOf(host);
-    chart.draw = () => draw(chart);
+    chart.draw = () => {
+        chart.forget();
+        draw(chart);
+        markReading(chart, chart.hovered);
+    };
     chart.draw();
 }
 

@@ -70,7 +70,7 @@ const PALETTES = {
 /** @typedef {keyof typeof PALETTES.dark} Role */
 
 /** Where the legend has its marks: error ÷ target. */
-export const LEGEND_STOPS = /** @type {const} */ ([0.5, 1, 2, 5]);
+export const LEGEND_STOPS = /** @type {const} */ ([0.5, 1, 2, 5, 12]);
 
 /**
  * The colour of a predicted heading error.

@@ -19,6 +19,7 @@
  * @property {number} count  pieces that are in use
  */
 
+import { between, rotated, rotation } from "./turn.js";
 import { cross, dot, minus } from "./vectors.js";
 
 /**
@@ -264,6 +265,19 @@ export function arrow(from, to, out) {
     function opacity(share) {
         return Math.min(Math.max((share - CLEAR) / 0.5, 0), 1) * 0.75 + (share > CLEAR ? 0.25 : 0);
     }
+}
+
+/**
+ * A direction on the way to another, no farther than so many radians.
+ *
+ * @param {import("./vectors.js").Vector} from
+ * @param {import("./vectors.js").Vector} to
+ * @param {number} most
+ * @returns {import("./vectors.js").Vector}
+ */
+export function towards(from, to, most) {
+    const turn = between(from, to);
+    return turn.angle > most ? rotated(rotation({ ...turn, angle: most }), from) : to;
 }
 
 /**

@@ -136,9 +136,11 @@ export function pointMaterial() {
             opacity: 1,
             haze: new Vector2(1, 2),
             least: 2,
+            every: 1,
         },
         vertexShader: /* glsl */ `
             attribute float mark;
+            uniform int every;
             uniform float onto;
             uniform float size;
             uniform float least;
@@ -153,8 +155,9 @@ export function pointMaterial() {
             void main() {
                 vec3 at = (modelMatrix * vec4(position, 1.0)).xyz;
                 at = mix(at, normalize(at) * 1.004, onto);
-                if (onto > 0.99 && dot(at, cameraPosition) < 1.0) {
-                    gl_Position = vec4(2.0, 2.0, 2.0, 1.0); // on the far side of the sphere: not drawn at all
+                bool isBehind = onto > 0.99 && dot(at, cameraPosition) < 1.0; // on the far side of the sphere
+                if (isBehind || gl_VertexID % every != 0) {
+                    gl_Position = vec4(2.0, 2.0, 2.0, 1.0); // not drawn at all
                     return;
                 }
                 vec4 seen = viewMatrix * vec4(at, 1.0);

@@ -2,8 +2,9 @@
 
 import { crosses, drawChart, tick } from "./charts.js";
 import { EXCLUDED, mark, REJECTED, USED } from "./marks.js";
+import { nearestOf } from "./nearest.js";
 import { path, quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
-import { dot } from "./vectors.js";
+import { corrected, dot } from "./vectors.js";
 import { fixed } from "./words.js";
 
 /** @typedef {import("./charts.js").Chart} Chart */
@@ -48,15 +49,29 @@ function drawProjections(chart, points, view, state) {
     const side = Math.max(16, Math.min((panel.width - 2) / columns - left, tall - 2.4 * panel.em));
     const cell = Math.min((panel.width - 2) / columns, side + 5.5 * panel.em);
     const begin = (panel.width - columns * cell) / 2;
+    /** @type {Square[]} */
+    const squares = [];
     rows.forEach((row, i) => {
         PAIRS.forEach((pair, k) => {
             const [column, line] = isWide ? [k, i] : [0, k];
             const box = { x: begin + column * cell + (cell + left - side) / 2, y: 0.8 * panel.em + line * tall, side };
-            drawSquare(chart, image, box, pair, domain[i], { points, kinds, shown, row, unit });
+            squares.push(drawSquare(chart, image, box, pair, domain[i], { points, kinds, shown, row, unit }));
         });
     });
     panel.show();
+    chart.places = (j) => squares.flatMap(({ places }) => places(j));
+    chart.nearest = (x, y) => {
+        const square = squares.find(({ box }) => x > box.x && x < box.x + box.side && y > box.y && y < box.y + box.side);
+        if (!square) return null;
+        const far = (/** @type {number} */ j) => Math.min(...square.places(j).map(([a, b]) => Math.hypot(a - x, b - y)));
+        return nearestOf(points.count, far, panel.em);
+    };
 }
+
+/**
+ * Where a square is, and where in it a reading is drawn.
+ * @typedef {{box: {x: number, y: number, side: number}, places: (reading: number) => import("./charts.js").Place[]}} Square
+ */
 
 /** @typedef {{centre: number[], half: number}} Domain */
 
@@ -104,6 +119,7 @@ function extents(points, kinds, shown, row) {
  * @param {readonly [number, number, string, string]} pair Axes across and up, and their names.
  * @param {Domain} domain
  * @param {{points: Points, kinds: Uint8Array, shown: Shown | null, row: string, unit: string}} what
+ * @returns {Square}
  */
 function drawSquare(chart, image, box, pair, domain, what) {
     const { panel } = chart;
@@ -140,6 +156,15 @@ function drawSquare(chart, image, box, pair, domain, what) {
     tick(panel, box.x + box.side, box.y + box.side + 0.95 * panel.em, name, "end", "name");
     tick(panel, box.x + 0.4 * panel.em, box.y + panel.em, pair[3], "start", "name");
     if (what.row !== "both") tick(panel, box.x + box.side - 0.4 * panel.em, box.y + panel.em, what.row, "end", what.row);
+    const { field } = what.points;
+    const places = (/** @type {number} */ j) => {
+        const raw = [field[3 * j], field[3 * j + 1], field[3 * j + 2]];
+        const drawn = [];
+        if (what.row !== "after") drawn.push(raw);
+        if (what.shown && what.row !== "before") drawn.push(corrected(raw, what.shown));
+        return drawn.map((vector) => /** @type {const} */ ([toX(vector[across]), toY(vector[up])]));
+    };
+    return { box, places };
 }
 
 /**
@@ -244,6 +269,7 @@ export const projections = {
     title: "Projections",
     place: "strip",
     on: ["points", "view", "state"],
+    showsReadings: true,
     legend: [
         ["raw", "before"],
         ["corrected", "after"],

@@ -2,18 +2,23 @@
 
 import { element, setText } from "../dom.js";
 import { drawChart, nothing, tick } from "./charts.js";
+import { nearestOf } from "./nearest.js";
 import { path, tickDecimals, ticks } from "./plot.js";
+import { corrected } from "./vectors.js";
 import { fixed, significant } from "./words.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
-/** @typedef {import("./plot.js").Panel} Panel */
+/** @typedef {import("./charts.js").Chart} Chart */
+/** @typedef {import("../store.js").Points} Points */
 
 /**
  * Distances of the readings from the sphere, with the bell curve that independent noise would give.
- * @param {Panel} panel
+ * @param {Chart} chart
  * @param {View | null} view
+ * @param {Points} points
  */
-function drawHistogram(panel, view) {
+function drawHistogram(chart, view, points) {
+    const { panel } = chart;
     const residuals = view?.residuals ?? null;
     const known = residuals !== null && residuals.counts.length > 0 && residuals.edges.length > residuals.counts.length;
     const noise = known ? (view?.noise ?? null) : null;
@@ -26,6 +31,9 @@ function drawHistogram(panel, view) {
     const { edges, counts } = residuals;
     const reach = Math.max(Math.abs(edges[0]), Math.abs(edges[edges.length - 1])) || 1;
     const toX = (/** @type {number} */ value) => left + ((right - left) * (value + reach)) / (2 * reach);
+    const placeOf = (/** @type {number} */ j) => toX(Math.min(Math.max(residualOf(j, points, view), -reach), reach));
+    chart.places = (j) => [[placeOf(j), bottom]];
+    chart.nearest = (x) => nearestOf(points.count, (j) => Math.abs(placeOf(j) - x));
     const total = counts.reduce((sum, count) => sum + count, 0);
     const bell = (/** @type {number} */ value) =>
         noise ? (total * (edges[1] - edges[0]) * Math.exp(-0.5 * (value / noise) ** 2)) / (noise * Math.sqrt(2 * Math.PI)) : 0;
@@ -46,22 +54,36 @@ function drawHistogram(panel, view) {
     }
 }
 
+/**
+ * How far a reading lies off the sphere.
+ * @param {number} j
+ * @param {Points} points
+ * @param {View | null} view
+ * @returns {number} 0 where there is no sphere.
+ */
+function residualOf(j, { field }, view) {
+    const shown = view?.shown;
+    if (!shown) return 0;
+    return Math.hypot(...corrected([field[3 * j], field[3 * j + 1], field[3 * j + 2]], shown)) - shown.strength;
+}
+
 /** @type {import("../widgets.js").Widget} */
 export const residuals = {
     name: "residuals",
     title: "Residuals ",
     place: "side",
     on: ["view"],
+    showsReadings: true,
     enlarges: "the residuals",
     begin({ title }) {
         const noise = element("span", "", "faint");
         noise.id = "residuals-noise";
         title.append(noise);
     },
-    draw({ title, host }, { view }) {
+    draw({ title, host }, { view, points }) {
         const noise = view?.noise ?? null;
         if (title.lastElementChild) setText(title.lastElementChild, noise === null ? "" : `σ ${significant(noise, 3)} ${view?.unit}`);
-        drawChart(host, ({ panel }) => drawHistogram(panel, view));
+        drawChart(host, (chart) => drawHistogram(chart, view, points));
     },
     css: `
         .plot .bar { fill: var(--corrected); fill-opacity: 0.75; }

@@ -35,7 +35,9 @@ import {
     WebGLRenderer,
 } from "../vendor/three.js";
 import { clamp, Eye } from "./camera.js";
+import { nearestOf } from "./nearest.js";
 import { errorColour, palette } from "./colours.js";
+import { Detail } from "./detail.js";
 import {
     SHAFT,
     OUTSIDE,
@@ -48,6 +50,7 @@ import {
     nowhere,
     strokes,
     tileAt,
+    towards,
 } from "./geometry.js";
 import { SavedFrame } from "./saved_frame.js";
 import { Labels } from "./labels.js";
@@ -69,8 +72,11 @@ const [TAIL, TAIL_SECONDS] = [64, 2.5];
 const [PULSE, PULSE_SLOW] = [40, 150];
 const PULSE_PERIOD = 1600;
 
-/** Pixels of the screen to one of the page, at most; and how many in all, where graphics are drawn by software. */
-const [FINEST, MOST_SLOW] = [2, 700_000];
+/** Pixels of the screen to one of the page, at most; how many in all, drawn by software, and in low detail. */
+const [FINEST, MOST_SLOW, MOST_LOW] = [2, 700_000, 320_000];
+
+/** Readings that are drawn in low detail while the view moves. */
+const FEWER = 4000;
 
 /** So many readings are drawn in full size. */
 const FEW = 3000;
@@ -78,8 +84,14 @@ const FEW = 3000;
 /** Where axes end, where their names are, and how far from the edge of the picture those stay, in pixels. */
 const [AXIS, NAME, MARGIN] = [1.16, 1.225, 3];
 
+/** Pixels from the pointer to a reading that is marked, at most. */
+const REACH = 14;
+
 /** Radius of the ring around the direction that is advised. */
 const RING = Math.sin((8.5 * Math.PI) / 180);
+
+/** An arrow over more of the sphere could not be seen whole, radians. */
+const IN_SIGHT = 1.7;
 
 /** A reading so far from the one before, as a cosine, is a stray or a gap: the tail breaks there. */
 const JUMP = Math.cos((20 * Math.PI) / 180);
@@ -91,6 +103,8 @@ export class Scene {
     view = null;
     /** @type {Vector3 | null} newest reading, raw */
     now = null;
+    /** @type {number | null} reading that is marked */
+    hovered = null;
     /** @type {Mode} */
     mode = "sphere";
     /** @type {readonly (readonly [number, number])[]} */
@@ -111,6 +125,9 @@ export class Scene {
     /** When the transition began, and the last picture was drawn: milliseconds. */
     started = -Infinity;
     last = 0;
+    /** How finely it is drawn, and whether the last picture asked for the next at once. */
+    detail = new Detail();
+    isMoving = false;
     /** Handles of the picture and of the pulse to come. */
     waiting = 0;
     pulsing = 0;
@@ -161,7 +178,7 @@ export class Scene {
             this.#anew();
         });
         this.eye = new Eye(canvas, { interactive, wheel, still: this.calm, changed: () => this.redraw() });
-        this.labels = new Labels(host, { x: "x", y: "y", z: "z", offset: "offset", next: "go here" });
+        this.labels = new Labels(host, { x: "x", y: "y", z: "z", offset: "offset", next: "go here", hovered: "◯" });
 
         this.ball = new Ball(tiles);
         this.tints = new Uint8Array(4 * tiles.corners.length);
@@ -257,6 +274,39 @@ export class Scene {
         this.redraw();
     }
 
+    /** Mark a reading, or none. @param {number | null} reading */
+    setHovered(reading) {
+        this.hovered = reading;
+        this.redraw();
+    }
+
+    /**
+     * The reading that is drawn next to a place.
+     * @param {number} x  pixels from the left
+     * @param {number} y  pixels from the top
+     * @returns {number | null}
+     */
+    readingAt(x, y) {
+        const { camera } = this.eye;
+        const { clientWidth: width, clientHeight: height } = this.host;
+        return nearestOf(
+            this.count,
+            (reading) => {
+                const place = this.#placeOf(reading);
+                if (this.ball.part.visible && place.dot(camera.position) < 1) return Infinity; // behind the sphere
+                place.project(camera);
+                return Math.hypot(width * (0.5 + 0.5 * place.x) - x, height * (0.5 - 0.5 * place.y) - y);
+            },
+            REACH,
+        );
+    }
+
+    /** Where a reading is drawn. @param {number} reading */
+    #placeOf(reading) {
+        const place = this.other.fromArray(this.field.array, 3 * reading).applyMatrix4(this.draw);
+        return this.ball.part.visible ? place.normalize() : place;
+    }
+
     /** @param {Mode} mode */
     setMode(mode) {
         if (mode === this.mode) return;
@@ -350,7 +400,9 @@ export class Scene {
         const share = this.calm ? 1 : Math.min(Math.max((time - this.started) / TRANSITION, 0), 1);
         this.#move(share * share * (3 - 2 * share));
         const turning = this.eye.step((time - this.last) / 1000);
+        if (this.isMoving && this.detail.took(time - this.last)) this.#resize();
         this.last = time;
+        this.isMoving = turning || share < 1;
         this.#pulse(time);
         this.#send();
         this.#lookFromEye();
@@ -358,7 +410,7 @@ export class Scene {
         this.#drawGround();
         this.renderer.render(this.front, this.eye.camera);
         this.#placeLabels();
-        if (turning || share < 1) this.redraw();
+        if (this.isMoving) this.redraw();
         else this.#pulseOn();
     };
 
@@ -370,11 +422,17 @@ export class Scene {
         const stays = !this.#hasMoved() && !this.stale && this.laid <= count && saved?.restore();
         if (!stays || this.laid < count) {
             readings.setDrawRange(stays ? this.laid : 0, stays ? count - this.laid : count);
+            this.#drawEvery(this.detail.isLow && this.isMoving ? Math.ceil(count / FEWER) : 1);
             for (const part of this.still) part.material.visible = !stays;
             renderer.render(this.ground, camera);
             saved?.save();
         }
-        [this.stale, this.laid] = [false, count];
+        [this.stale, this.laid] = [this.detail.isLow && this.isMoving, count]; // all of them, once it has come to rest
+    }
+
+    /** @param {number} every  reading is drawn */
+    #drawEvery(every) {
+        for (const { material } of [this.raw, this.corrected]) material.uniforms.every.value = Math.max(every, 1);
     }
 
     /** Whether the eye is elsewhere than at the last picture. */
@@ -441,7 +499,7 @@ export class Scene {
     #pulseOn() {
         clearTimeout(this.pulsing);
         if (this.calm || !this.ripple.visible) return;
-        this.pulsing = setTimeout(() => this.redraw(), this.software ? PULSE_SLOW : PULSE);
+        this.pulsing = setTimeout(() => this.redraw(), this.software || this.detail.isLow ? PULSE_SLOW : PULSE);
     }
 
     // --------------------------------------------------------------------------------------------- what follows from it
@@ -634,9 +692,10 @@ export class Scene {
             this.eye.follow(place, 0);
             return;
         }
-        const angle = arrow([place.x, place.y, place.z], target, this.path);
+        const end = towards([place.x, place.y, place.z], target, IN_SIGHT);
+        const angle = arrow([place.x, place.y, place.z], end, this.path);
         rewrite(this.arrow, this.path);
-        this.other.fromArray(target).multiplyScalar(1.08).add(place);
+        this.other.fromArray(end).multiplyScalar(1.08).add(place);
         if (this.other.length() > 0.2) this.eye.follow(this.other.normalize(), angle / 2);
     }
 
@@ -685,7 +744,10 @@ export class Scene {
         const [width, height] = [this.host.clientWidth, this.host.clientHeight];
         if (width === 0 || height === 0) return;
         const side = Math.min(width, height);
-        const affordable = this.software ? clamp(Math.sqrt(MOST_SLOW / (width * height)), 0.6, 1.5) : FINEST;
+        const pixels = this.detail.isLow ? MOST_LOW : MOST_SLOW;
+        const isSlow = this.software || this.detail.isLow;
+        const affordable = isSlow ? clamp(Math.sqrt(pixels / (width * height)), 0.5, 1.5) : FINEST;
+        this.canvas.dataset.detail = this.detail.isLow ? "low" : "full";
         const ratio = Math.min(devicePixelRatio, affordable);
         this.renderer.setPixelRatio(ratio);
         this.renderer.setSize(width, height, false);
@@ -715,6 +777,8 @@ export class Scene {
         const target = this.ring.visible ? this.#target() : null;
         if (target === null) labels.hide("next");
         else labels.put("next", place.fromArray(target).normalize(), eye.camera, { solid: true, below: eye.pixels(RING) });
+        if (this.hovered === null || this.hovered >= this.count) labels.hide("hovered");
+        else labels.put("hovered", this.#placeOf(this.hovered), eye.camera, { solid: sphere });
         if (!this.push.visible) labels.hide("offset");
         else labels.put("offset", place.setFromMatrixPosition(this.gridWay.to).multiplyScalar(0.7), eye.camera, { below: eye.pixels(0.06) });
     }

@@ -4,6 +4,7 @@ import { Brush, xOf } from "./brush.js";
 import { chartOf, crosses, drawChart, nothing, tick } from "./charts.js";
 import { Exclusion } from "./exclusion.js";
 import { EXCLUDED, mark, REJECTED, USED } from "./marks.js";
+import { nearestOf } from "./nearest.js";
 import { quantiles, roundUp, themeColour, tickDecimals, ticks } from "./plot.js";
 import { clock, fixed } from "./words.js";
 
@@ -49,6 +50,8 @@ function drawStrength(chart, points, view, state) {
     const toX = (/** @type {number} */ t) => xOf(place, t);
     const toY = (/** @type {number} */ v) =>
         place.bottom - ((place.bottom - place.top) * (v - span.low)) / (span.high - span.low);
+    chart.places = (j) => [raw, corrected].flatMap((each) => (each ? [[toX(points.time[j]), toY(each[j])]] : []));
+    chart.nearest = (x) => nearestOf(raw.length, (j) => Math.abs(toX(points.time[j]) - x));
     const image = panel.pixels();
     const [left, top] = [Math.round(place.left * panel.ratio), Math.round(place.top * panel.ratio)];
     const wide = Math.min(Math.floor((place.right - place.left) * panel.ratio) + 2, image.width - left);
@@ -203,6 +206,7 @@ export const strength = {
     title: "Field strength",
     place: "strip",
     on: ["points", "view", "state"],
+    showsReadings: true,
     legend: [
         ["raw", "raw"],
         ["corrected", "corrected"],
