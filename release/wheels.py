@@ -9,6 +9,7 @@
 The source archive is built once, and of it a wheel for each platform of `src/flinders/native/build.py`: zig compiles
 the engine for all of them, this machine's included, so that a Linux wheel asks for glibc 2.17 and no newer. Each
 library is then taken out of its wheel and read: format and machine, what it exports, and what it needs of the system.
+A bill of materials is written beside them.
 Whatever differs from what is expected is printed, and the exit code is 1. ``--inspect`` reads wheels that are there.
 """
 
@@ -182,6 +183,13 @@ def build_archive(out: Path) -> Path:
     return max(out.glob("flinders-*.tar.gz"), key=lambda path: path.stat().st_mtime)
 
 
+def write_bill_of_materials(out: Path) -> None:
+    """Write what Flinders and its extras were resolved to, with hashes, as ``flinders.cdx.json`` (CycloneDX 1.5)."""
+    out.mkdir(parents=True, exist_ok=True)
+    words = ["uv", "export", "--quiet", "--format", "cyclonedx1.5", "--all-extras", "--no-dev"]
+    subprocess.run([*words, "--output-file", str(out / "flinders.cdx.json")], check=True, cwd=ROOT)
+
+
 def platforms() -> dict[str, build.Platform]:
     """Platforms that wheels are released for, by tag: from the package's source, which need not be installed."""
     path = ROOT / "src/flinders/native/build.py"
@@ -209,6 +217,7 @@ def main() -> int:
     chosen = parser.parse_args()
     tags = chosen.platform or list(known)
     if not chosen.inspect:
+        write_bill_of_materials(chosen.out)
         archive = build_archive(chosen.out)
         for tag in tags:
             build_wheel(archive, tag, chosen.out)

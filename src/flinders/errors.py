@@ -420,6 +420,15 @@ class NotConfirmed(OutputError):
     code = "not-confirmed"
 
 
+def fault_words(error: Exception) -> str:
+    """Say that the fault is ours, where the program goes on.
+
+    >>> fault_words(KeyError("mag"))
+    "internal error (KeyError: 'mag'): a fault in Flinders; please report it with the recording"
+    """
+    return f"internal error ({type(error).__name__}: {error}): a fault in Flinders; please report it with the recording"
+
+
 def needs(package: str, extra: str, what: str) -> Any:  # noqa: ANN401 - a module, and few of these have types
     """Import an optional package such as ``pyarrow.parquet``, for `what` (with its article: ``a PX4 ULog``).
 

@@ -337,7 +337,8 @@ def test_a_second_run_into_one_table_is_refused(logs: Path, tmp_path: Path, *, r
     out = tmp_path / "out.parquet"
     first = Checkpoint.of(out, plan_of(str(logs), Options()), resume=False, force=False)
     part = first.commit(0, b"rows")
-    with pytest.raises(OutputError, match=r"out\.parquet\.parts: another run is writing into it"):
+    of = rf"out\.parquet\.parts: another run is writing into it \(process {os.getpid()} on "
+    with pytest.raises(OutputError, match=of):
         run(str(logs), out, Options(), workers=0, resume=resume, force=force)
     assert part.exists()
     first.close()

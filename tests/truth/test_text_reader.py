@@ -14,7 +14,6 @@ import sys
 import tempfile
 import threading
 import tracemalloc
-from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -29,6 +28,7 @@ from flinders.readers import READERS, TextRecording, open_recording, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
 
     from flinders.arrays import Floats
 
@@ -461,7 +461,7 @@ def test_a_file_that_is_gone_or_forbidden_is_refused_while_reading(
         raise PermissionError(13, "Permission denied")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "open", forbid)
+        patch.setattr("flinders.readers._source.UpTo", forbid)
         with pytest.raises(UnreadableInput, match="may not be read"):
             open_recording(path)
     path.unlink()

@@ -5,9 +5,14 @@ Nothing here imports NumPy until a command runs, and no command but that, so tha
 
 from __future__ import annotations
 
-import click
+import sys
 
-from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
+try:
+    import click
+
+    from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
+except KeyboardInterrupt:
+    sys.exit(130)  # as `Program` ends, which is not there yet
 
 main = Program(
     name="flinders",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,10 +28,11 @@ def sha256(recording: Recording) -> str:
     """Hash a file as it lies on the disk; what was spooled, for standard input."""
     import hashlib
 
-    digest = hashlib.sha256()
-    with file_of(recording).opened() as (raw, _):
+    digest, file = hashlib.sha256(), file_of(recording)
+    with file.opened() as (raw, _):
         while chunk := raw.read(1 << 20):
             digest.update(chunk)
+    file.refuse_changed()
     return digest.hexdigest()
 
 
@@ -131,7 +131,7 @@ def source_file(part: Counted) -> SourceFile:
     recording = part.recording
     size = file_of(recording).size
     return SourceFile(
-        name=os.fsencode(part.source).decode(errors="replace"),
+        name=part.source,
         sha256=sha256(recording),
         bytes=size,
         rows=part.rows,

@@ -97,11 +97,11 @@ class Program(click.Group):
         """Run a command line and exit; without `standalone_mode`, return the code."""
         words = list(sys.argv[1:] if args is None else args)
         as_json = "--json" in words[: words.index("--") if "--" in words else None]
-        if args is None:
-            _let_imports_be()
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of matrices this small, threads would wait for each other
-        _make_streams_forgiving()
         try:
+            if args is None:
+                _let_imports_be()
+            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of such small matrices, threads would wait
+            _prepare_streams()
             with _stopped_cleanly():
                 code = super().main(words, prog_name, complete_var, standalone_mode=False, **extra)
         except click.ClickException as error:
@@ -223,9 +223,12 @@ def _let_imports_be() -> None:
     atexit.register(gc.freeze)
 
 
-def _make_streams_forgiving() -> None:
-    """Print "?" for a letter that a terminal does not have, such as σ, and nothing where a stream is closed."""
-    sys.stdout = sys.stdout or io.TextIOWrapper(io.BytesIO())
+def _prepare_streams() -> None:
+    """Print "?" for a letter that a terminal does not have, such as σ, and no talk where stderr is closed.
+
+    Results that go to a closed stdout are lost, and writing them fails: at a descriptor that is open for reading alone.
+    """
+    sys.stdout = sys.stdout or os.fdopen(os.open(os.devnull, os.O_RDONLY), "w")
     sys.stderr = sys.stderr or io.TextIOWrapper(io.BytesIO())
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

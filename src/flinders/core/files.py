@@ -30,6 +30,7 @@ REASONS: Final = {
     errno.EROFS: "the file system is read-only: use another folder",
     errno.ENOSPC: "no space left on the disk: free some, or use another disk",
     errno.EDQUOT: "the disk quota is used up: free some space, or use another disk",
+    errno.EBADF: "it is closed: leave it open, or name a file",
     errno.ENAMETOOLONG: "the name is too long: use a shorter one",
     errno.ELOOP: "its symbolic links lead in a circle: give the name of a file",
 }

@@ -219,7 +219,7 @@ class Samples:
     ) -> Samples:
         """Take float64 columns of equal length, as a reader made them, without the checks of `of`."""
         if unit.scale != 1.0:
-            with np.errstate(over="ignore"):
+            with np.errstate(over="ignore", invalid="ignore"):
                 field = field * unit.scale
         strength = None if strength is None else strength * unit.scale
         read = cls(field, unit, strength=strength, source=source, frame=frame, **others)  # type: ignore[arg-type]

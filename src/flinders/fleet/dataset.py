@@ -35,7 +35,7 @@ from flinders.readers._columns import asked_columns
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table
-from flinders.readers.parquet import places_of, table_of, values_of
+from flinders.readers.parquet import places_of, refuse_packed_groups, rows_of_batches, table_of, values_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -131,7 +131,7 @@ class TableFile:
     kind: str
     schema: Any
     groups: tuple[int, ...]  # rows of each row group or record batch
-    batches: Callable[..., Iterator[Any]]  # yields record batches of some groups and columns, of up to so many rows
+    read: Callable[..., Iterator[Any]]  # as `batches`
     # least and greatest value of a column in each group, None if the file does not say
     extents: Callable[[str], list[tuple[str, str] | None]]
 
@@ -140,37 +140,39 @@ class TableFile:
         """Name of a group of rows in this kind of file."""
         return "row group" if self.kind == "Parquet" else "record batch"
 
+    def batches(self, groups: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
+        """Yield record batches of some groups and columns, of up to so many rows; raises UnreadableInput."""
+        with reading(self.name, f"a table of {self.kind}"):
+            yield from self.read(groups, columns, rows)
+
 
 @contextlib.contextmanager
 def opened(file: StoredFile, options: Options) -> Iterator[TableFile]:
     """Open a Parquet or Arrow file, of this machine or in a store; raises UnreadableInput if it is broken or gone."""
     needs_arrow()
-    with storage.opened(file) as where:
-        if file.name.lower().endswith(PARQUET):
-            yield _parquet(file.name, where, options)
-        else:
-            yield _arrow(file.name, where)
+    is_parquet = file.name.lower().endswith(PARQUET)
+    with storage.opened(file) as where, reading(file.name, "a Parquet table" if is_parquet else "an Arrow file"):
+        yield _parquet(file.name, where, file.size, options) if is_parquet else _arrow(file.name, where, file.size)
 
 
-def _parquet(name: str, where: Any, options: Options) -> TableFile:  # noqa: ANN401
+def _parquet(name: str, where: Any, size: int, options: Options) -> TableFile:  # noqa: ANN401
     """Open a Parquet file; keys stay the dictionaries that they were written as."""
     from pyarrow import parquet
 
     bounded = {"buffer_size": BUFFER, "pre_buffer": False, "page_checksum_verification": True}
-    with reading(name, "a Parquet table"):
-        file = parquet.ParquetFile(where, **bounded)
-        texts: list[str] = []
-        with contextlib.suppress(FlindersError):  # raised where the keys are used
-            keys = KeyColumns.of_schema(name, file.schema_arrow, options)
-            texts += keys.columns if keys else ()
-        if texts:
-            file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
-        metadata = file.metadata
-        groups = tuple(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
+    file = parquet.ParquetFile(where, **bounded)
+    texts: list[str] = []
+    with contextlib.suppress(FlindersError):  # raised where the keys are used
+        keys = KeyColumns.of_schema(name, file.schema_arrow, options)
+        texts += keys.columns if keys else ()
+    if texts:
+        file = parquet.ParquetFile(where, metadata=file.metadata, read_dictionary=texts, **bounded)
+    metadata = file.metadata
+    refuse_packed_groups(metadata, name, size)
+    groups = tuple(metadata.row_group(group).num_rows for group in range(metadata.num_row_groups))
 
-    def batches(wanted: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
-        with reading(name, "a Parquet table"):
-            yield from file.iter_batches(rows, row_groups=list(wanted), columns=columns, use_threads=False)
+    def batches(wanted: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
+        yield from file.iter_batches(rows, row_groups=list(wanted), columns=columns, use_threads=False)
 
     def extents(column: str) -> list[tuple[str, str] | None]:
         leaves = [metadata.schema.column(place).path for place in range(len(metadata.schema))]
@@ -194,7 +196,7 @@ def _extent(statistics: Any) -> tuple[str, str] | None:  # noqa: ANN401
     return (least, greatest) if is_known else None
 
 
-def _arrow(name: str, where: Any) -> TableFile:  # noqa: ANN401
+def _arrow(name: str, where: Any, size: int) -> TableFile:  # noqa: ANN401
     """Open an Arrow file, of which only the columns that are read are unpacked."""
     import pyarrow
     from pyarrow import ipc
@@ -204,17 +206,17 @@ def _arrow(name: str, where: Any) -> TableFile:  # noqa: ANN401
     def only(places: Sequence[int]) -> Any:  # noqa: ANN401
         return ipc.open_file(source, options=ipc.IpcReadOptions(included_fields=list(places)))
 
-    with reading(name, "an Arrow file"):
-        whole = only(())
-        schema, groups = whole.schema, _rows_of(whole, only)
+    if isinstance(where, str):  # of a store, all of it would have to be fetched first
+        rows_of_batches(source, name, size)
+    whole = only(())
+    schema, groups = whole.schema, _rows_of(whole, only)
 
-    def batches(wanted: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
-        with reading(name, "an Arrow file"):
-            file = only([place for place, column in enumerate(schema.names) if column in columns])
-            for number in wanted:
-                batch = file.get_batch(number).select(columns)
-                batch.validate(full=True)
-                yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
+    def batches(wanted: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
+        file = only([place for place, column in enumerate(schema.names) if column in columns])
+        for number in wanted:
+            batch = file.get_batch(number).select(columns)
+            batch.validate(full=True)
+            yield from (batch.slice(start, rows) for start in range(0, batch.num_rows, rows))
 
     return TableFile(name, "Arrow", schema, groups, batches, lambda _: [None] * len(groups))
 

@@ -24,6 +24,7 @@ import contextlib
 import json
 import logging
 import os
+import platform
 import secrets
 import shutil
 import time
@@ -59,7 +60,9 @@ PLAN: Final = "plan.json"
 TABLE: Final = "table.parquet"
 """Table that goes to a store when it is complete."""
 DONE: Final = "part-*.arrow"
-OURS: Final = (DONE, PLAN, TABLE, ".flinders-*.tmp")
+OWNER: Final = "owner"
+"""Which process has the folder."""
+OURS: Final = (DONE, PLAN, TABLE, OWNER, ".flinders-*.tmp")
 """Files that a run may leave in its folder."""
 LOGGER: Final = logging.getLogger("flinders.fleet")
 LISTED: Final = 8
@@ -277,6 +280,7 @@ class Checkpoint:
                 checkpoint = cls(folder, _lock(folder))
                 undo.callback(checkpoint.close)
                 checkpoint._prepare(resume=resume, force=force)
+                (folder / OWNER).write_text(f"process {os.getpid()} on {platform.node()}", encoding="utf-8")
             except OSError as error:
                 raise OutputError(f"{folder}: cannot be written: {reason(error)}") from None
             checkpoint._match(plan)
@@ -371,7 +375,12 @@ def _lock(folder: Path) -> int | None:
     if locked(descriptor):
         return descriptor
     os.close(descriptor)
-    raise OutputError(f"{folder}: another run is writing into it: wait until that one has ended, or name another table")
+    owner = "it has not said which"
+    with contextlib.suppress(OSError):
+        owner = (folder / OWNER).read_text(encoding="utf-8", errors="replace")
+    raise OutputError(
+        f"{folder}: another run is writing into it ({owner}): wait until that one has ended, or name another table"
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------------ log

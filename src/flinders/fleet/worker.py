@@ -31,7 +31,6 @@ from flinders.fitting.batch import FitColumns, fit_batch
 from flinders.fitting.source import recording_of
 from flinders.fleet import storage
 from flinders.fleet.dataset import (
-    BATCH,
     Interner,
     KeyColumns,
     KeyedTable,
@@ -215,7 +214,7 @@ def _in_memory(table: Any) -> TableFile:  # noqa: ANN401
             )
         table = arrow.table(table)
 
-    def batches(_: Sequence[int], columns: list[str], rows: int = BATCH) -> Iterator[Any]:
+    def batches(_: Sequence[int], columns: list[str], rows: int) -> Iterator[Any]:
         yield from table.select(columns).to_batches(max_chunksize=rows)
 
     return TableFile("the table", "Arrow", table.schema, (table.num_rows,), batches, lambda _: [None])

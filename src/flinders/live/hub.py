@@ -22,12 +22,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.units import Unit
+from flinders.errors import FlindersError, fault_words
 from flinders.live.buffer import rows_of
 from flinders.live.feeds import FeedEvent, FeedThread
 from flinders.live.messages import Hello, Limits, Notice, TargetInfo
 from flinders.live.page_state import Cursor, session_state
 from flinders.live.session import (
     Arrived,
+    Evaluated,
     Event,
     FitDone,
     Linked,
@@ -47,7 +49,6 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.live.evaluation import Finished
     from flinders.live.messages import Link
-    from flinders.live.session import Evaluated
     from flinders.live.session_file import Supply
     from flinders.report.view import View
 
@@ -235,4 +236,10 @@ def _timed(session: LiveSession) -> tuple[Evaluated, float]:
     from flinders.live.evaluation import evaluate
 
     begun = time.thread_time()
-    return evaluate(session), time.thread_time() - begun
+    try:
+        evaluated = evaluate(session)
+    except FlindersError as error:
+        evaluated = Evaluated(session.shown.key, refusal=str(error))
+    except Exception as error:  # noqa: BLE001 - a recording that provokes a fault of ours must not end the page
+        evaluated = Evaluated(session.shown.key, refusal=fault_words(error))
+    return evaluated, time.thread_time() - begun

@@ -23,7 +23,16 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocketDisconnect
 
 from flinders.core.files import reason
-from flinders.errors import FitError, FlindersError, LinkError, NotSent, OutputError, UnreadableInput, UsageError
+from flinders.errors import (
+    FitError,
+    FlindersError,
+    LinkError,
+    NotSent,
+    OutputError,
+    UnreadableInput,
+    UsageError,
+    fault_words,
+)
 from flinders.live.access import Gate, Guard, Tokens, answer, shown_name
 from flinders.live.hub import UPLOAD_BYTES, Hub, Page
 from flinders.live.messages import FitMessage, Notice, encode, parse
@@ -100,7 +109,7 @@ def application(hub: Hub, gate: Gate, tokens: Tokens | None = None, say: Callabl
         *(Route(f"/static/{entry}", _script) for entry in SCRIPTS),
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
     ]
-    handlers = dict.fromkeys((FlindersError, HTTPException), _on_error)
+    handlers = dict.fromkeys((FlindersError, HTTPException, Exception), _on_error)
     app = Starlette(routes=routes, lifespan=lifespan, exception_handlers=handlers)
     app.state.hub, app.state.uploads = hub, Uploads()
     return Guard(app, gate, tokens, say)
@@ -111,7 +120,7 @@ async def _on_error(_: Request, error: Exception) -> Response:
     if isinstance(error, HTTPException):
         return answer(error.detail, error.status_code, error.headers)
     if not isinstance(error, FlindersError):
-        return answer(str(error), 500)
+        return answer(fault_words(error), 500)
     status = {2: 400, 5: 422}.get(error.exit_code, 409)
     return JSONResponse({"words": str(error), "code": error.code}, status_code=status)
 

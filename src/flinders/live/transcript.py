@@ -34,7 +34,7 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.units import label
-from flinders.errors import FlindersError, OutputError, counted, figures
+from flinders.errors import FlindersError, OutputError, counted, figures, reading
 from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
@@ -111,7 +111,7 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     ('0.2500,21.5,0.3,-58.5', None)
     """
     for lay_out in (partial(sniff, ""), _unclear):
-        with contextlib.suppress(FlindersError):
+        with contextlib.suppress(FlindersError), reading("the lines", "text"):
             dialect, layout = recognise_layout("", lines, lay_out, pattern)
             words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
             return _form(dialect or Cells.of(layout, words), layout, lines)
@@ -184,7 +184,8 @@ class RecordingStatistics:
 
     def measure(self, field: Floats) -> None:
         """Note how strong the field of (N, 3) readings is."""
-        strengths = np.linalg.norm(field, axis=1)
+        with np.errstate(over="ignore"):
+            strengths = np.linalg.norm(field, axis=1)
         self.strengths += len(field)
         self.strength_sum += float(strengths.sum())
         self.weakest = float(strengths.min(initial=self.weakest))

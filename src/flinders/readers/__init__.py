@@ -34,7 +34,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.plugins import plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
-from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError
+from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._frame import is_frame, open_frame
 from flinders.readers._log import Instrument, Log, Position, Stored
@@ -45,7 +45,7 @@ from flinders.readers.ros import METADATA, is_bag_folder
 from flinders.readers.text import TextRecording, open_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.readers._columns import Columns
@@ -220,11 +220,11 @@ def open_log(
         progress=progress,
     )
     file = _source_of(path)
-    reader = _reader_of(file.name, file.head())
-    if reader.log is not None:
-        return _log_of(file, reader, options)
-    table = _table_of(file, reader, options)
-    several = [_as_instrument(each) for each in table.each(unit, scale)]
+    with _reading(file) as reader:
+        if reader.log is not None:
+            return _log_of(file, reader, options)
+        table = _table_of(file, reader, options)
+        several = [_as_instrument(each) for each in table.each(unit, scale)]
     return Log(
         source=table.source,
         format=reader.title,
@@ -254,11 +254,10 @@ def holds_log(
     if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
         return False  # what cannot be looked at twice is left alone
     file = _source_of(path)
-    reader = _reader_of(file.name, file.head())
-    if reader.log is not None:
+    if _reader_of(file.name, file.head()).log is not None:
         return True
     options = _Options(columns=columns, pattern=pattern, topic=topic)
-    with contextlib.suppress(FlindersError):  # said by whoever opens it next
+    with contextlib.suppress(FlindersError), _reading(file) as reader:  # said by whoever opens it next
         return bool(_table_of(file, reader, options).columns.magnetometers)
     return False
 
@@ -345,10 +344,18 @@ def _opened(source: AnySource, options: _Options, *, once: bool) -> FileRecordin
 
 def _open(file: Source, options: _Options) -> FileRecording:
     """Open a file with the first reader that accepts its first bytes; of a log, choose the magnetometer."""
+    with _reading(file) as reader:
+        if reader.log is not None:
+            return _chosen(_log_of(file, reader, options), options)
+        return _table_of(file, reader, options)
+
+
+@contextlib.contextmanager
+def _reading(file: Source) -> Iterator[Reader]:
+    """Find the reader of a file, and let no error leave it but those of Flinders."""
     reader = _reader_of(file.name, file.head())
-    if reader.log is not None:
-        return _chosen(_log_of(file, reader, options), options)
-    return _table_of(file, reader, options)
+    with reading(file.name, reader.title):
+        yield reader
 
 
 def _is_folder(path: AnyPath) -> bool:

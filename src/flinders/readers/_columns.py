@@ -48,6 +48,7 @@ from flinders.readers._names import (
     vectors,
 )
 from flinders.readers._resample import shares
+from flinders.readers._tokenizer import listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -70,6 +71,9 @@ COARSE_S: Final = 1.0  # resolution from which on a time that never changes is c
 NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
+
+RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
+"""What names of readings have that nobody corrected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +173,7 @@ class Columns:
         column = self.of_kind(kind)
         if column is None:
             return None
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             recorded = self.taken(values, column)
             taken = (recorded - column.start) * column.factor
             if kind == TIME and len(column.cells) == 2:
@@ -205,7 +209,21 @@ def by_name(
     others = (*passed_over(sensors, fields), *recognised)
     several = len(fields) > 1
     made = [replace(header.around(each), passed_over=others, name=each.name if several else "") for each in fields]
+    if partly := _partly_raw(header, sensors):
+        made = [replace(each, left_out=(partly, *each.left_out)) for each in made]
     return replace(made[0], magnetometers=tuple(made)) if several else made[0]
+
+
+def _partly_raw(header: _Header, sensors: Sequence[Vector]) -> str:
+    """Say that raw readings are there of some axes, where others are read instead; nothing where that is not so."""
+    known = {place for sensor in sensors for place in sensor.cells}
+    partly = [
+        name.strip()
+        for place, (name, own) in enumerate(zip(header.names, header.meanings, strict=True))
+        if place not in known and own.kind == FIELD and own.axis and RAW_NAME.search(name)
+    ]
+    is_rawest = any(RAW_NAME.search(header.names[cell]) for each in header.fields for cell in each.cells)
+    return f"{', '.join(partly)} (raw, and not of all axes: is a name damaged?)" if partly and not is_rawest else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,7 +469,7 @@ def _place(asked: str, names: list[str], width: int) -> int:
             return known.index(wanted)
     if asked.isdecimal() and 1 <= int(asked) <= width:
         return int(asked) - 1
-    there = f"its columns are {', '.join(names)}" if names else f"it has no header and {width} columns"
+    there = f"its columns are {listed(names)}" if names else f"it has no header and {width} columns"
     meant = did_you_mean(asked, names)
     raise UsageError(f"there is no column {asked!r}{meant}: {there}; give three names or numbers from 1 to {width}")
 

@@ -350,7 +350,7 @@ def _format(packed: bytes) -> Format | None:
 def _listed_format(rest: str) -> Format | None:
     """Read ``128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns``."""
     parts = [part.strip() for part in rest.split(",")]
-    if len(parts) < 4 or not (parts[0].isdigit() and parts[1].isdigit()):
+    if len(parts) < 4 or not (parts[0].isdecimal() and parts[1].isdecimal()):
         return None
     return Format(int(parts[0]), int(parts[1]), parts[2], parts[3], tuple(part for part in parts[4:] if part))
 

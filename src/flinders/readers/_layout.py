@@ -48,6 +48,7 @@ from flinders.readers._tokenizer import (
     cut,
     fits,
     is_labelled,
+    listed,
     names_of,
     number,
     pattern_of,
@@ -78,6 +79,9 @@ SAME_WIDTH: Final = 0.6
 """Share of rows with the same number of cells from which on others count as broken; under a header they always do."""
 HEADING: Final = 2  # Lines above a table of plain numbers that may hold anything
 PRINTED: Final = 1024  # Characters of a line that are looked at for labels
+LONGEST_EXAMPLE: Final = 160  # Characters of a line that is shown as a pattern
+MOST_ABOVE: Final = 40  # Lines in which a header without readings is looked for
+MOST_COLUMNS: Final = 4096  # Columns of a table
 MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"(?:[-+.,;\s\d]|[eE][-+]\d|nan)*", re.ASCII)
@@ -276,6 +280,8 @@ def _table(
 ) -> TextLayout:
     """Lay out a table from the lines that are rows of numbers."""
     width, often = Counter(map(len, rows.values())).most_common(1)[0]
+    if width > MOST_COLUMNS:
+        raise NoMagnetometer(f"{name} has {width:,} columns: cut the magnetometer's out, with its time")
     start = min(place for place, cells in rows.items() if len(cells) == width)
     alike = [cells for cells in rows.values() if len(cells) == width]
     closed = not any(cells[-1].strip() for cells in alike)
@@ -471,7 +477,7 @@ def ranges(values: Floats) -> str:
 def _no_magnetometer(name: str, header: list[str], values: Floats, text: str, line: str) -> NoMagnetometer:
     if header:
         return NoMagnetometer(
-            f"no magnetometer among the columns of {name}: {', '.join(header)}; "
+            f"no magnetometer among the columns of {name}: {listed(header)}; "
             "say which three it is with columns='X,Y,Z', by name or by number"
         )
     return _other_labels(name, text, line) or NoMagnetometer(
@@ -504,7 +510,13 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     few = max((_cut(lines, signs, 1).rows for signs in SIGNS), key=len)
     numbers = [(at, text) for at, text in lines if len(cut(text[:PRINTED])[0]) >= 3]
     headed = next(
-        (at for at, text in lines for sign, _ in SIGNS if names_magnetometer(split(text[: 16 * PRINTED], sign))), None
+        (
+            at
+            for at, text in lines[:MOST_ABOVE]
+            for sign, _ in SIGNS
+            if names_magnetometer(split(text[: 16 * PRINTED], sign))
+        ),
+        None,
     )
     if headed is not None and not few and not numbers:
         return UnreadableInput(
@@ -525,7 +537,8 @@ def _nothing(name: str, lines: list[tuple[int, str]]) -> InputError:
     line = f" (line {place + 1}: {shown(text)!r})"
     if numbers and (other := _other_labels(name, text, line)):
         return other
-    example = f"; this line is pattern={pattern_of(text[:PRINTED])!r}, if those are its x, y and z" if numbers else ""
+    is_short = numbers and len(text) <= LONGEST_EXAMPLE
+    example = f"; this line is pattern={pattern_of(text)!r}, if those are its x, y and z" if is_short else ""
     return UnreadableInput(
         f"no readings are recognised in {name}{line}: need three columns of numbers, "
         f"labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT', or pattern=, which says how a line is printed{example}"

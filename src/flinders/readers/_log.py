@@ -25,6 +25,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import TimeSpan
 from flinders.errors import UnreadableInput
 from flinders.readers._names import Choice, numbered
+from flinders.readers._source import sound
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -119,6 +120,7 @@ class Instrument:
         """What the axes of its readings are, before `axes` maps them: ``sensor`` or ``vehicle``."""
         return self.frames[self.as_logged]
 
+    @sound
     def blocks(self) -> Iterator[Samples]:
         """Go through the readings, in `axes` and within `span`.
 

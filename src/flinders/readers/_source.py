@@ -29,6 +29,7 @@ True
 from __future__ import annotations
 
 import contextlib
+import functools
 import gzip
 import io
 import itertools
@@ -42,16 +43,20 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, cast
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, ParamSpec, TypeAlias, TypeVar, cast
 
 from flinders.core.files import REASONS, reason
-from flinders.errors import UnreadableInput, UsageError
+from flinders.errors import UnreadableInput, UsageError, reading
 from flinders.readers._tokenizer import EndsEarly, Lines, cut, encoding_of, lines_of, shown
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Generator, Iterable, Iterator
 
+    from _typeshed import WriteableBuffer
+
+P = ParamSpec("P")
+Item = TypeVar("Item")
 Progress: TypeAlias = "Callable[[int, int | None], None]"
 """Called once a block with the bytes read so far and, where it is known, those there are."""
 GZIP: Final = b"\x1f\x8b"
@@ -65,6 +70,8 @@ MOST_MEMBER: Final = 4 << 30
 """Bytes of a member of an archive, or of a packed file of a recording of ROS 2, unpacked."""
 MOST_PIECE: Final = 1 << 30
 """Bytes that one packed piece may have, unpacked: a chunk of a bag has a few million."""
+LONGEST_MESSAGE: Final = 1 << 16
+"""Bytes of a message of a log of messages, of which length or number have two bytes at most."""
 LARGE, MOST_RATIO = 16 << 20, 250
 """Bytes from which on the ratio counts, and the ratio: a table of digits packs to a fifth, zeros to a thousandth."""
 ENOUGH_ROWS, ENOUGH_LINES = 20, 400
@@ -81,6 +88,7 @@ class File:
     name: str  # for messages
     path: Path  # where the bytes lie: the file itself, or its copy in a temporary file
     size: int  # as it lies on the disk, compressed or not
+    status: os.stat_result | None = None  # of the file when it was found; None where nobody else changes it
 
     def is_packed(self) -> bool:
         """Whether it lies on the disk as gzip; raises as `opened`."""
@@ -111,7 +119,7 @@ class File:
     def opened(self) -> Iterator[tuple[io.BufferedReader, io.BufferedIOBase]]:
         """Open the file, giving it as it lies on the disk and unpacked; `UnreadableInput` where it cannot be read."""
         try:
-            raw = self.path.open("rb")
+            raw: Any = io.BufferedReader(UpTo(self.path, self.status.st_size if self.status else None))
         except OSError as error:
             raise refusal(self.name, error) from None
         with raw:
@@ -121,8 +129,8 @@ class File:
 
     def chunks(self) -> Iterator[bytes]:
         """Yield all bytes, unpacked; raise `EndsEarly` where they have no end, and as `lines`."""
-        with self.opened() as (_, unpacked):
-            yield from self._bounded(unpacked)
+        with self.opened() as (raw, unpacked):
+            yield from self._bounded(raw, unpacked)
 
     def lines(self, encoding: str, blocks: int = 1) -> Generator[Lines, None, None]:
         """Yield all lines, `BLOCK` at a time, or after the first so many blocks at a time.
@@ -130,12 +138,53 @@ class File:
         A file that cannot be opened, whose gzip data are broken or unpack to too much raises `UnreadableInput`.
         """
         with self.opened() as (raw, unpacked):
-            yield from lines_of(self._bounded(unpacked), encoding, raw.tell, blocks=blocks)
+            yield from lines_of(self._bounded(raw, unpacked), encoding, raw.tell, blocks=blocks)
 
-    def _bounded(self, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
+    def refuse_changed(self) -> None:
+        """Refuse a file that is another one by now, or was written over; one that grew or is gone is read as it was."""
+        if self.status is None or not self.path.exists():
+            return
+        now = self.path.stat()
+        is_same = os.path.samestat(now, self.status)
+        is_touched = now.st_mtime_ns != self.status.st_mtime_ns and now.st_size <= self.status.st_size
+        if not is_same or is_touched or now.st_size < self.status.st_size:
+            raise UnreadableInput(f"{self.name} was replaced or changed while it was read: read it again")
+
+    def _bounded(self, raw: io.BufferedReader, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
+        """Yield all bytes; once packed ones look like those of a bomb, weigh the rest before more is passed on."""
         chunks = _chunks(self.name, unpacked.read1)
-        is_packed = isinstance(unpacked, gzip.GzipFile)
-        return metered(self.name, chunks, lambda: self.size) if is_packed else chunks
+        if not isinstance(unpacked, gzip.GzipFile):
+            yield from chunks
+            return
+        done, is_weighed = 0, False
+        for chunk in chunks:
+            done += len(chunk)
+            if not is_weighed and is_bomb(done, raw.tell()):
+                self._weigh()
+                is_weighed = True
+            yield chunk
+
+    def _weigh(self) -> None:
+        """Unpack all of it, and refuse what becomes too much."""
+        with self.opened() as (_, unpacked), contextlib.suppress(EndsEarly):
+            for _chunk in metered(self.name, _chunks(self.name, unpacked.read1), lambda: self.size):
+                pass
+
+
+class UpTo(io.FileIO):
+    """A file that ends at the size it had, however it grows."""
+
+    def __init__(self, path: Path, size: int | None = None) -> None:
+        super().__init__(path)
+        self._size = os.fstat(self.fileno()).st_size if size is None else size
+
+    def readinto(self, buffer: WriteableBuffer, /) -> int | None:
+        """Read into a buffer, up to that size."""
+        return super().readinto(memoryview(buffer)[: max(self._size - self.tell(), 0)])
+
+    def readall(self) -> bytes:
+        """Read the rest, up to that size."""
+        return super().read(max(self._size - self.tell(), 0)) or b""
 
 
 class ByteStream:
@@ -236,8 +285,32 @@ def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: C
     if stat.S_ISDIR(status.st_mode):
         raise UnreadableInput(f"{name} is a folder: give the recording in it")
     if status.st_size == 0:
-        raise UnreadableInput(f"{file.name} is empty: record again, or check what was saved")
-    return File(file.name, file, status.st_size)
+        raise UnreadableInput(f"{printable(file.name)} is empty: record again, or check what was saved")
+    return File(printable(file.name), file, status.st_size, status)
+
+
+def printable(name: str) -> str:
+    r"""The name of a file with U+FFFD for bytes that are no UTF-8: no report and no table can hold those.
+
+    >>> printable(os.fsdecode(b"A\xff.csv"))
+    'A\ufffd.csv'
+    """
+    return os.fsencode(name).decode(errors="replace")
+
+
+def sound(passed: Callable[P, Iterator[Item]]) -> Callable[P, Iterator[Item]]:
+    """Have a method that goes through a recording raise only errors of Flinders, also for a file that was replaced."""
+
+    @functools.wraps(passed)
+    def checked(*args: P.args, **options: P.kwargs) -> Iterator[Item]:
+        recording: Any = args[0]
+        with reading(recording.source, "a recording"):
+            yield from passed(*args, **options)
+            file = getattr(recording, "original", None) or recording.file
+            if isinstance(file, File):
+                file.refuse_changed()
+
+    return checked
 
 
 def spooled(name: str, chunks: Iterable[bytes], *, empty: str = "record again, or check what was saved") -> File:
@@ -434,6 +507,34 @@ def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
         f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
         "yourself if you trust it"
     )
+
+
+def refuse_bomb(name: str, unpacked: int, packed: int) -> None:
+    """Refuse a file that says it holds more than so few bytes of readings pack to."""
+    if is_bomb(unpacked, packed):
+        raise UnreadableInput(
+            f"{name} is said to hold {unpacked >> 20:,} MB in {packed:,} bytes, as no recording does: write it anew "
+            "without packing if you trust it"
+        )
+
+
+def filled_size(path: Path) -> int:
+    """Size of a file without the zeros behind it, where a logger has reserved more than a message can have of them."""
+    with path.open("rb") as file:
+        size = end = file.seek(0, os.SEEK_END)
+        while end > 0:
+            start = max(end - (1 << 20), 0)
+            file.seek(start)
+            filled = file.read(end - start).rstrip(b"\0")
+            if filled:
+                return start + len(filled) if size - start - len(filled) > LONGEST_MESSAGE else size
+            end = start
+    return size
+
+
+def reserved_words(size: int) -> str:
+    """Say that so many zeros were left out."""
+    return f"{size:,} bytes of zeros at its end are left out: the logger had reserved them, and did not close it"
 
 
 def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …

@@ -31,7 +31,8 @@ from flinders.readers._columns import Columns, ColumnsRecording, choose, unit_of
 from flinders.readers._layout import ranges
 from flinders.readers._names import FIRST, Choice
 from flinders.readers._resample import numbered
-from flinders.readers._tokenizer import shown
+from flinders.readers._source import sound
+from flinders.readers._tokenizer import listed, shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from flinders.readers._source import Progress, Source
 
 SAMPLED: Final = 200  # Rows looked at to tell times from other numbers
-MOST_NAMED: Final = 24  # Columns named in a message; a table may have thousands
 WIDEST: Final = 512  # Columns of an array; a wider one is no list of readings
 
 
@@ -110,6 +110,7 @@ class TableRecording(ColumnsRecording):
         recording.temporary_files = self.temporary_files
         return recording
 
+    @sound
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
@@ -185,9 +186,8 @@ def _unknown(name: str, table: Table, first: Floats) -> str:
             f"{name} has {table.width} columns without names: need three, x y z, or four with the time first; say "
             f"which are the magnetometer with columns='X,Y,Z', by number; they go from {ranges(first)}"
         )
-    more = f" and {len(table.names) - MOST_NAMED} more" if len(table.names) > MOST_NAMED else ""
     return (
-        f"no magnetometer among the columns of {name}: {', '.join(map(shown, table.names[:MOST_NAMED]))}{more}; "
+        f"no magnetometer among the columns of {name}: {listed(table.names)}; "
         "say which three it is with columns='X,Y,Z', by name or by number"
     )
 

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 LONGEST: Final = 1 << 20  # Characters in the longest line that is kept whole
 MOST_IN_BLOCK: Final = 1 << 23  # Characters after which a block of lines ends early
 CUT: Final = 60  # Characters shown of a line in a message
+MOST_NAMED: Final = 24  # Columns named in a message
 CUT_OFF: Final = "…"  # What stands at the end of a line that was longer than `LONGEST`
 ENDS_EARLY: Final = "gzip ends early"  # What stands in place of the line in which a file was cut short
 LINE_FEED: Final = np.uint8(10)
@@ -197,6 +198,16 @@ def shown(text: str) -> str:
     cut = text.strip()[: CUT + 1]
     clean = "".join(letter if letter.isprintable() else " " if letter == "\t" else "\ufffd" for letter in cut)
     return clean if len(clean) <= CUT else clean[: CUT - 1] + "…"
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first names of columns, and how many more there are: a table may have thousands.
+
+    >>> listed([str(place) for place in range(26)])[-16:]
+    '23, and 2 others'
+    """
+    more = f", and {len(names) - MOST_NAMED:,} others" if len(names) > MOST_NAMED else ""
+    return ", ".join(map(shown, names[:MOST_NAMED])) + more
 
 
 def _decoded(chunks: Iterable[bytes], encoding: str) -> Iterator[str]:

@@ -43,7 +43,7 @@ import numpy as np
 from flinders.core.units import Unit
 from flinders.errors import NoMagnetometer, UnreadableInput, counted
 from flinders.geometry.quaternions import of_angles
-from flinders.readers._fmt import HEADER, INSTANCE, WHOLE, Messages, Table, read_listed, read_packed
+from flinders.readers._fmt import HEADER, INSTANCE, LONGEST, WHOLE, Messages, Table, read_listed, read_packed
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, TEMPERATURE, THROTTLE, THROTTLES
 from flinders.readers._parameters import (
@@ -57,7 +57,7 @@ from flinders.readers._parameters import (
     unused,
 )
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled
-from flinders.readers._source import Reader, refusal
+from flinders.readers._source import Reader, filled_size, refusal, reserved_words
 from flinders.readers._tokenizer import encoding_of
 from flinders.targets.ardupilot import COMPASSES, ArduPilotParameters
 
@@ -137,7 +137,7 @@ def open_dataflash(file: File) -> Log:
     found = stages([] if parm is None else _parameters(parm), ARDUPILOT, file.name)
     auxiliary = _auxiliary(messages, found[-1][1])
     instruments = tuple(_instrument(file, name, number, mag, found, auxiliary) for name, number, mag in compasses)
-    damage = tuple(_damage(messages, file.size))
+    damage = tuple(_damage(messages, file))
     return Log(
         file.name,
         "ArduPilot DataFlash",
@@ -159,7 +159,7 @@ def _messages(file: File) -> Messages:
         )
         return read_listed(lines, WANTED)
     try:
-        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)
+        raw = np.memmap(file.path, np.uint8, "r").view(np.ndarray)[: filled_size(file.path) + LONGEST]
     except (OSError, ValueError) as error:
         raise refusal(file.name, error) from None
     messages = read_packed(raw, WANTED)
@@ -476,10 +476,12 @@ def _notes(messages: Messages) -> Iterator[str]:
         yield "no parameters were logged: DIA, ODI and SCALE are taken to be as they were delivered"
 
 
-def _damage(messages: Messages, size: int) -> Iterator[str]:
+def _damage(messages: Messages, file: File) -> Iterator[str]:
     """What of it could not be read."""
+    if reserved := file.size - filled_size(file.path):
+        yield reserved_words(reserved)
     if messages.skipped:
-        kind, of = ("line", "") if messages.is_text else ("byte", f" of {size:,}")
+        kind, of = ("line", "") if messages.is_text else ("byte", f" of {file.size:,}")
         places = counted(messages.gaps, "place")
         yield f"{counted(messages.skipped, kind)}{of} in {places} belong to no message: skipped"
 

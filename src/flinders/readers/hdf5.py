@@ -38,8 +38,8 @@ from flinders.core.samples import BLOCK
 from flinders.errors import NoMagnetometer, UnreadableInput, needs, reading
 from flinders.readers._names import names_magnetometer
 from flinders.readers._source import Reader, is_bomb, too_much
-from flinders.readers._table import MOST_NAMED, WIDEST, Table, TableRecording, named_part, open_table
-from flinders.readers._tokenizer import shown
+from flinders.readers._table import WIDEST, Table, TableRecording, named_part, open_table
+from flinders.readers._tokenizer import MOST_NAMED, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -6,15 +6,16 @@ A column of text that is named like a time is read where its cells are dates of 
 
 from __future__ import annotations
 
+import struct
 from datetime import date
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from flinders.core.samples import BLOCK
-from flinders.errors import needs, reading
+from flinders.errors import UnreadableInput, needs, reading
 from flinders.readers._names import TIME, meaning
-from flinders.readers._source import Reader
+from flinders.readers._source import Reader, refuse_bomb
 from flinders.readers._table import WIDEST, Table, TableRecording, open_table
 
 if TYPE_CHECKING:
@@ -31,49 +32,121 @@ ISO: Final = (
     r"(Z|[+-]([01]\d|2[0-3])(:?[0-5]\d)?)?$"
 )
 """Dates that are read of texts."""
+BYTES_OF_READING: Final = 24
+MOST_UNPACKED: Final = 128 << 20
+"""Bytes that a column of a row group, or a record batch, unpacks to: all of it may have to be in memory."""
 
 
 def open_parquet(file: File, **options: Any) -> TableRecording:
     """Open a Parquet table; options are those of `open_table`.
 
-    Without pyarrow it raises `MissingExtra`; a file that is broken or cut short `UnreadableInput`; columns that are not
-    clear `NoMagnetometer`.
+    Without pyarrow it raises `MissingExtra`; a file that is broken, cut short or packed beyond belief
+    `UnreadableInput`; columns that are not clear `NoMagnetometer`.
     """
-    kind = "a Parquet table"
-    parquet = needs("pyarrow.parquet", "parquet", kind)
-    with reading(file.name, kind):
-        opened = parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True)
-        schema, length = opened.schema_arrow, opened.metadata.num_rows
+    parquet = needs("pyarrow.parquet", "parquet", "a Parquet table")
+
+    def opened() -> Any:  # noqa: ANN401 - pyarrow ships no types
+        return parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True)
 
     def batches(names: list[str]) -> Iterator[Any]:
-        with reading(file.name, kind):
-            yield from parquet.ParquetFile(file.path, memory_map=True, page_checksum_verification=True).iter_batches(
-                BLOCK, columns=names
-            )
+        yield from opened().iter_batches(BLOCK, columns=names)
 
-    return open_table(file, table_of("Parquet", schema, length, batches, file.name), **options)
+    metadata, schema = opened().metadata, opened().schema_arrow
+    refuse_packed_groups(metadata, file.name, file.size)
+    return open_table(file, table_of("Parquet", schema, metadata.num_rows, batches, file.name), **options)
 
 
 def open_arrow(file: File, **options: Any) -> TableRecording:
     """Open an Arrow file, or Feather of version 2; parameters and errors as `open_parquet`."""
-    kind = "an Arrow file"
-    ipc, arrow = needs("pyarrow.ipc", "parquet", kind), needs("pyarrow", "parquet", kind)
-
-    def opened() -> Any:  # noqa: ANN401 - pyarrow ships no types
-        return ipc.open_file(arrow.memory_map(str(file.path)))
+    ipc, arrow = (needs(f"pyarrow{part}", "parquet", "an Arrow file") for part in (".ipc", ""))
+    source = arrow.memory_map(str(file.path))
+    length = sum(rows_of_batches(source, file.name, file.size))
 
     def batches(names: list[str]) -> Iterator[Any]:
-        with reading(file.name, kind):
-            whole = opened()
-            for number in range(whole.num_record_batches):
-                batch = whole.get_batch(number).select(names)
-                batch.validate(full=True)
-                yield from (batch.slice(start, BLOCK) for start in range(0, batch.num_rows, BLOCK))
+        source.seek(len(ARROW))
+        for batch in ipc.open_stream(source):
+            chosen = batch.select(names)
+            chosen.validate(full=True)
+            yield from (chosen.slice(start, BLOCK) for start in range(0, chosen.num_rows, BLOCK))
 
-    with reading(file.name, kind):
-        schema = opened().schema
-        length = sum(opened().get_batch(number).num_rows for number in range(opened().num_record_batches))
+    schema = ipc.open_file(source).schema  # refuses a file without an end
     return open_table(file, table_of("Arrow", schema, length, batches, file.name), **options)
+
+
+def refuse_packed_groups(metadata: Any, name: str, size: int) -> None:  # noqa: ANN401 - pyarrow ships no types
+    """Refuse a Parquet table of which a row group, or the whole, unpacks to too much.
+
+    Columns are not asked: on broken sizes of levels pyarrow 26 ends the program there.
+    """
+    groups = [metadata.row_group(number) for number in range(metadata.num_row_groups)]
+    for group in groups:
+        _refuse_large(name, "row group with columns", group.total_byte_size // max(group.num_columns, 1))
+    refuse_bomb(name, max(metadata.num_rows * BYTES_OF_READING, sum(group.total_byte_size for group in groups)), size)
+
+
+def _refuse_large(name: str, what: str, unpacked: int) -> None:
+    if unpacked > MOST_UNPACKED:
+        raise UnreadableInput(
+            f"{name} has a {what} of {unpacked >> 20:,} MB, too large to unpack: write it in smaller ones"
+        )
+
+
+def rows_of_batches(source: Any, name: str, size: int) -> list[int]:  # noqa: ANN401 - pyarrow ships no types
+    """Rows of each record batch of an Arrow file, by what stands before it; refuse what unpacks to too much.
+
+    Source: Arrow's *Format*, ``Message.fbs``: a batch has its length, its nodes, its buffers and how they are packed; a
+    packed buffer begins with its length unpacked, or −1 where it is not.
+    """
+    source.seek(len(ARROW))
+    rows, total = [], 0
+    for message in needs("pyarrow.ipc", "parquet", "an Arrow file").MessageReader.open_stream(source):
+        if message.type not in ("record batch", "dictionary"):
+            continue
+        batch = _Flat(message.metadata.to_pybytes()).table(2)
+        if message.type == "dictionary":
+            batch = batch.table(1)
+        unpacked = sum(batch.packed_lengths(message.body))
+        total += unpacked
+        _refuse_large(name, "record batch", unpacked)
+        rows += [batch.number(0)] if message.type == "record batch" else []
+    refuse_bomb(name, max(total, sum(rows) * BYTES_OF_READING), size)
+    return rows
+
+
+class _Flat:
+    """A table in a flatbuffer: where each field is, by its number; 0 where there is none."""
+
+    def __init__(self, content: bytes, at: int | None = None) -> None:
+        self._content = content
+        self._at = self._read("<I", 0) if at is None else at
+
+    def _read(self, kind: str, at: int) -> int:
+        return int(struct.unpack_from(kind, self._content, at)[0])
+
+    def _place(self, field: int) -> int:
+        index = self._at - self._read("<i", self._at)
+        slot = 4 + 2 * field
+        offset = self._read("<H", index + slot) if slot < self._read("<H", index) else 0
+        return self._at + offset if offset else 0
+
+    def number(self, field: int) -> int:
+        """A whole number of 64 bits."""
+        place = self._place(field)
+        return self._read("<q", place) if place else 0
+
+    def table(self, field: int) -> _Flat:
+        """A table within."""
+        place = self._place(field)
+        return _Flat(self._content, place + self._read("<I", place))
+
+    def packed_lengths(self, body: Any) -> Iterator[int]:  # noqa: ANN401 - a buffer of pyarrow
+        """Bytes of each packed buffer of a record batch, unpacked."""
+        place = self._place(2)
+        start = place + self._read("<I", place)
+        for number in range(self._read("<I", start) if self._place(3) else 0):
+            offset, length = struct.unpack_from("<qq", self._content, start + 4 + 16 * number)
+            if length:
+                yield max(struct.unpack_from("<q", body, offset)[0], 0)
 
 
 def table_of(

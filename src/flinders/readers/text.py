@@ -29,7 +29,7 @@ from flinders.readers._columns import ColumnsRecording, unit_of, wanted_accelera
 from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
 from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
 from flinders.readers._rewrite import Rewriter
-from flinders.readers._source import File, Progress, Reader, derived, foreign_kind, refuse_foreign
+from flinders.readers._source import File, Progress, Reader, derived, foreign_kind, refuse_foreign, sound
 from flinders.readers._tokenizer import (
     BLOCKS_AT_ONCE,
     COMMENTS,
@@ -108,6 +108,7 @@ class TextRecording(ColumnsRecording):
         for _, samples in self.numbered_blocks():
             yield samples
 
+    @sound
     def numbered_blocks(self) -> Iterator[tuple[Floats, Samples]]:
         """Yield the blocks of `blocks`, and with each the (N,) numbers of the lines that its readings stand in."""
         pending: tuple[Skipped, ...] = ()
@@ -174,6 +175,7 @@ class TextRecording(ColumnsRecording):
         """How it is written."""
         return str(self.layout)
 
+    @sound
     def _pass(self, columns: Columns) -> Iterator[_Block]:
         """Go over these columns of the file once, noting what is left out, and judge it at the end."""
         tally, others = Tally(), 0

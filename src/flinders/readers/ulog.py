@@ -41,11 +41,13 @@ from flinders.readers._log import Instrument, Log, Position, Stored, first_posit
 from flinders.readers._names import ACCELERATION, ATTITUDE, CURRENT, CURRENTS, RATE, THROTTLE, THROTTLES
 from flinders.readers._parameters import stage_of, stages, unapplied
 from flinders.readers._resample import AttitudeSeries, TimeSeries, blocks, resampled, shares
-from flinders.readers._source import Reader
+from flinders.readers._source import Reader, UpTo, filled_size, reserved_words
 from flinders.targets import px4
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
 
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
@@ -146,7 +148,9 @@ class _Bounded(io.BufferedReader):
 
 def _parsed(pyulog: Any, file: File) -> Any:  # noqa: ANN401 - pyulog has no types
     """Let pyulog read the topics that are wanted; what it would print is not printed."""
-    with redirect_stdout(io.StringIO()), _Bounded(io.FileIO(file.path), file.name, file.size) as handle:
+    filled = filled_size(file.path)
+    opened = UpTo(file.path, file.size if filled == file.size else _end_of_message(file, filled))
+    with redirect_stdout(io.StringIO()), _Bounded(opened, file.name, file.size) as handle:
         return _guarded(pyulog.ULog)(handle, message_name_filter_list=list(TOPICS))
 
 
@@ -181,16 +185,15 @@ def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -
     return total
 
 
-def _is_cut(file: File) -> bool:
-    """Tell whether the last message is not whole: messages are gone through from the last mark on."""
+def _end_of_message(file: File, filled: int) -> int:
+    """Find where the message ends that holds the last byte before `filled`: they are gone through from a mark on."""
     if file.size <= HEADER:
-        return True
+        return HEADER
     with file.path.open("rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        size = len(content)
-        place = max(content.rfind(SYNC, max(size - TAIL, 0)) + len(SYNC), HEADER)
-        while place + 3 <= size:
+        place = max(content.rfind(SYNC, max(filled - TAIL, 0), filled) + len(SYNC), HEADER)
+        while place < filled and place + 3 <= len(content):
             place += 3 + content[place] + (content[place + 1] << 8)
-    return place != size
+    return place
 
 
 # what it holds
@@ -248,7 +251,14 @@ class _Flight:
 def _stack(columns: Mapping[str, Any], *names: str) -> Floats:
     """(N, len(names)) of a topic's columns; columns that it has not are NaN."""
     rows = len(columns["timestamp"])
-    return np.column_stack([np.asarray(columns.get(name, np.full(rows, np.nan)), np.float64) for name in names])
+    with np.errstate(invalid="ignore"):  # of a broken log, which may hold any bits
+        return np.column_stack([np.asarray(columns.get(name, np.full(rows, np.nan)), np.float64) for name in names])
+
+
+def _whole(values: Any) -> NDArray[np.int64]:  # noqa: ANN401 - a column of pyulog
+    """Whole numbers; any where a broken log holds what is none."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(values).astype(np.int64)
 
 
 def _three(columns: Mapping[str, Any], name: str) -> Floats:
@@ -413,8 +423,8 @@ def _sensor_combined(flight: _Flight) -> Iterator[Instrument]:
     columns = flight.topics.get(("sensor_combined", 0), {})
     if "magnetometer_ga[0]" not in columns:
         return
-    relative = np.asarray(columns.get("magnetometer_timestamp_relative", 0)).astype(np.int64)
-    measured = np.asarray(columns["timestamp"]).astype(np.int64) + relative
+    relative = _whole(columns.get("magnetometer_timestamp_relative", 0))
+    measured = _whole(columns["timestamp"]) + relative
     new = (relative != INVALID_RELATIVE) & (np.diff(measured, prepend=-1) != 0)
     readings = _Readings(flight, 1e-6 * measured[new], _three(columns, "magnetometer_ga")[new])
     yield _corrected("sensor_combined.magnetometer_ga", readings, _selected(flight))
@@ -484,7 +494,7 @@ def _applied(flight: _Flight, device: int, *, turned: bool) -> tuple[px4.Px4Para
 
 def _device(columns: Mapping[str, Any]) -> int:
     """The number of the compass that most readings come from; 0 where it is not logged."""
-    numbers = Counter(np.asarray(columns.get("device_id", np.zeros(0)), np.int64).tolist())
+    numbers = Counter(_whole(columns.get("device_id", np.zeros(0))).tolist())
     return int(numbers.most_common(1)[0][0]) if numbers else 0
 
 
@@ -527,9 +537,12 @@ def _begun(flight: _Flight) -> datetime | None:
 
 def _damage(file: File, flight: _Flight) -> Iterator[str]:
     """What of it is not there."""
+    reserved = file.size - filled_size(file.path)
+    if reserved:
+        yield reserved_words(reserved)
     if flight.log.file_corruption:
         yield "parts of it are broken and were left out: copy it again if you can"
-    elif not flight.log.has_data_appended and _is_cut(file):
+    elif not reserved and not flight.log.has_data_appended and _end_of_message(file, file.size) != file.size:
         yield "it ends within a message, as after a loss of power: what comes before was read"
     if lost := flight.log.dropouts:
         seconds = 1e-3 * sum(one.duration for one in lost)

@@ -139,7 +139,7 @@ def recognise(lines: list[str]) -> Marked | None:
 
 def _are_units(rows: Sequence[Sequence[str]]) -> bool:
     """Tell whether ``Raw:`` lines hold decimals and a gravity of 10 or 1, and not of 8192."""
-    gravity = [math.hypot(*map(float, cells[:3])) for cells in rows]
+    gravity = [math.hypot(*(float(cell or math.nan) for cell in cells[:3])) for cells in rows]
     return any("." in cell for cells in rows for cell in cells[:3]) and 0 < min(gravity) <= max(gravity) < MOST_IN_UNITS
 
 

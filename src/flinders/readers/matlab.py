@@ -1,0 +1,151 @@
+r"""MATLAB's ``.mat`` of versions 5 to 7: variables, and fields of structures, as columns.
+
+Only arrays of numbers and structures of one element are looked into; the rest is passed over. Nothing of the file is
+trusted: a length that leads beyond its array, or a shape that is not that of its numbers, refuses the file.
+
+Source: MathWorks, *MAT-File Format*, level 5: behind a header of 128 bytes, elements of type, length and content, in
+multiples of 8 bytes; an array is an element of elements: flags, shape, name and numbers, or the fields of a structure.
+
+>>> import tempfile
+>>> from pathlib import Path
+>>> from scipy.io import savemat
+>>> from flinders.readers._source import find
+>>> path = Path(tempfile.mkdtemp()) / "tumble.mat"
+>>> savemat(path, {"log": {"t": np.arange(3) / 10, "mag_uT": np.eye(3)}, "operator": "bench"}, do_compression=True)
+>>> recording = open_mat(find(path))
+>>> print(recording)
+tumble.mat: columns mag_uT.x, mag_uT.y, mag_uT.z in uT, time in t; MATLAB
+>>> next(recording.blocks()).field[2]
+array([0., 0., 1.])
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from itertools import islice
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
+
+import numpy as np
+
+from flinders.readers._source import CHUNK, MOST_MEMBER, Reader, metered, spooled
+from flinders.readers._table import Table, TableRecording, open_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from flinders.readers._source import File
+
+MAT: Final = b"MATLAB 5.0 MAT-file"
+HEADER: Final = 128
+"""Bytes before the first element; the last two say in which order bytes are."""
+MATRIX, COMPRESSED = 14, 15
+"""Types of elements: an array, and one that is packed."""
+NUMBERS: Final = {
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+}  # fmt: skip
+"""Types of elements that hold numbers, as NumPy calls them."""
+STRUCTURE: Final = 2
+NUMERIC: Final = range(6, 16)
+"""Classes of arrays: a structure, and from double to uint64 those of numbers."""
+COMPLEX: Final = 0x0800
+DEEPEST: Final = 3
+"""Structures within structures that are looked into."""
+
+
+def open_mat(file: File, **options: Any) -> TableRecording:
+    """Open the variables of a MATLAB file, and the fields of its structures; options are those of `open_table`.
+
+    They are unpacked to a temporary file, and mapped from there. A broken file, and one that unpacks to more than
+    `MOST_MEMBER` bytes, raises `UnreadableInput`; columns that are not clear `NoMagnetometer`.
+    """
+    with file.path.open("rb") as stream:
+        order = ">" if stream.read(HEADER).endswith(b"MI") else "<"
+        unpacked = spooled(file.name, metered(file.name, _unpacked(stream, order), lambda: file.size, most=MOST_MEMBER,
+                                              ratio=False))  # fmt: skip
+    content = memoryview(np.memmap(unpacked.path, np.uint8, "r"))  # type: ignore[arg-type]
+    arrays = {
+        name: array
+        for kind, element in _elements(content, order)
+        if kind == MATRIX
+        for name, array in _arrays(element, order)
+        if name and not name.startswith("__")
+    }
+    recording = open_table(file, Table.of_arrays(file.name, "MATLAB", _without_common_structure(arrays)), **options)
+    recording.temporary_files = (unpacked,)
+    return recording
+
+
+def _unpacked(stream: BinaryIO, order: str) -> Iterator[bytes]:
+    """Yield the elements of a file without their packing."""
+    while tag := stream.read(8):
+        kind, length = struct.unpack(f"{order}II", tag)
+        if kind != COMPRESSED:
+            yield tag
+        unpacker = zlib.decompressobj()
+        while length:
+            piece = stream.read(min(CHUNK, length))
+            if not piece:
+                raise ValueError("an element goes on beyond the end of the file")
+            length -= len(piece)
+            yield from _inflated(unpacker, piece) if kind == COMPRESSED else (piece,)
+        if kind == COMPRESSED and not unpacker.eof:
+            raise ValueError("a packed element has no end")
+
+
+def _inflated(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - zlib does not name its type
+    """Unpack a piece, `CHUNK` bytes at a time."""
+    while packed and not unpacker.eof:
+        yield unpacker.decompress(packed, CHUNK)
+        packed = unpacker.unconsumed_tail
+
+
+def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
+    """Yield type and content of each element; up to four bytes may stand in the place of the length."""
+    place = 0
+    while place < len(content):
+        kind, length = struct.unpack_from(f"{order}II", content, place)
+        start, end = place + 8, place + 8 + length
+        if kind >> 16:
+            kind, length, start, end = kind & 0xFFFF, kind >> 16, place + 4, place + 8
+        if start + length > min(end, len(content)):
+            raise ValueError("an element goes on beyond its end")
+        yield kind, content[start : start + length]
+        place = end if start == place + 4 else start + -(-length // 8) * 8
+
+
+def _arrays(matrix: memoryview, order: str, name: str = "", depth: int = 0) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the numbers of an array, or of the fields of a structure, each with its name."""
+    parts = _elements(matrix, order)
+    (_, flags), shape, (_, own) = islice(parts, 3)
+    (bits,) = struct.unpack_from(f"{order}I", flags)
+    name, dimensions = name or bytes(own).decode("latin-1"), _numbers(*shape, order)
+    if bits & 0xFF == STRUCTURE and depth < DEEPEST and np.all(dimensions == 1):
+        (_, width), (_, fields) = islice(parts, 2)
+        (step,) = struct.unpack_from(f"{order}I", width)
+        labels = [bytes(fields[at : at + step]).partition(b"\0")[0].decode("latin-1")
+                  for at in range(0, len(fields), step)]  # fmt: skip
+        for label, (_, inner) in zip(labels, parts, strict=True):
+            yield from _arrays(inner, order, f"{name}.{label}", depth + 1)
+    elif bits & 0xFF in NUMERIC and not bits & COMPLEX:
+        yield name, np.squeeze(_numbers(*next(parts), order).reshape(dimensions, order="F"))
+
+
+def _numbers(kind: int, content: memoryview, order: str) -> NDArray[Any]:
+    """The numbers of an element."""
+    return np.frombuffer(content, np.dtype(order + NUMBERS[kind]))
+
+
+def _without_common_structure(arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
+    """Take off the name of a structure that has everything in it."""
+    heads = {name.partition(".")[0] for name in arrays}
+    if len(heads) == 1 and all("." in name for name in arrays):
+        return {name.partition(".")[2]: array for name, array in arrays.items()}
+    return arrays
+
+
+READERS: Final = (
+    Reader("mat", "MATLAB 5 to 7", (".mat",), "variables and fields of structures, as columns", (MAT,), open=open_mat),
+)

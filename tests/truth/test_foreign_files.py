@@ -1,0 +1,355 @@
+"""Files of strangers: a result or an error of Flinders in bounded time and memory, whatever they hold."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from benchmarks import fuzz
+from tests.program import flinders_
+from tests.samples import written
+from tests.trials import nightly
+
+import flinders
+from flinders import simulate
+from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, fault_words
+from flinders.live.hub import _timed
+from flinders.live.session import LiveSession
+from flinders.readers import _source, parquet, ulog
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+
+ROOT = Path(__file__).parents[2]
+FIELD = simulate.tumble(seed=5, n=300, motion="uniform").samples.field
+TEXT = "mx_uT,my_uT,mz_uT\n" + "".join(f"{x:.3f},{y:.3f},{z:.3f}\n" for x, y, z in FIELD)
+
+
+@pytest.fixture
+def table() -> Floats:
+    return np.column_stack([np.arange(300) / 50, 10 * FIELD, np.tile([0.0, 0.0, 9.8], (300, 1))])
+
+
+def arrow_of(path: Path, names: tuple[str, ...] = ("mx_uT", "my_uT", "mz_uT"), **options: str) -> Path:
+    """An Arrow file, of many zeros where it is packed."""
+    import pyarrow
+    from pyarrow import ipc
+
+    field = np.zeros((8_000_000, 3)) if options else FIELD
+    columns = pyarrow.table(dict(zip(names, field.T, strict=True)))
+    packing = ipc.IpcWriteOptions(**options)
+    with pyarrow.OSFile(str(path), "wb") as sink, ipc.new_file(sink, columns.schema, options=packing) as writer:
+        writer.write_table(columns)
+    return path
+
+
+# the fuzzer
+
+
+def fuzzed(*words: object) -> str:
+    """Run the fuzzer as a program of its own, and return its last line."""
+    command = [sys.executable, "-m", "benchmarks.fuzz", *map(str, words)]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout.splitlines()[-1]
+
+
+@pytest.mark.parametrize("inputs", [600, nightly(20_000)])
+def test_mutated_samples_are_read_or_refused(inputs: int) -> None:
+    """Of all formats, lines and packets: no other exception, no warning, no crash, 10 s of CPU and 300 MB at most."""
+    assert f"{inputs:,} inputs, 0 findings" in fuzzed("--inputs", inputs, "--seed", 7)
+
+
+@pytest.mark.parametrize("inputs", [100, nightly(2_000)])
+def test_mutated_logs_of_vehicles_are_read_or_refused(inputs: int, recordings: Callable[[str], Path]) -> None:
+    logs = ("dronekit_log171_3mags/log171.bin", "px4_pyulog_cubeorange/sample_log_small.ulg")
+    assert f"{inputs:,} inputs, 0 findings" in fuzzed("--inputs", inputs, "--seed", 8, "--of", *map(recordings, logs))
+
+
+@pytest.mark.parametrize("inputs", [50, nightly(2_000)])
+def test_the_page_answers_whatever_is_dropped_on_it(inputs: int) -> None:
+    assert f"{inputs:,} inputs, 0 findings" in fuzzed("--inputs", inputs, "--seed", 9, "--target", "page")
+
+
+def test_the_fuzzer_sees_what_goes_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An exception, a warning, an end of the child, too much memory; and it cuts an input to what it needs."""
+
+    def read(content: bytes, *_: object) -> None:
+        match content[:1]:
+            case b"e":
+                raise KeyError("mag")
+            case b"w":
+                np.float64(np.inf) - np.float64(np.inf)
+            case b"s":
+                os.kill(os.getpid(), signal.SIGKILL)
+            case b"m":
+                bytearray(400 << 20)[::4096] = b"x" * (400 << 8)
+
+    monkeypatch.setattr(fuzz, "read_file", read)
+    inputs = [fuzz.Input("text", content) for content in (b"fine", b"e" + bytes(64), b"m", b"s", b"fine")]
+    words = list(fuzz.in_child(inputs, "readers"))
+    assert [each.partition(":")[0] for each in words] == [
+        "", "KeyError", "more memory than it may take", "the child ended",
+    ]  # fmt: skip
+    assert words[-1].endswith("SIGKILL")
+    finding = fuzz.Finding(1, inputs[1], words[1])
+    assert fuzz.minimised(finding, "readers").input.content == b"e"
+
+
+# no exception but the project's own
+
+
+def test_a_column_whose_name_is_no_text_is_refused_and_a_row_of_a_fleet(tmp_path: Path) -> None:
+    path = arrow_of(tmp_path / "broken.arrow")
+    path.write_bytes(path.read_bytes().replace(b"mx_uT", b"m\xff_uT"))
+    with pytest.raises(UnreadableInput, match=r"broken\.arrow cannot be read as Arrow.*copy it again"):
+        flinders.read(path)
+    (tmp_path / "good.csv").write_text(TEXT)
+    ended = flinders_("fleet", str(tmp_path), "-o", str(tmp_path / "out.parquet"), "--workers", "0")
+    assert ended.code == 3
+    assert "broken" in ended.err + ended.out
+
+
+def test_a_row_group_that_says_it_has_no_rows_is_refused(tmp_path: Path) -> None:
+    import pyarrow
+    from pyarrow import parquet as written_by
+
+    path = tmp_path / "empty.parquet"
+    written_by.write_table(pyarrow.table(dict(zip(("mx_uT", "my_uT", "mz_uT"), FIELD.T, strict=True))), path)
+    content = path.read_bytes()
+    place = content.rindex(b"\xd8\x04")  # 300 rows as the footer writes them
+    path.write_bytes(content[:place] + b"\x80\x00" + content[place + 2 :])
+    with pytest.raises(UnreadableInput, match=r"empty\.parquet cannot be read as Parquet"):
+        flinders.read(path)
+
+
+@pytest.mark.parametrize("letter", list("bBhHiIqQfdgMcCeELnNZax?\u00b2"))
+def test_any_letter_may_stand_in_the_description_of_a_message(letter: str, tmp_path: Path) -> None:
+    lines = [
+        "FMT, 134, 18, MAG, QBhhhB, TimeUS,I,MagX,MagY,MagZ,Health",
+        "FMT, 129, 31, PARM, QNf, TimeUS,Name,Value",
+        "PARM, 1000000, COMPASS_OFS_X, -97.5",
+        *(f"MAG, {1_000_000 + 20_000 * place}, 0, {place}, 4, -586, 1" for place in range(20)),
+    ]
+    for number, at in ((0, 5), (0, 21), (0, 23), (1, 5), (1, 20), (1, 21)):
+        changed = [*lines]
+        changed[number] = changed[number][:at] + letter + changed[number][at + 1 :]
+        (tmp_path / "flight.log").write_text("\n".join(changed), encoding="utf-8")
+        with contextlib.suppress(FlindersError):
+            flinders.read(tmp_path / "flight.log")
+
+
+def test_a_name_that_is_no_utf_8_stands_in_no_report(tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xff.csv"))
+    path.write_text(TEXT)
+    out = tmp_path / "out"
+    out.mkdir()
+    ended = flinders_("calibrate", str(path), "-o", str(out / "c.json"), "--report", str(out / "r.html"))
+    assert ended.code == 0, ended.err
+    assert "\ufffd.csv" in (out / "r.html").read_text(encoding="utf-8")
+    assert "\ufffd.csv" in (out / "c.json").read_text(encoding="utf-8")
+
+
+def test_a_recording_that_provokes_a_fault_does_not_end_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: LiveSession) -> None:
+        raise KeyError("mag")
+
+    monkeypatch.setattr("flinders.live.evaluation.evaluate", broken)
+    evaluated, _ = _timed(LiveSession())
+    assert evaluated.refusal == fault_words(KeyError("mag"))
+
+
+# what is read is what is named
+
+
+def replace_it(path: Path) -> None:
+    other = path.with_suffix(".new")
+    other.write_text(TEXT.replace("1", "2"))
+    other.replace(path)
+
+
+def write_over_it(path: Path) -> None:
+    path.write_text(TEXT.replace("1", "2"))
+    os.utime(path, ns=(0, 0))
+
+
+@pytest.mark.parametrize("change", [replace_it, write_over_it])
+def test_a_file_that_is_another_one_by_the_end_is_refused(change: Callable[[Path], None], tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(TEXT)
+    recording = flinders.open_recording(path)
+    change(path)
+    with pytest.raises(UnreadableInput, match=r"log\.csv was replaced or changed while it was read"):
+        list(recording.blocks())
+
+
+def test_a_file_that_grows_ends_at_the_size_it_had(tmp_path: Path) -> None:
+    for path in (tmp_path / "log.csv", tmp_path / "log.csv.gz"):
+        content = TEXT.encode()
+        path.write_bytes(gzip.compress(content) if path.suffix == ".gz" else content)
+        recording = flinders.open_recording(path)
+        with path.open("ab") as file:
+            file.write(b"1,2,3\n" * 1000)
+        assert sum(map(len, recording.blocks())) == len(FIELD)
+
+
+def test_an_array_longer_than_its_header_says_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "long.npy"
+    np.save(path, np.concatenate([FIELD, FIELD]))
+    path.write_bytes(path.read_bytes().replace(b"(600, 3), ", b"(300, 3), "))
+    ended = flinders_("info", str(path), "--unit", "uT")
+    assert "7,200 bytes behind the 300 readings of its header" in " ".join((ended.out + ended.err).split())
+
+
+@pytest.mark.parametrize(
+    "header", ["mag_raw_x,mag_rxw_y,mag_raw_z,mag_x,mag_y,mag_z", "mx_raw,my_raw,m\ufffd,mx,my,mz"]
+)
+def test_raw_columns_of_which_one_has_a_damaged_name_are_told_before_the_calibrated_are_read(
+    header: str, tmp_path: Path
+) -> None:
+    rows = np.hstack([FIELD, 1.1 * FIELD])
+    np.savetxt(tmp_path / "log.csv", rows, header=header, comments="", delimiter=",")
+    words = str(flinders.open_recording(tmp_path / "log.csv"))
+    assert f"left out {header.split(',', maxsplit=1)[0]}, " in words
+    assert "(raw, and not of all axes: is a name damaged?)" in words
+
+
+# bounds
+
+
+def test_zeros_that_a_logger_has_reserved_cost_no_more_than_looking_at_them(
+    tmp_path: Path, table: Floats, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """100 MB of them, in a hole of the file: the log is read as it is without, and they are said."""
+    from tests.flight_log import dataflash
+
+    parsed: list[int] = []
+
+    def up_to(path: Path, size: int) -> _source.UpTo:
+        parsed.append(size)
+        return _source.UpTo(path, size)
+
+    monkeypatch.setattr(ulog, "UpTo", up_to)
+    logs = [written("ulog", tmp_path, table), tmp_path / "flight.bin"]
+    logs[1].write_bytes(b"".join(dataflash()))
+    for path in logs:
+        whole = flinders.read(path)
+        with path.open("ab") as file:
+            file.truncate(path.stat().st_size + 100_000_000)
+        log = flinders.open_log(path)
+        assert np.array_equal(flinders.read(path).field, whole.field)
+        assert any("100,000,0" in note and "bytes of zeros at its end are left out" in note for note in log.damage)
+    assert len(set(parsed)) == 1
+
+
+def test_packed_columns_are_weighed_before_they_are_unpacked(tmp_path: Path) -> None:
+    import pyarrow
+    from pyarrow import parquet as written_by
+
+    path = arrow_of(tmp_path / "zeros.arrow", compression="zstd")
+    before = pyarrow.total_allocated_bytes()
+    with pytest.raises(UnreadableInput, match=r"zeros\.arrow has a record batch of 183 MB, too large to unpack"):
+        flinders.read(path)
+    assert pyarrow.total_allocated_bytes() - before < 1 << 20
+    names = ("mx_uT", "my_uT", "mz_uT")
+    columns = pyarrow.table(dict(zip(names, np.zeros((3, 4_000_000)), strict=True)))
+    written_by.write_table(columns, tmp_path / "zeros.parquet", row_group_size=1_000_000)
+    with pytest.raises(UnreadableInput, match=r"zeros\.parquet is said to hold 91 MB in .* bytes"):
+        flinders.read(tmp_path / "zeros.parquet")
+
+
+def test_a_column_of_a_row_group_is_not_asked_for_its_metadata() -> None:
+    """On broken sizes of levels pyarrow ends the program there, without an exception."""
+    group = SimpleNamespace(num_columns=3, total_byte_size=3 * 8 * 300)
+    metadata = SimpleNamespace(num_rows=300, num_row_groups=1, row_group=lambda _: group)
+    parquet.refuse_packed_groups(metadata, "log.parquet", 8000)
+
+
+def test_a_packed_table_of_readings_is_no_bomb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parquet, "MOST_UNPACKED", 1 << 13)
+    with pytest.raises(UnreadableInput, match="too large to unpack"):
+        flinders.read(_packed(tmp_path / "one.arrow", chunk=300))
+    assert len(flinders.read(_packed(tmp_path / "two.arrow", chunk=100))) == 300
+
+
+def _packed(path: Path, chunk: int) -> Path:
+    import pyarrow
+    from pyarrow import ipc
+
+    columns = pyarrow.table({"t": np.arange(300.0), **dict(zip(("mx_uT", "my_uT", "mz_uT"), FIELD.T, strict=True))})
+    packing = ipc.IpcWriteOptions(compression="lz4")
+    with pyarrow.OSFile(str(path), "wb") as sink, ipc.new_file(sink, columns.schema, options=packing) as writer:
+        writer.write_table(columns, max_chunksize=chunk)
+    return path
+
+
+def test_a_packed_table_of_text_is_weighed_before_most_of_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_source, "LARGE", 1 << 19)
+    monkeypatch.setattr(_source, "MOST_RATIO", 20)
+    path = tmp_path / "bomb.csv.gz"
+    path.write_bytes(gzip.compress(b"x,y,z\n" + b"1,2,3\n" * 1_000_000))
+    recording = flinders.open_recording(path, unit="uT")
+    blocks: list[Samples] = []
+    with pytest.raises(UnreadableInput, match="unpacks to more than"):
+        blocks.extend(recording.blocks())
+    assert sum(map(len, blocks)) < 200_000
+
+
+def test_a_header_of_a_hundred_thousand_names_is_refused_in_a_line(tmp_path: Path) -> None:
+    row = ",".join(["1.5"] * 100_000)
+    (tmp_path / "wide.csv").write_text(",".join(f"c{place}" for place in range(100_000)) + f"\n{row}\n{row}\n")
+    with pytest.raises(NoMagnetometer, match=r"^wide\.csv has 100,000 columns: cut the magnetometer's out"):
+        flinders.read(tmp_path / "wide.csv")
+
+
+# streams and interrupts
+
+
+@pytest.mark.parametrize("words", ["demo", "info log.csv --json", "calibrate log.csv --json"])
+def test_a_closed_standard_output_is_an_error(words: str, tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(TEXT)
+    command = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-m", "flinders", *words.split()]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+    assert ended.returncode == 6
+    assert (
+        ended.stderr.splitlines()[-1] == b"error: output cannot be written: it is closed: leave it open, or name a file"
+    )
+
+
+def test_ctrl_c_while_the_program_starts_prints_no_traceback() -> None:
+    """Sent as soon as the command line imports something, and then ever later."""
+    run = "\n".join([
+        "import signal, sys",
+        "signal.signal(signal.SIGINT, signal.default_int_handler)",
+        "class Told:",
+        "    def find_spec(name, *_):",
+        "        if name == 'click': print(flush=True)",
+        "sys.meta_path.insert(0, Told)",
+        "from flinders.cli import main",
+        "sys.argv[1:] = ['demo']",
+        "main(prog_name='flinders')",
+    ])  # fmt: skip
+    for later in (0.0, 0.02, 0.05, 0.1, 0.2):
+        program = subprocess.Popen([sys.executable, "-c", run], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        assert program.stdout is not None
+        program.stdout.readline()
+        time.sleep(later)
+        program.send_signal(signal.SIGINT)
+        _, said = program.communicate(timeout=60)
+        assert (program.returncode, said.split()[-1:]) in ((130, []), (130, [b"interrupted"])), said
+        assert b"Traceback" not in said
