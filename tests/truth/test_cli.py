@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -881,3 +882,15 @@ def test_an_algorithm_of_another_project_is_refused_with_what_to_use(name: str, 
     for call in (partial(flinders.fit, method=name), partial(flinders.compare_methods, methods=[name])):
         with pytest.raises(UsageError, match=f"method '{name}' is another project's algorithm: use '"):
             call(simulate.tumble(seed=1, n=200).samples)
+
+
+def test_the_address_of_the_page_is_drawn_for_a_phone() -> None:
+    """A QR code is square, two modules to a line, within a quiet zone of four."""
+    from flinders.cli.live import draw_address
+
+    drawn = io.StringIO()
+    draw_address("192.168.0.7:8410/?token=abcdefghijklmnopqrstuv", drawn)
+    rows = drawn.getvalue().splitlines()
+    assert {len(row) for row in rows} == {2 * len(rows) - 1}
+    assert set(rows[0]) == {"█"}
+    assert all(row[:4] in ("████", "▀▀▀▀") for row in rows)

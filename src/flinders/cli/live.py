@@ -19,6 +19,8 @@ from flinders.cli._output import print_json, say
 from flinders.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
+    from typing import TextIO
+
     from flinders.live.messages import Kind
     from flinders.live.session import LiveSession
     from flinders.live.session_file import Source
@@ -261,6 +263,13 @@ def _as_dict(session: LiveSession, recording: str | None) -> dict[str, Any]:
     }
 
 
+def draw_address(address: str, stream: TextIO) -> None:
+    """Draw an address as a QR code of half blocks, for the camera of a phone on the same network."""
+    import segno
+
+    segno.make(address, micro=False).terminal(out=stream, compact=True)
+
+
 def _announce(session: LiveSession, port: int, token: str | None, options: Live) -> None:
     """Say where the page is, and open it where there is somebody to see it."""
     from flinders.live.access import page_addresses
@@ -275,6 +284,8 @@ def _announce(session: LiveSession, port: int, token: str | None, options: Live)
         click.echo(address)
     for other in others:
         say(f"or {other}")
+    if token is not None and sys.stderr.isatty():
+        draw_address(address, sys.stderr)
     if _has_screen() if options.opens is None else options.opens:
         threading.Thread(target=_open_browser, args=(address,), daemon=True).start()
 
