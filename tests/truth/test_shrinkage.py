@@ -100,3 +100,14 @@ def test_an_estimate_that_is_hardly_known_is_left_alone() -> None:
     unknown[[0, 3], [0, 3]] = 1e28
     unknown[0, 3] = unknown[3, 0] = -1e28
     assert shrunk(replace(fitted, covariance=fitted.covariance + unknown)) is None
+
+
+def test_a_direction_of_which_much_is_unknown_leaves_a_negative_variance_to_rounding() -> None:
+    """The first minutes of a real recording: the covariance had eigenvalues from -2e-7 of the largest on."""
+    fitted = METHODS["likelihood"]().estimate(Readings.of(rocked(1, Sensor(noise=0.3))))
+    size = np.trace(fitted.ellipsoid.shape) / 3.0
+    along, across = np.eye(9)[0] - np.eye(9)[3], np.eye(9)[1] + np.eye(9)[2]
+    covariance = 2000.0 * np.outer(along, along) - 2e-3 * np.outer(across, across) + 2.5e-3 * np.eye(9)
+    assert np.linalg.eigvalsh(covariance)[0] < -1e-3
+    shrunken = shrunk(replace(fitted, covariance=covariance * size**2))
+    assert shrunken is None or np.isfinite(shrunken.covariance).all()

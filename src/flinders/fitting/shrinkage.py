@@ -97,7 +97,7 @@ def posteriors(parameters: Floats, covariances: Floats) -> tuple[NDArray[np.intp
     places = np.flatnonzero(_are_near(parameters, covariances, sizes))
     sizes, covariances = sizes[places, np.newaxis, np.newaxis], covariances[places]
     departures = DEPARTURES @ parameters[places, :, np.newaxis] / sizes
-    spreads = DEPARTURES @ covariances @ DEPARTURES.T / sizes**2
+    spreads = _semidefinite(DEPARTURES @ covariances @ DEPARTURES.T / sizes**2)
     odds = _odds(departures, spreads)
     chosen = odds.mean(axis=1) > PROBABLE / (1.0 - PROBABLE)
     sizes, covariances = sizes[chosen], covariances[chosen]
@@ -107,6 +107,13 @@ def posteriors(parameters: Floats, covariances: Floats) -> tuple[NDArray[np.intp
     widths = sizes**2 * (PARAMETERS @ spreads @ PARAMETERS.T)
     widths += shrunken * shrunken.swapaxes(1, 2) * (SIZE @ covariances @ SIZE)[:, np.newaxis, np.newaxis] / sizes**2
     return places[chosen], shrunken[:, :, 0], widths
+
+
+def _semidefinite(spreads: Floats) -> Floats:
+    """(U, 8, 8) covariances without the negative variances that rounding leaves where another one is huge."""
+    values, axes = np.linalg.eigh(spreads)
+    clipped: Floats = (axes * np.maximum(values, 0.0)[:, np.newaxis]) @ axes.swapaxes(1, 2)
+    return clipped
 
 
 def _are_near(parameters: Floats, covariances: Floats, sizes: Floats) -> NDArray[np.bool_]:
