@@ -29,13 +29,12 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.core.calibration import Calibration
-from flinders.diagnostics.soft_iron import Refreshed
 from flinders.errors import UsageError
 from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.refreshing import (
     FINEST_SHAPE,
-    heading_change_deg,
     known_shape,
+    refreshed_from,
     refuse_unfit,
     samples_of,
     strength_of,
@@ -151,15 +150,13 @@ def refresh_at_headings(
         target_deg=target_deg,
         dip_deg=dip_deg,
         distortion=previous.distortion,
-        refreshed=Refreshed(
-            previous.name,
-            centre - previous.calibration.offset,
-            heading_change_deg(ellipsoid, previous, dip_deg),
-            1.0,
-            previous.distortion,
-        ),
+        refreshed=refreshed_from(previous, ellipsoid, dip_deg),
     )
-    fit = replace(fit, heading_error_deg=fit.level_error(dip_deg))
+    return _accepted(replace(fit, heading_error_deg=fit.level_error(dip_deg)), chance)
+
+
+def _accepted(fit: Fit, chance: float) -> Fit:
+    """The fit with its findings and what it rests on, unless its verdict refuses it."""
     fit = replace(fit, findings=by_severity(_judged(fit, chance)))
     if fit.verdict == "refused":
         raise Refused(fit)

@@ -153,13 +153,7 @@ def refresh(
         target_deg=target_deg,
         dip_deg=dip_deg,
         sensor=previous.calibration.sensor,
-        refreshed=Refreshed(
-            previous.name,
-            aided.parameters.offset - previous.calibration.offset,
-            heading_change_deg(aided.ellipsoid, previous, dip_deg),
-            chance,
-            previous.distortion,
-        ),
+        refreshed=refreshed_from(previous, aided.ellipsoid, dip_deg, chance),
     )
     fit = replace(fit, dip_assumed=is_unknown and previous.dip_assumed)
     return (
@@ -267,10 +261,12 @@ def _solved(
     return (changed, reported_freer, chance) if is_changed else (same, reported, chance)
 
 
-def heading_change_deg(ellipsoid: Ellipsoid, previous: Fit, dip_deg: float) -> float:
-    """Heading error at the worst heading of a level vehicle that goes on with the earlier calibration."""
-    change = np.linalg.solve(previous.ellipsoid.shape, ellipsoid.centre - previous.calibration.offset)
-    return raw_error(Ellipsoid(change, np.eye(3)), dip_deg=dip_deg).worst
+def refreshed_from(previous: Fit, ellipsoid: Ellipsoid, dip_deg: float, soft_iron_by_chance: float = 1.0) -> Refreshed:
+    """What has changed since an earlier calibration, and what it would do to the headings of a level vehicle now."""
+    change = ellipsoid.centre - previous.calibration.offset
+    off = Ellipsoid(np.linalg.solve(previous.ellipsoid.shape, change), np.eye(3))
+    worst = raw_error(off, dip_deg=dip_deg).worst
+    return Refreshed(previous.name, change, worst, soft_iron_by_chance, previous.distortion)
 
 
 def turned(calibration: Calibration, previous: Fit) -> Calibration:
