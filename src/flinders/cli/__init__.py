@@ -45,6 +45,7 @@ main = Program(
         "live",
         "record",
         "send",
+        "firmware",
         "budget",
         "simulate",
         "evaluate",

@@ -1,7 +1,7 @@
 """Tables of the firmware: rules of the catalogue of findings, and attitudes that advice is given in, as C.
 
-A rule is on the board where all quantities that it compares are in `QUANTITIES`, which `board.c` calculates. Every other
-finding of a fit, a recording or a calibration is listed as not checked.
+A rule is on the board where all quantities that it compares are in `QUANTITIES`, which `board.c` calculates. Every
+other finding of a fit, a recording or a calibration is listed as not checked.
 
 >>> [row.code for row in on_board()][:3]
 ['one-plane', 'heading-error', 'coverage']
@@ -61,8 +61,9 @@ def unchecked() -> list[str]:
 
 def _names(rule: Rule) -> set[str]:
     """Quantities that a rule compares."""
-    limits = {limit.of for limit in (*rule.grades, *rule.needs) if limit.of}
-    return {rule.quantity, *limits, *(need.quantity for need in rule.needs)}
+    of_grades = {grade.of for grade in rule.grades if grade.of}
+    of_needs = {name for need in rule.needs for name in (need.quantity, need.of) if name}
+    return {rule.quantity} | of_grades | of_needs
 
 
 def header() -> str:
@@ -113,20 +114,23 @@ def _rule(row: CatalogueRow) -> str:
     """One rule as an initialiser."""
     rule = row.rule
     assert rule is not None
-    counts = f"{_quantity(rule.quantity)}, {len(rule.grades)}, {len(rule.needs)}, '{rule.comparison[0]}'"
+    words = f"{_text(row.code)}, {_text(row.fleet_action or row.action)}"
+    counts = f"{_quantity(rule.quantity)}, {len(rule.grades)}, {len(rule.needs)}, {_comparison(rule.comparison)}"
     grades = ", ".join(f"{{FLINDERS_{grade.severity.upper()}, {_limit(grade)}}}" for grade in rule.grades)
-    return f"    {{{_text(row.code)}, {_text(row.fleet_action or row.action)},\n     {counts}, {{{grades}}}, {_needs(rule)}}},"
+    return f"    {{{words},\n     {counts}, {{{grades}}}, {_needs(rule)}}},"
 
 
 def _needs(rule: Rule) -> str:
     """What has to hold as well; an empty list has one entry of zeros in C99."""
-    entries = ", ".join(f"{{{_quantity(need.quantity)}, {_comparison(need)}, {_limit(need)}}}" for need in rule.needs)
+    entries = ", ".join(
+        f"{{{_quantity(need.quantity)}, {_comparison(need.comparison)}, {_limit(need)}}}" for need in rule.needs
+    )
     return f"{{{entries or '{0, 0, {0, 0}}'}}}"
 
 
-def _comparison(need: Needs) -> str:
+def _comparison(comparison: str) -> str:
     """A comparison in one character, `g` for at least."""
-    return "'g'" if need.comparison == ">=" else f"'{need.comparison}'"
+    return "'g'" if comparison == ">=" else f"'{comparison}'"
 
 
 def _limit(limit: Grade | Needs) -> str:
@@ -151,5 +155,3 @@ def _text(words: str) -> str:
     """A string in ASCII, which every serial monitor shows."""
     plain = words.replace("−", "-").replace("°", " degrees").replace("`", "").replace('"', "'")
     return f'"{plain.encode("ascii", "replace").decode()}"'
-
-

@@ -109,8 +109,8 @@ void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *contex
     support->is_whole = !fl_cholesky(noise, n);
     if (support->is_whole) return;
     fl_eigen(support->vectors, n, support->values);
-    spurious(context, FEW, noise);
-    if (!(shares_of(matrix, n, nothing, noise, support) > NEXT_TO_NOTHING)) return;
+    const int is_of_all = spurious(context, FEW, noise);
+    if (!(shares_of(matrix, n, nothing, noise, support) > NEXT_TO_NOTHING) || is_of_all) return;
     spurious(context, MANY, noise);
     shares_of(matrix, n, nothing, noise, support);
 }

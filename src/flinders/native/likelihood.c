@@ -8,7 +8,11 @@ enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 
 #define LONGEST_STEP ((real)0.3)  /* of the radius */
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
+#ifdef FLINDERS_FLOAT
+#define SETTLED_BUT_FOR_ONE ((real)1e-4) /* rounding makes steps of 1e-5 */
+#else
 #define SETTLED_BUT_FOR_ONE ((real)1e-5) /* the corrected equation is solved by one more step anyway */
+#endif
 #define NO_WORSE ((real)0.01)     /* in χ² */
 #define SHORTEST_AXIS ((real)1e-4) /* of the longest */
 #define SENSE ((real)10)          /* spreads within which the centre and the size lie */
@@ -128,7 +132,7 @@ typedef struct {
 } scattered;
 
 /* What noise alone adds to the information, per unit of noise variance, from so many of the readings. */
-static void spurious(void *context, size_t most, real *matrix)
+static int spurious(void *context, size_t most, real *matrix)
 {
     const scattered *from = context;
     fl_view some = from->task->some;
@@ -138,6 +142,7 @@ static void spurious(void *context, size_t most, real *matrix)
     const real share = (real)from->at->count / (real)(points ? points : 1);
     for (int i = 0, sum = 0; i < 9; i++)
         for (int j = 0; j <= i; j++, sum++) matrix[9 * j + i] = matrix[9 * i + j] = sums[sum] * share;
+    return some.stride == from->task->some.stride;
 }
 
 /* Which directions the readings observe, looked at once. */

@@ -36,28 +36,37 @@ static uint32_t random_below(flinders_board *board, uint32_t bound)
     return (uint32_t)((uint64_t)board->random * bound >> 32);
 }
 
-/* The cell of the sphere that a reading lies in, and its direction. */
-static uint8_t cell_of(const flinders_board *board, const real reading[3], real direction[3])
+/* The direction of a reading from the centre. */
+static void direction_of(const flinders_board *board, const real reading[3], real direction[3])
 {
-    uint32_t cell;
     real local[3];
     for (int axis = 0; axis < 3; axis++) local[axis] = reading[axis] - board->centre[axis];
     fl_sym3_apply(board->inverse, local, direction);
     const real length = fl_sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
     for (int axis = 0; axis < 3; axis++) direction[axis] /= length > FL_SHORT ? length : FL_SHORT;
-    fl_kernels_chosen(1)->cells(direction, direction + 1, direction + 2, 1, &cell);
-    return (uint8_t)cell;
+}
+
+/* The cell of the sphere that each of up to eight readings lies in. */
+static void cells_of(const flinders_board *board, const real *readings, int n, uint8_t *out)
+{
+    real direction[3], axes[3][FL_BLOCK];
+    uint32_t cells[FL_BLOCK];
+    for (int i = 0; i < n; i++) {
+        direction_of(board, readings + 3 * i, direction);
+        for (int axis = 0; axis < 3; axis++) axes[axis][i] = direction[axis];
+    }
+    fl_kernels_chosen(1)->cells(axes[0], axes[1], axes[2], (size_t)n, cells);
+    for (int i = 0; i < n; i++) out[i] = (uint8_t)cells[i];
 }
 
 /* Count cells anew about another centre; of readings that are not stored each cell has its share. */
 static void count_cells(flinders_board *board)
 {
-    real direction[3];
+    const int count = board->count;
     memset(board->stored, 0, sizeof board->stored);
-    for (int i = 0; i < board->count; i++) {
-        board->cells[i] = cell_of(board, board->field + 3 * i, direction);
-        board->stored[board->cells[i]]++;
-    }
+    for (int i = 0; i < count; i += FL_BLOCK)
+        cells_of(board, board->field + 3 * i, count - i < FL_BLOCK ? count - i : FL_BLOCK, board->cells + i);
+    for (int i = 0; i < count; i++) board->stored[board->cells[i]]++;
     for (int cell = 0; cell < CELLS; cell++)
         board->seen[cell] = (uint32_t)((uint64_t)board->stored[cell] * board->readings / board->count);
 }
@@ -106,14 +115,14 @@ static int make_room(flinders_board *board, uint8_t cell)
 /* Add a reading. */
 int flinders_board_add(flinders_board *board, const real reading[3])
 {
-    real direction[3];
+    uint8_t cell;
     const real *const last = board->field + 3 * (board->count ? board->count - 1 : 0);
     for (int axis = 0; axis < 3; axis++)
         if (!isfinite(reading[axis])) return FLINDERS_NOT_FINITE;
     if (board->count && !memcmp(last, reading, 3 * sizeof(real))) return FLINDERS_OK;
     board->readings++;
     widen(board, reading);
-    const uint8_t cell = cell_of(board, reading, direction);
+    cells_of(board, reading, 1, &cell);
     board->seen[cell]++;
     if (make_room(board, cell)) return FLINDERS_OK;
     memcpy(board->field + 3 * board->count, reading, 3 * sizeof(real));
@@ -137,7 +146,7 @@ APART real hole_deg(const flinders_board *board, const real centres[CELLS][3], c
     for (int cell = 0; cell < CELLS; cell++) nearest[cell] = -1;
     for (int i = 0; i < board->count; i++) {
         if (rejected && rejected[i]) continue;
-        cell_of(board, board->field + 3 * i, direction);
+        direction_of(board, board->field + 3 * i, direction);
         for (int cell = 0; cell < CELLS; cell++) {
             const real *const c = centres[cell];
             const real cosine = c[0] * direction[0] + c[1] * direction[1] + c[2] * direction[2];

@@ -43,7 +43,7 @@ typedef struct flinders_limit {
 typedef struct flinders_rule {
     const char *code, *action; /* its name at the library, and what to do */
     uint8_t quantity, grades, needs;
-    char comparison;
+    char comparison; /* <, > or g: at least */
     struct {
         uint8_t severity;
         flinders_limit limit;
