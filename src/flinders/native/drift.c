@@ -31,7 +31,7 @@ static real time_of(const fl_residuals *residuals, size_t i)
 }
 
 /* What noise alone adds to the information, for each unit of its variance, from so many of the readings. */
-static int spurious(void *context, size_t most, real *matrix)
+static void spurious(void *context, size_t most, real *matrix)
 {
     const scattered *from = context;
     const fl_residuals *residuals = from->residuals;
@@ -52,7 +52,6 @@ static int spurious(void *context, size_t most, real *matrix)
     }
     for (int a = 0; a < PARAMETERS; a++)
         for (int b = 0; b <= a; b++) matrix[PARAMETERS * b + a] = matrix[PARAMETERS * a + b] *= share;
-    return every == 1;
 }
 
 /* Inverse of the information (13, 13) over the directions that are observed. */

@@ -59,7 +59,7 @@ enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
        FL_REACH = 1 << 20 }; /* cells on either side of zero */
 
 #ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
-enum { FL_BLOCK = 8, FL_LANES = 2, FL_WIDEST = 10, FL_SOME = 512, FL_ENOUGH = 512 };
+enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_SOME = 512, FL_ENOUGH = 512 };
 #else
 enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15,
        FL_SOME = 5000,     /* readings of a longer recording that it is looked at by */
@@ -153,7 +153,7 @@ typedef struct {
     real share[FL_WIDEST];
 } fl_support;
 
-typedef int (*fl_spurious)(void *context, size_t most, real *matrix); /* tells whether it is of all readings */
+typedef void (*fl_spurious)(void *context, size_t most, real *matrix);
 void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *context, fl_support *support);
 int fl_support_unseen(const fl_support *support);
 void fl_support_keep(const fl_support *support, real *matrix, real *gradient);

@@ -132,7 +132,7 @@ typedef struct {
 } scattered;
 
 /* What noise alone adds to the information, per unit of noise variance, from so many of the readings. */
-static int spurious(void *context, size_t most, real *matrix)
+static void spurious(void *context, size_t most, real *matrix)
 {
     const scattered *from = context;
     fl_view some = from->task->some;
@@ -142,7 +142,6 @@ static int spurious(void *context, size_t most, real *matrix)
     const real share = (real)from->at->count / (real)(points ? points : 1);
     for (int i = 0, sum = 0; i < 9; i++)
         for (int j = 0; j <= i; j++, sum++) matrix[9 * j + i] = matrix[9 * i + j] = sums[sum] * share;
-    return some.stride == from->task->some.stride;
 }
 
 /* Which directions the readings observe, looked at once. */
