@@ -1,0 +1,145 @@
+"""Whether readings are disturbed in step with the attitude: by a current that follows it, or by a loose magnetic part.
+
+A load that grows as a body leans moves the offset by P d, for the vertical d that an accelerometer shows. Most of that
+hides in offset and soft iron. The rest is in the residuals as nᵀ P d, with the surface normal n: they are regressed on
+the nine products nᵢ dⱼ, less what the ellipsoid and any function of the direction up to degree four explain, so that
+axes that are not linear explain nothing here.
+
+Slow noise follows an attitude by chance. How far it does is seen by shifting the residuals in time against the
+attitudes: for the coefficients c on an orthonormal basis of the products, with the mean C of c cᵀ over all shifts,
+cᵀC⁻¹c over their number is Hotelling's T² of a correlated series, about 1 for noise of any memory that is short
+against the recording. `PROVEN` comes from simulated noise (``python -m benchmarks.adversary --felt``).
+
+>>> from flinders import simulate
+>>> from flinders.fitting import calibrate
+>>> drive = simulate.tumble(seed=1).samples
+>>> attitude_dependence_of(drive, calibrate.fit(drive).ellipsoid, dip_deg=60.0) is None
+True
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.likelihood.dip import verticals
+from flinders.likelihood.magnitude import distances, information
+from flinders.summary.coverage import directions_of
+from flinders.summary.moments import DEGREES, EXPONENTS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.core.samples import Samples
+    from flinders.geometry.ellipsoid import Ellipsoid
+
+FEWEST, MOST = 100, 2000
+"""Readings: fewer say too little; of more some are looked at, evenly spaced."""
+
+TRUSTED: Final = 0.1
+"""Trust in a vertical below which the body was accelerated."""
+
+POWERS: Final = EXPONENTS[DEGREES >= 3]
+"""(25, 3) monomials: on the sphere all functions up to degree four."""
+
+INDEPENDENT: Final = 1e-8
+"""Of the largest eigenvalue of a basis: what is smaller is rounding."""
+
+SEEN: Final = 0.05
+"""Root mean square of a product that the direction of the field does not explain, from which it is told."""
+
+NEAR: Final = 0.05
+"""Share of the recording by which residuals are shifted at least: a smaller shift leaves much of them in place."""
+
+PROVEN: Final = 7.0
+"""T² for each coefficient."""
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeDependence:
+    """A disturbance of the readings that follows the attitude.
+
+    Attributes
+    ----------
+    heading_deg : float
+        What it makes of a level heading at the attitude where it is largest, about its mean; without the part that
+        hides in offset and soft iron.
+    explained : float
+        Share of the square of the residuals that it explains.
+    significance : float
+        T² for each coefficient: about 1 by chance.
+    """
+
+    heading_deg: float
+    explained: float
+    significance: float
+
+
+def attitude_dependence_of(
+    samples: Samples, ellipsoid: Ellipsoid, *, dip_deg: float, limit: float = math.inf
+) -> AttitudeDependence | None:
+    """Test whether residuals follow the attitude; None where they do not, or nothing tells.
+
+    Parameters
+    ----------
+    samples : Samples
+        In the order of recording.
+    ellipsoid : Ellipsoid
+    dip_deg : float
+    limit : float
+        Distance from the ellipsoid beyond which readings are outliers.
+    """
+    if samples.acceleration is None:
+        return None
+    off = distances(samples.field, ellipsoid)
+    down, trust = verticals(samples.acceleration)
+    rows = np.flatnonzero((np.abs(off) <= limit) & (trust > TRUSTED))
+    if len(rows) < FEWEST:
+        return None
+    rows = rows[:: -(-len(rows) // MOST)]
+    off, down = off[rows], down[rows]
+    products = _products(directions_of(samples.field[rows], ellipsoid), down, ellipsoid)
+    basis = _orthonormal(products, smallest=SEEN**2 * len(rows))
+    if not basis.shape[1]:
+        return None
+    coefficients = off @ products @ basis
+    significance = _significance(products @ basis, off, coefficients)
+    if not significance > PROVEN:
+        return None
+    moved = down @ (basis @ coefficients).reshape(3, 3).T
+    farthest = float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max())
+    level = ellipsoid.radius * math.cos(math.radians(dip_deg))
+    explained = float(coefficients @ coefficients / (off @ off))
+    return AttitudeDependence(math.degrees(math.atan2(farthest, level)), explained, significance)
+
+
+def _products(directions: Floats, down: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(N, 9) nᵢ dⱼ less what a function of the direction alone explains."""
+    jacobian = information(directions, ellipsoid)
+    alone = np.concatenate([jacobian, np.prod(directions[:, np.newaxis] ** POWERS, axis=2)], axis=1)
+    alone /= np.linalg.norm(alone, axis=0)
+    absorbed = alone @ _orthonormal(alone, smallest=0.0)
+    products = np.reshape(jacobian[:, :3, np.newaxis] * down[:, np.newaxis], (len(down), 9))
+    left: Floats = products - absorbed @ (absorbed.T @ products)
+    return left
+
+
+def _orthonormal(columns: Floats, *, smallest: float) -> Floats:
+    """(K, k) combinations of (N, K) columns that are orthonormal, of those with a square above the smallest."""
+    squares, vectors = np.linalg.eigh(columns.T @ columns)
+    seen: NDArray[np.bool_] = squares > max(smallest, INDEPENDENT * squares[-1])
+    combinations: Floats = vectors[:, seen] / np.sqrt(squares[seen])
+    return combinations
+
+
+def _significance(basis: Floats, off: Floats, coefficients: Floats) -> float:
+    """T² of coefficients on an orthonormal basis (N, k), for each, against those of residuals that are shifted."""
+    count, nearest = len(off), math.ceil(NEAR * len(off))
+    spectrum = np.conj(np.fft.rfft(off))[:, np.newaxis] * np.fft.rfft(basis, axis=0)
+    shifted = np.fft.irfft(spectrum, count, axis=0)[nearest : count - nearest]
+    scatter = shifted.T @ shifted / len(shifted)
+    return float(coefficients @ np.linalg.solve(scatter, coefficients)) / len(coefficients)
