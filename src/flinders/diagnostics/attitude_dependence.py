@@ -7,8 +7,8 @@ axes that are not linear explain nothing here.
 
 Slow noise follows an attitude by chance. How far it does is seen by shifting the residuals in time against the
 attitudes: for the coefficients c on an orthonormal basis of the products, with the mean C of c cᵀ over all shifts,
-cᵀC⁻¹c over their number is Hotelling's T² of a correlated series, about 1 for noise of any memory that is short
-against the recording. `PROVEN` comes from simulated noise (``python -m benchmarks.adversary --felt``).
+cᵀC⁻¹c is Hotelling's T² of a correlated series, about their number for noise of any memory that is short against the
+recording. `PROVEN` and `MUCH` come from simulated noise (``python -m benchmarks.adversary --felt``).
 
 >>> from flinders import simulate
 >>> from flinders.fitting import calibrate
@@ -55,8 +55,8 @@ SEEN: Final = 0.05
 NEAR: Final = 0.05
 """Share of the recording by which residuals are shifted at least: a smaller shift leaves much of them in place."""
 
-PROVEN: Final = 7.0
-"""T² for each coefficient."""
+PROVEN, MUCH = 40.0, 0.1
+"""T², and share of the square of the residuals, from which on they follow the attitude."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class AttitudeDependence:
     explained : float
         Share of the square of the residuals that it explains.
     significance : float
-        T² for each coefficient: about 1 by chance.
+        T² of up to eight coefficients: about their number by chance.
     """
 
     heading_deg: float
@@ -108,12 +108,12 @@ def attitude_dependence_of(
         return None
     coefficients = off @ products @ basis
     significance = _significance(products @ basis, off, coefficients)
-    if not significance > PROVEN:
+    explained = float(coefficients @ coefficients / (off @ off))
+    if not (significance > PROVEN and explained > MUCH):
         return None
     moved = down @ (basis @ coefficients).reshape(3, 3).T
     farthest = float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max())
     level = ellipsoid.radius * math.cos(math.radians(dip_deg))
-    explained = float(coefficients @ coefficients / (off @ off))
     return AttitudeDependence(math.degrees(math.atan2(farthest, level)), explained, significance)
 
 
@@ -137,9 +137,9 @@ def _orthonormal(columns: Floats, *, smallest: float) -> Floats:
 
 
 def _significance(basis: Floats, off: Floats, coefficients: Floats) -> float:
-    """T² of coefficients on an orthonormal basis (N, k), for each, against those of residuals that are shifted."""
+    """T² of coefficients on an orthonormal basis (N, k), against those of residuals that are shifted."""
     count, nearest = len(off), math.ceil(NEAR * len(off))
     spectrum = np.conj(np.fft.rfft(off))[:, np.newaxis] * np.fft.rfft(basis, axis=0)
     shifted = np.fft.irfft(spectrum, count, axis=0)[nearest : count - nearest]
     scatter = shifted.T @ shifted / len(shifted)
-    return float(coefficients @ np.linalg.solve(scatter, coefficients)) / len(coefficients)
+    return float(coefficients @ np.linalg.solve(scatter, coefficients))
