@@ -93,17 +93,17 @@ def attitude_dependence_of(
     limit : float
         Distance from the ellipsoid beyond which readings are outliers.
     """
-    if samples.acceleration is None:
+    some = samples[:: -(-len(samples) // MOST)]
+    if some.acceleration is None:
         return None
-    off = distances(samples.field, ellipsoid)
-    down, trust = verticals(samples.acceleration)
-    rows = np.flatnonzero((np.abs(off) <= limit) & (trust > TRUSTED))
-    if len(rows) < FEWEST:
+    off = distances(some.field, ellipsoid)
+    down, trust = verticals(some.acceleration)
+    used = (np.abs(off) <= limit) & (trust > TRUSTED)
+    off, down = off[used], down[used]
+    if len(off) < FEWEST:
         return None
-    rows = rows[:: -(-len(rows) // MOST)]
-    off, down = off[rows], down[rows]
-    products = _products(directions_of(samples.field[rows], ellipsoid), down, ellipsoid)
-    basis = _orthonormal(products, smallest=SEEN**2 * len(rows))
+    products = _products(directions_of(some.field[used], ellipsoid), down, ellipsoid)
+    basis = _orthonormal(products, smallest=SEEN**2 * len(off))
     if not basis.shape[1]:
         return None
     coefficients = off @ products @ basis

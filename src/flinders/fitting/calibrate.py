@@ -637,9 +637,11 @@ def _unmodelled(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Unmo
 
 
 def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> AttitudeDependence | None:
-    """Test whether something moves the readings of one recording in memory as the attitude changes."""
-    samples = evidence.readings.recording
-    if estimate.plane or estimate.unobserved or not isinstance(samples, Samples) or samples.acceleration is None:
+    """Test whether something moves the readings of one recording in memory with the attitude: no white residuals."""
+    samples, correlation = evidence.readings.recording, estimate.correlation
+    if estimate.plane or estimate.unobserved or (correlation is not None and correlation.is_white):
+        return None
+    if not isinstance(samples, Samples) or samples.acceleration is None:
         return None
     from flinders.diagnostics.attitude_dependence import attitude_dependence_of
 
