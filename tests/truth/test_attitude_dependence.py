@@ -13,6 +13,7 @@ import flinders
 from flinders import simulate
 from flinders.diagnostics.attitude_dependence import attitude_dependence_of
 from flinders.fitting.result import Refused
+from flinders.geometry.ellipsoid import Ellipsoid
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -100,6 +101,11 @@ def test_the_axes_of_the_accelerometer_do_not_matter() -> None:
 def test_a_level_turn_tells_nothing() -> None:
     samples = followed(tumbled(1, motion="level"))
     assert attitude_dependence_of(samples, flinders.fit(tumbled(1)).ellipsoid, dip_deg=60.0) is None
+
+
+def test_readings_without_noise_follow_no_attitude() -> None:
+    exact = simulate.tumble(seed=1, n=500, sensor=simulate.Sensor(), noise=0.0).samples
+    assert attitude_dependence_of(exact, Ellipsoid(np.zeros(3), 50.0 * np.eye(3)), dip_deg=60.0) is None
 
 
 def test_an_accelerometer_without_values_tells_nothing() -> None:

@@ -108,6 +108,14 @@ def test_independent_samples_are_those_of_an_autoregressive_process(memory: floa
     assert float(np.median(found)) == pytest.approx(3000 * (1 - memory) / (1 + memory), rel=0.25 * claim.widening)
 
 
+@pytest.mark.parametrize(("motion", "n"), [("hand", 1000), ("uniform", 300), ("eight", 600), ("hemisphere", 400)])
+def test_white_noise_is_no_distortion(motion: str, n: int, trials: Choose) -> None:
+    claim = trials(500, 20)
+    fields = (tumble(seed=seed, motion=motion, n=n, noise=0.3).samples.field for seed in claim.seeds)
+    found = [Auto().estimate(Readings.of(field)).correlation for field in fields]
+    assert not [correlation for correlation in found if correlation and correlation.direction > 0.0]
+
+
 def test_the_direction_of_a_distortion_is_told_from_its_time() -> None:
     """In each of five recordings, and within half of it in the median."""
     recordings = [Readings.of(by_hand(seed, distorted=0.01, sigma=0.2).samples.field) for seed in range(1, 6)]

@@ -47,7 +47,7 @@ POWERS: Final = EXPONENTS[DEGREES >= 3]
 """(25, 3) monomials: on the sphere all functions up to degree four."""
 
 INDEPENDENT: Final = 1e-8
-"""Of the largest eigenvalue of a basis: what is smaller is rounding."""
+"""Of the largest eigenvalue: what is smaller is rounding."""
 
 SEEN: Final = 0.05
 """Root mean square of a product that the direction of the field does not explain, from which it is told."""
@@ -108,13 +108,13 @@ def attitude_dependence_of(
         return None
     coefficients = off @ products @ basis
     significance = _significance(products @ basis, off, coefficients)
-    explained = float(coefficients @ coefficients / (off @ off))
-    if not (significance > PROVEN and explained > MUCH):
+    explained, total = float(coefficients @ coefficients), float(off @ off)
+    if not (significance > PROVEN and explained > MUCH * total):
         return None
     moved = down @ (basis @ coefficients).reshape(3, 3).T
     farthest = float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max())
     level = ellipsoid.radius * math.cos(math.radians(dip_deg))
-    return AttitudeDependence(math.degrees(math.atan2(farthest, level)), explained, significance)
+    return AttitudeDependence(math.degrees(math.atan2(farthest, level)), explained / total, significance)
 
 
 def _products(directions: Floats, down: Floats, ellipsoid: Ellipsoid) -> Floats:
@@ -142,4 +142,4 @@ def _significance(basis: Floats, off: Floats, coefficients: Floats) -> float:
     spectrum = np.conj(np.fft.rfft(off))[:, np.newaxis] * np.fft.rfft(basis, axis=0)
     shifted = np.fft.irfft(spectrum, count, axis=0)[nearest : count - nearest]
     scatter = shifted.T @ shifted / len(shifted)
-    return float(coefficients @ np.linalg.solve(scatter, coefficients))
+    return float(coefficients @ np.linalg.pinv(scatter, rcond=INDEPENDENT, hermitian=True) @ coefficients)
