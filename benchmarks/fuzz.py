@@ -394,6 +394,7 @@ def findings(kinds: Mapping[str, bytes], target: str, seed: int, numbers: range)
             if words:
                 yield Finding(start, given, words)
             start += 1
+        print(f"{start:,} inputs", file=sys.stderr, end="\r", flush=True)
 
 
 def minimised(finding: Finding, target: str, tries: int = 300) -> Finding:
