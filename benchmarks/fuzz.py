@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 MOST_CPU_S: Final = 10
 MOST_GROWTH_MB: Final = 300
+LONGEST_WAIT_S: Final = 600
+"""Seconds after which an input ends its child that takes no CPU: on a loaded machine ten take minutes."""
 ADDRESS_SPACE: Final = 16 << 30
 """Bytes that a child may reserve: what goes beyond is a MemoryError, and no danger to the machine."""
 BATCH: Final = 100
@@ -380,7 +382,7 @@ def _serve(inputs: Sequence[Input], target: str, writing: int) -> None:
         os.dup2(silence.fileno(), 2)
         for given in inputs:
             signal.setitimer(signal.ITIMER_PROF, MOST_CPU_S)  # ends the child
-            signal.alarm(6 * MOST_CPU_S)  # and where it waits for something that does not come
+            signal.alarm(LONGEST_WAIT_S)  # and where it waits for something that does not come
             words = outcome(given, Path(folder), target)
             os.write(writing, json.dumps(words).encode() + b"\n")
 

@@ -613,7 +613,7 @@ def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:
     places = array.indices
     if places.null_count:
         places, texts = places.fill_null(len(texts)), [*texts, ""]
-    return texts, places.to_numpy(zero_copy_only=False)
+    return texts, np.asarray(np.from_dlpack(places), dtype=np.int64)
 
 
 def _texts(array: Any) -> Any:  # noqa: ANN401
