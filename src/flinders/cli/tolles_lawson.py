@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import Counted, opened, refuse_calibrations
+from flinders.cli._output import say
 from flinders.cli._program import EXITS, GOOD
 from flinders.errors import UsageError
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Samples
+    from flinders.core.samples import Recording, Samples
 
 
 class TollesLawson(option.Group):
@@ -61,7 +62,7 @@ def command(options: TollesLawson) -> int:
     coefficients are fitted, with their uncertainty; with them RECORDING is compensated. A compensated reading is right
     but for a constant.
     """
-    outputs = options.checked_outputs(options.coefficients)
+    options.checked_outputs(options.coefficients)
     refuse_calibrations([options.recording])
     samples = _samples(options)
     return _fit(samples, options) if options.coefficients is None else _compensate(samples, options)
@@ -77,7 +78,17 @@ def _samples(options: TollesLawson) -> Samples:
         if not isinstance(recording, TextRecording):
             raise UsageError(f"{recording.source} is no text: its columns are known, leave --scalar out")
         recording.name_strength(options.scalar)
-    return whole(Counted(recording))
+    samples = whole(Counted(recording))
+    say("scalar magnetometer: " + ("none, the length of the vector" if samples.strength is None else _named(recording)))
+    return samples
+
+
+def _named(recording: Recording) -> str:
+    """The column of the scalar magnetometer."""
+    from flinders.readers import TextRecording
+
+    column = recording.columns.of_kind("strength") if isinstance(recording, TextRecording) else None
+    return "the reference strength of the recording" if column is None else column.names[0]
 
 
 def _fit(samples: Samples, options: TollesLawson) -> int:
@@ -115,5 +126,5 @@ def _lines(samples: Samples, interference: Floats) -> Iterator[str]:
 
     scalar = 1000.0 * scalar_of(samples)
     yield "time_s,scalar_nT,compensated_nT\n"
-    for row in np.column_stack([samples.time, scalar, scalar - interference]).tolist():
+    for row in np.column_stack([samples.as_columns()["time_s"], scalar, scalar - interference]).tolist():
         yield "{:.4f},{:.3f},{:.3f}\n".format(*row)

@@ -34,7 +34,9 @@ References
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
@@ -294,7 +296,7 @@ def _parts(run: slice, time: Floats) -> list[slice]:
     if seconds < SHORTEST_S:
         return []
     edges = np.linspace(run.start, run.stop, max(round(seconds / STRETCH_S), 1) + 1).astype(int).tolist()
-    return [slice(start, stop) for start, stop in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(start, stop) for start, stop in pairwise(edges)]
 
 
 def as_matrices(coefficients: Floats) -> tuple[Floats, Floats, Floats]:
@@ -413,7 +415,7 @@ def fitted(samples: Samples) -> TollesLawson:
         covariance,
         ridge=float(RIDGES[best]),
         before=before,
-        after=noise * np.sqrt(len(equations.values) / equations.readings),
+        after=noise * math.sqrt(len(equations.values) / equations.readings),
         held_out=held_out[best],
         as_flown=_claimed(equations.gram, covariance),
         on_any_heading=_claimed(around, covariance),

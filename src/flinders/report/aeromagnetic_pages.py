@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from rich.table import Column
+
 from flinders.errors import counted, figures
 from flinders.estimators.tolles_lawson import BAND_HZ, NAMES
 from flinders.report.formatting import with_uncertainty, written_time
@@ -16,31 +18,25 @@ if TYPE_CHECKING:
 
     from flinders.estimators.tolles_lawson import Compensated, TollesLawson
 
-COLOURS: Final = {"good": "good", "limited": "limited", "refused": "refused"}
-
 UNITS: Final = {"permanent": "nT", "induced": "nT at 50 µT", "eddy": "nT s at 50 µT"}
 
 
 def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
     """Lay out a fit: its verdict, what limits it, the coefficients and how they were found."""
-    words = f"held-out readings are {fit.improvement:.1f} times as quiet: {_nanotesla(fit.before)} → {_nanotesla(fit.held_out)}"
+    words = f"the compensation makes readings {fit.improvement:.1f} times as quiet (improvement ratio, held out)"
     known = [
         ("flight", f"{counted(fit.readings, 'reading')} in {written_time(fit.seconds)} without gaps"),
         ("before", f"{_nanotesla(fit.before)}, standard deviation from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"),
         ("held out", f"{_nanotesla(fit.held_out)}, each fifth of the stretches by the coefficients of the others"),
-        (
-            "claim",
-            f"{_nanotesla(fit.as_flown)} (1 σ) in manoeuvres as flown, {_nanotesla(fit.on_any_heading)} on any heading",
-        ),
+        ("claim", f"{_nanotesla(fit.as_flown)} (1 σ) as flown, {_nanotesla(fit.on_any_heading)} on any heading"),
         ("ridge", f"{fit.ridge:.1g} of the sum of squares of each term, by cross-validation"),
     ]
-    limits = notes(("limits", words) for words in fit.limits)
-    return page(
-        verdict(fit.verdict, fit.verdict, words), limits, table(("coefficient", "", ""), _rows(fit)), facts(known)
-    )
+    limits = notes(("limits", limit) for limit in fit.limits) if fit.limits else None
+    coefficients = table(("coefficient", "", Column("")), _rows(fit))
+    return page(verdict(fit.verdict, fit.verdict, words), limits, coefficients, facts(known))
 
 
-def of_compensated(fit: TollesLawson, compensated: Compensated) -> RenderableType:
+def of_compensated(compensated: Compensated) -> RenderableType:
     """Lay out what coefficients leave of another recording."""
     ratio = compensated.before / compensated.after
     return facts(

@@ -207,7 +207,7 @@ def _manoeuvre(rng: Generator, name: str, rate_hz: float) -> Floats:
 def _level(heading_deg: float, rate_hz: float, angles: Floats | None = None) -> Floats:
     """(N, 3) angles on a heading: straight and level, or some that are flown on it."""
     flown = np.zeros((round(LEVEL_S * rate_hz), 3)) if angles is None else angles
-    return flown + [0.0, 0.0, math.radians(heading_deg)]
+    return flown + np.array([0.0, 0.0, math.radians(heading_deg)])
 
 
 def _turn(first_deg: float, last_deg: float, rate_hz: float) -> Floats:
