@@ -88,6 +88,9 @@ RIDGES: Final = np.logspace(-8.0, 0.0, 17)
 
 NO_RIDGE: Final = 1e-12
 
+OPEN: Final = 0.25
+"""Of the standard deviation before compensation: coefficients that are less certain leave terms unseen."""
+
 ROUNDS: Final = 2
 """Of the second order, which is a hundredth of the first where the aircraft has one percent of the field."""
 
@@ -261,7 +264,8 @@ class Signal:
 
     def interference(self, coefficients: Floats) -> Floats:
         """(N,) nT that coefficients make of the aircraft."""
-        return self.terms() @ coefficients + self.second_order(coefficients)
+        first: Floats = self.terms() @ coefficients
+        return first + self.second_order(coefficients)
 
     def second_order(self, coefficients: Floats) -> Floats:
         """(N,) nT by which the strength is higher than the terms make it: half of what is across, squared, over B."""
@@ -270,9 +274,9 @@ class Signal:
         scale = self.strength[:, np.newaxis] / NORMAL_FIELD
         field = permanent + scale * (u @ induced.T + change @ eddy.T)
         along = np.sum(field * u, axis=1)
-        return (
-            1000.0 * self.strength - np.linalg.norm(1000.0 * self.strength[:, np.newaxis] * u - field, axis=1) - along
-        )
+        total = 1000.0 * self.strength
+        earth: Floats = np.linalg.norm(total[:, np.newaxis] * u - field, axis=1)
+        return total - earth - along
 
     def filtered(self, columns: Floats) -> Floats:
         """(M, ...) cosines within the band of (N, ...) columns, each without its straight line."""
@@ -282,7 +286,8 @@ class Signal:
         line = np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n)])
         cosines = cosine_transform(columns - line @ np.linalg.lstsq(line, columns, rcond=None)[0])
         hertz = np.arange(n) * (n - 1) / (2.0 * n * seconds)
-        return cosines[(hertz >= BAND_HZ[0]) & (hertz <= BAND_HZ[1])]
+        in_band: Floats = cosines[(hertz >= BAND_HZ[0]) & (hertz <= BAND_HZ[1])]
+        return in_band
 
 
 def scalar_of(samples: Samples) -> Floats:
@@ -350,13 +355,20 @@ class Equations:
         """Standard deviation of readings of which (M,) cosines are within the band."""
         return float(np.sqrt(np.sum(values**2) / self.readings))
 
+    def __getitem__(self, rows: NDArray[np.bool_]) -> Equations:
+        return Equations(self.terms[rows], self.values[rows], self.stretch[rows], self.readings)
+
+    def fit(self, ridge: float) -> Floats:
+        """(16,) coefficients of least squares with a ridge."""
+        coefficients: Floats = _inverse(self.terms, ridge) @ self.terms.T @ self.values
+        return coefficients
+
     def held_out(self, ridge: float) -> Floats:
         """(M,) residuals of each fold of stretches, compensated by the coefficients of the others."""
         residuals = np.empty(len(self.values))
         for fold in range(FOLDS):
             is_out = self.stretch % FOLDS == fold
-            terms, values = self.terms[~is_out], self.values[~is_out]
-            residuals[is_out] = self.values[is_out] - self.terms[is_out] @ (_inverse(terms, ridge) @ terms.T @ values)
+            residuals[is_out] = self.values[is_out] - self.terms[is_out] @ self[~is_out].fit(ridge)
         return residuals
 
 
@@ -402,34 +414,34 @@ def fitted(samples: Samples) -> TollesLawson:
             "such as rolls, pitches and yaws on four headings",
             stretches=len(stretches),
         )
-    equations = _first_order(stretches)
+    recorded = Equations.of(stretches)
     angles = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
     around = np.mean([Equations.of([each.turned(angle) for each in stretches]).gram for angle in angles], axis=0)
+    unseen = _unseen(around, recorded)
+    equations = recorded if unseen else _first_order(recorded, stretches)
     held_out = [equations.spread(equations.held_out(ridge)) for ridge in RIDGES]
     best = int(np.argmin(held_out))
     coefficients, covariance, noise = _solved(equations, RIDGES[best])
-    before = equations.spread(equations.values)
-    plain = noise**2 * _inverse(equations.terms, NO_RIDGE)
     return TollesLawson(
         coefficients,
         covariance,
         ridge=float(RIDGES[best]),
-        before=before,
+        before=equations.spread(recorded.values),
         after=noise * math.sqrt(len(equations.values) / equations.readings),
         held_out=held_out[best],
         as_flown=_claimed(equations.gram, covariance),
         on_any_heading=_claimed(around, covariance),
-        unseen=_unseen(around, plain, before),
+        unseen=unseen,
         readings=equations.readings,
         seconds=float(sum(each.time[-1] - each.time[0] for each in stretches)),
     )
 
 
-def _first_order(stretches: Sequence[Signal]) -> Equations:
+def _first_order(recorded: Equations, stretches: Sequence[Signal]) -> Equations:
     """Equations without what the field of the aircraft adds in second order, which the coefficients say."""
-    recorded = equations = Equations.of(stretches)
+    equations = recorded
     for _ in range(ROUNDS):
-        coefficients, _, _ = _solved(equations, RIDGES[0])
+        coefficients = equations.fit(RIDGES[0])
         second = [each.filtered(each.second_order(coefficients)) for each in stretches]
         equations = replace(recorded, values=recorded.values - np.concatenate(second))
     return equations
@@ -450,9 +462,8 @@ def _stretches(signal: Signal) -> list[Signal]:
 
 def _solved(equations: Equations, ridge: float) -> tuple[Floats, Floats, float]:
     """Coefficients (16,), their covariance (16, 16), and the standard deviation of an equation."""
-    terms, values = equations.terms, equations.values
+    terms, values, coefficients = equations.terms, equations.values, equations.fit(ridge)
     inverse = _inverse(terms, ridge)
-    coefficients = inverse @ terms.T @ values
     residuals = values - terms @ coefficients
     leverage = np.einsum("mi,ij,mj->m", terms, inverse, terms)
     noise = float(np.sqrt(np.sum(residuals**2) / (len(values) - np.sum(leverage))))
@@ -466,9 +477,12 @@ def _claimed(gram: Floats, covariance: Floats) -> float:
     return float(np.sqrt(np.sum(gram * covariance)))
 
 
-def _unseen(gram: Floats, covariance: Floats, before: float) -> tuple[str, ...]:
-    """Terms that least squares leave open by more than there is to compensate."""
-    if _claimed(gram, covariance) <= before:
+def _unseen(gram: Floats, equations: Equations) -> tuple[str, ...]:
+    """Terms that least squares leave open by much of what there is to compensate, on any heading."""
+    _, _, noise = _solved(equations, RIDGES[0])
+    covariance = noise**2 * _inverse(equations.terms, NO_RIDGE)
+    most = OPEN * equations.spread(equations.values)
+    if _claimed(gram, covariance) <= most:
         return ()
     each = np.sqrt(np.diag(gram) * np.diag(covariance))
-    return tuple(name for name, size in zip(NAMES, each.tolist(), strict=True) if size > before)
+    return tuple(name for name, size in zip(NAMES, each.tolist(), strict=True) if size > most)

@@ -223,4 +223,5 @@ def _turn(first_deg: float, last_deg: float, rate_hz: float) -> Floats:
 def _smooth(rng: Generator, n: int, rate_hz: float, *, seconds: float) -> Floats:
     """(n, 3) smooth at random, of root mean square one."""
     smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
-    return smooth / np.sqrt(np.mean(smooth**2, axis=0))
+    scaled: Floats = smooth / np.sqrt(np.mean(smooth**2, axis=0))
+    return scaled
