@@ -35,7 +35,7 @@ CASES: Final[Mapping[str, tuple[float, dict[str, Any]]]] = {
     "a fifth of the iron": (0.2, {}),
     "four times the iron": (4.0, {}),
     "ground five times as rough": (1.0, {"geology": 0.1}),
-    "a vector magnetometer with 200 nT of noise": (1.0, {"vector": Sensor(noise=0.2)}),
+    "a vector magnetometer with 20 nT of noise": (1.0, {"vector": Sensor(noise=0.02)}),
     "north and south": (1.0, {"headings_deg": (0.0, 180.0)}),
     "rolls alone": (1.0, {"manoeuvres": ("roll",)}),
     "north four times": (1.0, {"headings_deg": (0.0, 0.0, 0.0, 0.0)}),
@@ -102,9 +102,9 @@ def trial(seed: int, iron: float, **different: Any) -> Trial:
 
 def in_band(flight: Flight, values: Floats) -> float:
     """Standard deviation of (N,) values of a flight, nT, from 0.1 to 0.9 Hz."""
-    stretches = Signal.of(flight.samples).stretches()
-    cosines = np.concatenate([stretch.filtered(values[stretch.rows]) for stretch in stretches])
-    return float(np.sqrt(np.sum(cosines**2) / sum(map(len, stretches))))
+    runs = Signal.of(flight.samples).runs()
+    cosines = np.concatenate([run.filtered(values[run.rows]) for run in runs])
+    return float(np.sqrt(np.sum(cosines**2) / sum(map(len, runs))))
 
 
 def merit_of(flight: Flight, values: Floats) -> float:
@@ -121,7 +121,7 @@ def _without_line(values: Floats) -> Floats:
 def _optimum(flight: Flight) -> Floats:
     """(N,) what least squares of these very readings leave."""
     signal = Signal.of(flight.samples)
-    equations = Equations.of(signal.stretches())
+    equations = Equations.of(signal.runs())
     coefficients = equations.fit(NO_RIDGE)
     return flight.interference - signal.interference(coefficients)
 

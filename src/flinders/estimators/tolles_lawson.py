@@ -8,11 +8,10 @@ strength B that the scalar magnetometer reads, the field of the aircraft adds
 p is the permanent field, a the induced and e the eddy-current part. Σ uᵢ² is 1 and Σ uᵢ u̇ᵢ is 0, so that azz and ezz
 cannot be seen beside the others and are zero here: 3 + 5 + 8 terms.
 
-Both sides are compared between 0.1 and 0.9 Hz, where manoeuvres are and the ground below is not. Stretches of half a
-minute, each without its straight line, are taken apart into cosines, and those of the band are the equations
-(band-spectrum regression): noise of any colour is independent there, so that the covariance needs no model of it.
-A ridge in units of the spread of each term, chosen by cross-validation over the stretches, holds what the manoeuvres
-hardly show.
+Both sides are compared between 0.1 and 0.9 Hz, where manoeuvres are and the ground below is not. Runs without gaps,
+each without its straight line, are taken apart into cosines, and those of the band are the equations (band-spectrum
+regression): noise of any colour is independent there, so that the covariance needs no model of it. A ridge in units of
+the spread of each term, chosen by cross-validation over half minutes, holds what the manoeuvres hardly show.
 
 >>> from flinders.simulate import calibration_flight
 >>> flight = calibration_flight(seed=1)
@@ -35,14 +34,13 @@ References
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 import numpy as np
 
 from flinders.arrays import Value, frozen, runs
-from flinders.errors import ArrayError, FitError, InputError, UnitError, figures
+from flinders.errors import FitError, InputError, StuckAxis, UnitError, figures
 from flinders.geometry.rotation import rotations
 
 if TYPE_CHECKING:
@@ -67,22 +65,27 @@ NORMAL_FIELD: Final = 50.0
 
 BAND_HZ: Final = (0.1, 0.9)
 
-STRETCH_S: Final = 30.0
-
 SHORTEST_S: Final = 15.0
-"""Of a stretch that counts."""
+"""Of a run without gaps that counts."""
+
+LEAST_S: Final = 90.0
+"""Of all runs: a flight of two headings, in a hurry."""
 
 LONGEST_GAP_S: Final = 1.0
 
 SLOWEST_HZ: Final = 4.0
 """Readings a second, twice the band and a margin."""
 
-FEWEST_STRETCHES: Final = 4
-
+FOLD_S: Final = 30.0
 FOLDS: Final = 5
 
 DROPOUT: Final = 0.1
 """Of the strength: a reading that is farther from the median is one of a scalar magnetometer without a signal."""
+
+SPIKE, LEAST_SPIKE = 30.0, 1e-2
+"""Times the mean, and µT, by which a spike is off the median of three readings."""
+
+FEWEST_READINGS: Final = 3
 
 RIDGES: Final = np.logspace(-8.0, 0.0, 17)
 
@@ -109,7 +112,7 @@ class TollesLawson(Value):
     ridge: float  #: share of the sum of squares of each term
     before: float  #: nT: of the strength as recorded
     after: float  #: nT: of the strength compensated, as noise and ground would leave with coefficients that are known
-    held_out: float  #: nT: of a fifth of the stretches, compensated by coefficients of all others
+    held_out: float  #: nT: of each fifth of the half minutes, compensated by coefficients of the others
     as_flown: float  #: nT, 1 σ: of the compensation by these coefficients, in manoeuvres as flown
     on_any_heading: float  #: nT, 1 σ: the same in these manoeuvres about z, on headings all around
     unseen: tuple[str, ...] = ()  #: of `NAMES`: what the manoeuvres do not show
@@ -128,7 +131,7 @@ class TollesLawson(Value):
 
     @property
     def improvement(self) -> float:
-        """Improvement ratio: standard deviation before over that of held-out stretches after."""
+        """Improvement ratio: standard deviation before over that of held-out half minutes after."""
         return self.before / self.held_out
 
     @property
@@ -161,8 +164,8 @@ class TollesLawson(Value):
 
         Raises
         ------
-        InputError, ArrayError
-            Without time, in counts, or for less than two readings.
+        InputError, UnitError, FitError
+            As `fitted`.
         """
         signal = Signal.of(samples)
         interference = np.full(len(samples), np.nan)
@@ -171,12 +174,12 @@ class TollesLawson(Value):
 
     def compensated(self, samples: Samples) -> Compensated:
         """Look at what the coefficients leave of another recording; raises as `interference`, and `fitted`."""
-        stretches = _stretches(Signal.of(samples))
-        equations = Equations.of(stretches)
-        removed = np.concatenate([each.filtered(each.interference(self.coefficients)) for each in stretches])
+        equations = Equations.of(Signal.of(samples).runs())
+        removed = np.concatenate([run.filtered(run.interference(self.coefficients)) for run in equations.runs])
+        left = equations.values - removed
         return Compensated(
-            before=equations.spread(equations.values),
-            after=equations.spread(equations.values - removed),
+            before=equations.before,
+            after=float(np.sqrt(np.sum(left**2) / equations.readings)),
             claimed=_claimed(equations.gram, self.covariance),
             noise=self.after,
         )
@@ -219,19 +222,46 @@ class Signal:
 
     @classmethod
     def of(cls, samples: Samples) -> Self:
-        """Take those that have a time after the one before, a direction and a strength near the median."""
+        """Take those with a time after the one before, and a strength that is no dropout and no spike.
+
+        Raises
+        ------
+        InputError, UnitError, FitError
+            As `fitted`.
+        """
         if samples.time is None:
             raise InputError(f"{samples.source} has no times: eddy currents and the band of manoeuvres need them")
-        length, strength = np.linalg.norm(samples.field, axis=1), scalar_of(samples)
         if samples.unit.inside != "uT":
             raise UnitError(f"{samples.source} is in counts: give unit= or scale= of the readings")
+        length, strength = np.linalg.norm(samples.field, axis=1), scalar_of(samples)
         is_later = np.diff(np.fmax.accumulate(samples.time), prepend=-np.inf) > 0.0
-        is_near = np.abs(strength - np.nanmedian(strength)) <= DROPOUT * np.nanmedian(strength)
-        rows = np.flatnonzero(is_later & is_near & (length > 0.0))
-        if len(rows) < 2:
-            raise ArrayError(f"{samples.source} has {len(rows)} usable readings: need two and more")
+        rows = np.flatnonzero(is_later & (length > 0.0) & (strength > 0.0))
+        rows = rows[_is_usual(strength[rows])]
+        if len(rows) < FEWEST_READINGS:
+            raise FitError(
+                f"{len(rows)} of {len(samples)} readings have a later time and a usual strength of the scalar "
+                f"magnetometer: need {FEWEST_READINGS} and more; check which columns are read",
+                found=len(rows),
+            )
         directions = samples.field[rows] / length[rows, np.newaxis]
-        return cls(rows, samples.time[rows], directions, strength[rows])
+        signal = cls(rows, samples.time[rows], directions, strength[rows])
+        signal.refuse_foreign(samples.field[rows])
+        return signal
+
+    def refuse_foreign(self, field: Floats) -> None:
+        """Refuse magnetometers of which one does not work, or is in another unit, by the (N, 3) field."""
+        if stuck := [axis for axis in range(3) if np.ptp(field[:, axis]) == 0.0]:
+            raise StuckAxis(
+                tuple("xyz"[axis] for axis in stuck), tuple(float(field[0, axis]) for axis in stuck), "in manoeuvres"
+            )
+        if np.ptp(self.strength) == 0.0:
+            raise FitError(f"the scalar magnetometer always reads {self.strength[0]:g} µT: check its column")
+        vector, scalar = float(np.median(np.linalg.norm(field, axis=1))), float(np.median(self.strength))
+        if not 0.5 < vector / scalar < 2.0:
+            raise UnitError(
+                f"the scalar magnetometer reads {scalar:.5g} µT and the vector {vector:.5g} µT: check their columns, "
+                "and give the unit of each in its name, such as scalar_nT"
+            )
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -244,11 +274,32 @@ class Signal:
         matrix = rotations([[0.0, 0.0, angle]])[0]
         return Signal(self.rows, self.time, self.directions @ matrix.T, self.strength)
 
-    def stretches(self) -> list[Signal]:
-        """Parts of about half a minute, without gaps."""
+    def runs(self) -> list[Signal]:
+        """Parts without gaps that are long enough, and have readings enough, for the band.
+
+        Raises
+        ------
+        FitError
+            Where there is none.
+        """
+        rate = 1.0 / float(np.median(np.diff(self.time)))
+        if rate < SLOWEST_HZ:
+            raise FitError(
+                f"{figures(rate)} readings a second: need {SLOWEST_HZ:g} or more, 10 are usual", rate_hz=rate
+            )
         steady = runs(np.append(np.diff(self.time) <= LONGEST_GAP_S, False))
-        whole = [slice(run.start, run.stop + 1) for run in steady]
-        return [self[part] for each in whole for part in _parts(each, self.time)]
+        whole = [self[run.start : run.stop + 1] for run in steady]
+        long = [run for run in whole if run.seconds >= SHORTEST_S]
+        if not long:
+            raise FitError(
+                f"no {SHORTEST_S:g} s without a gap of {LONGEST_GAP_S:g} s: record manoeuvres and lines in one piece"
+            )
+        return long
+
+    @property
+    def seconds(self) -> float:
+        """From the first reading to the last."""
+        return float(self.time[-1] - self.time[0])
 
     def terms(self) -> Floats:
         """(N, 16) what each coefficient is multiplied by."""
@@ -258,9 +309,10 @@ class Signal:
         eddy = [u[:, "xyz".index(i)] * change[:, "xyz".index(j)] for i, j in EDDY]
         return np.column_stack([u, np.stack([*induced, *eddy], axis=1) * self.strength[:, np.newaxis] / NORMAL_FIELD])
 
-    def in_band(self) -> Floats:
-        """(M, 17) cosines within the band: of the terms, and of the strength in nT."""
-        return self.filtered(np.column_stack([self.terms(), 1000.0 * self.strength]))
+    def in_band(self, coefficients: Floats | None = None) -> Floats:
+        """(M, 17) cosines within the band: of the terms, and of the strength in nT, without the second order."""
+        second = 0.0 if coefficients is None else self.second_order(coefficients)
+        return self.filtered(np.column_stack([self.terms(), 1000.0 * self.strength - second]))
 
     def interference(self, coefficients: Floats) -> Floats:
         """(N,) nT that coefficients make of the aircraft."""
@@ -280,14 +332,25 @@ class Signal:
 
     def filtered(self, columns: Floats) -> Floats:
         """(M, ...) cosines within the band of (N, ...) columns, each without its straight line."""
-        n, seconds = len(self), self.time[-1] - self.time[0]
+        n = len(self)
         even = np.linspace(self.time[0], self.time[-1], n)
         columns = np.apply_along_axis(lambda column: np.interp(even, self.time, column), 0, columns)
         line = np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n)])
-        cosines = cosine_transform(columns - line @ np.linalg.lstsq(line, columns, rcond=None)[0])
-        hertz = np.arange(n) * (n - 1) / (2.0 * n * seconds)
-        in_band: Floats = cosines[(hertz >= BAND_HZ[0]) & (hertz <= BAND_HZ[1])]
-        return in_band
+        return cosine_transform(columns - line @ np.linalg.lstsq(line, columns, rcond=None)[0])[self._is_in_band]
+
+    def passed(self, cosines: Floats) -> Floats:
+        """(N, ...) what (M, ...) cosines of the band are in time."""
+        whole = np.zeros((len(self), *cosines.shape[1:]))
+        whole[self._is_in_band] = cosines
+        return inverse_cosine_transform(whole)
+
+    @property
+    def _is_in_band(self) -> NDArray[np.bool_]:
+        """(N,) which cosines are."""
+        n = len(self)
+        hertz = np.arange(n) * (n - 1) / (2.0 * n * self.seconds)
+        is_in: NDArray[np.bool_] = (hertz >= BAND_HZ[0]) & (hertz <= BAND_HZ[1])
+        return is_in
 
 
 def scalar_of(samples: Samples) -> Floats:
@@ -295,13 +358,15 @@ def scalar_of(samples: Samples) -> Floats:
     return np.linalg.norm(samples.field, axis=1) if samples.strength is None else samples.strength
 
 
-def _parts(run: slice, time: Floats) -> list[slice]:
-    """Cut a run without gaps into equal parts; none of one that is too short."""
-    seconds = time[run.stop - 1] - time[run.start]
-    if seconds < SHORTEST_S:
-        return []
-    edges = np.linspace(run.start, run.stop, max(round(seconds / STRETCH_S), 1) + 1).astype(int).tolist()
-    return [slice(start, stop) for start, stop in pairwise(edges)]
+def _is_usual(strength: Floats) -> NDArray[np.bool_]:
+    """(N,) whether strengths are neither dropouts nor spikes."""
+    if not len(strength):
+        return np.zeros(0, bool)
+    padded = np.pad(strength, 1, mode="edge")
+    off = np.abs(strength - np.median([padded[:-2], strength, padded[2:]], axis=0))
+    is_spike = off > max(SPIKE * float(np.mean(off)), LEAST_SPIKE)
+    is_usual: NDArray[np.bool_] = ~is_spike & (np.abs(strength / np.median(strength) - 1.0) <= DROPOUT)
+    return is_usual
 
 
 def as_matrices(coefficients: Floats) -> tuple[Floats, Floats, Floats]:
@@ -328,22 +393,45 @@ def cosine_transform(columns: Floats) -> Floats:
     return transform
 
 
+def inverse_cosine_transform(cosines: Floats) -> Floats:
+    """(N, ...) columns of which `cosine_transform` gives (N, ...) cosines, the first of them zero.
+
+    >>> columns = np.array([1.0, 2.0, 4.0, -7.0])
+    >>> inverse_cosine_transform(cosine_transform(columns)).round(6)
+    array([ 1.,  2.,  4., -7.])
+    """
+    n = len(cosines)
+    shifted = (cosines.T * np.exp(0.5j * np.pi * np.arange(n) / n)).T * np.sqrt(2.0 * n)
+    columns: Floats = np.fft.irfft(shifted, 2 * n, axis=0)[:n]
+    return columns
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Equations:
     """Terms and strength within the band."""
 
-    terms: Floats  #: (M, 16)
-    values: Floats  #: (M,) nT
-    stretch: NDArray[np.intp]  #: (M,) which stretch each is of
-    readings: int
+    runs: Sequence[Signal]
+    cosines: tuple[Floats, ...]  #: of each run (M, 17): the terms, and the strength in nT
 
     @classmethod
-    def of(cls, stretches: Sequence[Signal]) -> Self:
-        """Those of some stretches."""
-        cosines = [stretch.in_band() for stretch in stretches]
-        place = np.repeat(np.arange(len(cosines)), [len(each) for each in cosines])
-        whole = np.concatenate(cosines)
-        return cls(whole[:, :-1], whole[:, -1], place, sum(map(len, stretches)))
+    def of(cls, runs: Sequence[Signal], coefficients: Floats | None = None) -> Self:
+        """Those of some runs; of the first order alone where coefficients say what the second is."""
+        return cls(runs, tuple(run.in_band(coefficients) for run in runs))
+
+    @property
+    def readings(self) -> int:
+        """How many there are."""
+        return sum(map(len, self.runs))
+
+    @property
+    def terms(self) -> Floats:
+        """(M, 16) of all runs."""
+        return np.concatenate(self.cosines)[:, :-1]
+
+    @property
+    def values(self) -> Floats:
+        """(M,) nT of all runs."""
+        return np.concatenate(self.cosines)[:, -1]
 
     @property
     def gram(self) -> Floats:
@@ -351,44 +439,51 @@ class Equations:
         gram: Floats = self.terms.T @ self.terms / self.readings
         return gram
 
-    def spread(self, values: Floats) -> float:
-        """Standard deviation of readings of which (M,) cosines are within the band."""
-        return float(np.sqrt(np.sum(values**2) / self.readings))
-
-    def __getitem__(self, rows: NDArray[np.bool_]) -> Equations:
-        return Equations(self.terms[rows], self.values[rows], self.stretch[rows], self.readings)
+    @property
+    def before(self) -> float:
+        """Standard deviation of the strength, nT."""
+        return float(np.sqrt(np.sum(self.values**2) / self.readings))
 
     def fit(self, ridge: float) -> Floats:
         """(16,) coefficients of least squares with a ridge."""
-        coefficients: Floats = _inverse(self.terms, ridge) @ self.terms.T @ self.values
+        coefficients: Floats = _inverse(self.terms.T @ self.terms, ridge) @ self.terms.T @ self.values
         return coefficients
 
-    def held_out(self, ridge: float) -> Floats:
-        """(M,) residuals of each fold of stretches, compensated by the coefficients of the others."""
-        residuals = np.empty(len(self.values))
-        for fold in range(FOLDS):
-            is_out = self.stretch % FOLDS == fold
-            residuals[is_out] = self.values[is_out] - self.terms[is_out] @ self[~is_out].fit(ridge)
-        return residuals
+    def products(self) -> Floats:
+        """(`FOLDS`, 17, 17) products of terms and strength in time, of each fifth of the half minutes."""
+        passed = np.concatenate([run.passed(cosines) for run, cosines in zip(self.runs, self.cosines, strict=True)])
+        fold = np.concatenate([(run.time - run.time[0]) // FOLD_S % FOLDS for run in self.runs])
+        return np.stack([passed[fold == each].T @ passed[fold == each] for each in range(FOLDS)])
 
 
-def _inverse(terms: Floats, ridge: float) -> Floats:
-    """(16, 16) inverse of the normal matrix with a ridge, a share of the sum of squares of each term."""
-    scale = np.sqrt(np.sum(terms**2, axis=0)) + 1e-300
-    normal = (terms / scale).T @ (terms / scale) + ridge * np.eye(terms.shape[1])
-    return np.linalg.pinv(normal, hermitian=True) / np.outer(scale, scale)
+def _held_out(products: Floats, ridge: float) -> float:
+    """Sum of squares of each fold, nT², compensated by the coefficients of the others."""
+    others = np.sum(products, axis=0) - products
+    left = 0.0
+    for own, other in zip(products, others, strict=True):
+        rest = np.append(-_inverse(other[:-1, :-1], ridge) @ other[:-1, -1], 1.0)
+        left += float(rest @ own @ rest)
+    return left
+
+
+def _inverse(normal: Floats, ridge: float) -> Floats:
+    """(16, 16) inverse of a normal matrix with a ridge, a share of the sum of squares of each term."""
+    scale = np.sqrt(np.diag(normal)) + 1e-300
+    return np.linalg.pinv(normal / np.outer(scale, scale) + ridge * np.eye(len(scale)), hermitian=True) / np.outer(
+        scale, scale
+    )
 
 
 def fitted(samples: Samples) -> TollesLawson:
     """Fit the sixteen coefficients to a calibration flight.
 
     Minimises Σ (y − Σ cⱼ xⱼ)² + λ Σ (cⱼ sⱼ)² over the cosines y of the strength and xⱼ of the terms, sⱼ² being the sum
-    of squares of the term; λ makes the residuals of held-out stretches smallest. The covariance is that of residuals
+    of squares of the term; λ makes the residuals of held-out half minutes smallest. The covariance is that of residuals
     of any size at each frequency [5]_, and of the coefficients that the ridge shrinks.
 
-    Use it for rolls, pitches and yaws of some degrees on three and more headings, high above the ground, and fields of
-    the aircraft below one or two percent of the earth's: the model is of first order. A larger one wants the vector
-    magnetometer calibrated first.
+    Use it for rolls, pitches and yaws of some degrees on four headings, high above the ground, and where the aircraft
+    adds two percent of the field or less; the vector magnetometer of a more magnetic one is to be calibrated first.
+    What the aircraft adds in second order, by its field across that of the earth, is taken off.
 
     Parameters
     ----------
@@ -399,76 +494,65 @@ def fitted(samples: Samples) -> TollesLawson:
     Raises
     ------
     InputError, UnitError
-        Without time, or in counts.
+        Without time, in counts, or where both magnetometers are in units of their own.
     FitError
-        For less than two minutes of usable readings, or fewer than four a second.
+        For less than 90 s of usable readings, fewer than four a second, or a magnetometer that does not work.
 
     References
     ----------
     .. [5] H. White (1980), doi:10.2307/1912934; HC3 of MacKinnon and White (1985).
     """
-    stretches = _stretches(Signal.of(samples))
-    if len(stretches) < FEWEST_STRETCHES:
+    flown = Signal.of(samples).runs()
+    seconds = sum(run.seconds for run in flown)
+    if seconds < LEAST_S:
         raise FitError(
-            f"{len(stretches)} half minutes without gaps: need {FEWEST_STRETCHES} and more, "
-            "such as rolls, pitches and yaws on four headings",
-            stretches=len(stretches),
+            f"{seconds:.0f} s without gaps: need {LEAST_S:.0f} s and more, such as rolls, pitches and yaws on four "
+            "headings",
+            seconds=seconds,
         )
-    recorded = Equations.of(stretches)
+    recorded = Equations.of(flown)
     angles = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
-    around = np.mean([Equations.of([each.turned(angle) for each in stretches]).gram for angle in angles], axis=0)
+    around = np.mean([Equations.of([run.turned(angle) for run in flown]).gram for angle in angles], axis=0)
     unseen = _unseen(around, recorded)
-    equations = recorded if unseen else _first_order(recorded, stretches)
-    held_out = [equations.spread(equations.held_out(ridge)) for ridge in RIDGES]
+    equations = recorded if unseen else _first_order(recorded)
+    products = equations.products()
+    held_out = [_held_out(products, ridge) for ridge in RIDGES]
     best = int(np.argmin(held_out))
     coefficients, covariance, noise = _solved(equations, RIDGES[best])
     return TollesLawson(
         coefficients,
         covariance,
         ridge=float(RIDGES[best]),
-        before=equations.spread(recorded.values),
+        before=recorded.before,
         after=noise * math.sqrt(len(equations.values) / equations.readings),
-        held_out=held_out[best],
+        held_out=math.sqrt(held_out[best] / equations.readings),
         as_flown=_claimed(equations.gram, covariance),
         on_any_heading=_claimed(around, covariance),
         unseen=unseen,
         readings=equations.readings,
-        seconds=float(sum(each.time[-1] - each.time[0] for each in stretches)),
+        seconds=seconds,
     )
 
 
-def _first_order(recorded: Equations, stretches: Sequence[Signal]) -> Equations:
+def _first_order(recorded: Equations) -> Equations:
     """Equations without what the field of the aircraft adds in second order, which the coefficients say."""
     equations = recorded
     for _ in range(ROUNDS):
-        coefficients = equations.fit(RIDGES[0])
-        second = [each.filtered(each.second_order(coefficients)) for each in stretches]
-        equations = replace(recorded, values=recorded.values - np.concatenate(second))
+        equations = Equations.of(recorded.runs, equations.fit(RIDGES[0]))
     return equations
-
-
-def _stretches(signal: Signal) -> list[Signal]:
-    """Stretches that show the band."""
-    rate = 1.0 / float(np.median(np.diff(signal.time)))
-    if rate < SLOWEST_HZ:
-        raise FitError(f"{figures(rate)} readings a second: need {SLOWEST_HZ:g} or more, 10 are usual", rate_hz=rate)
-    stretches = signal.stretches()
-    if not stretches:
-        raise FitError(
-            f"no {SHORTEST_S:g} s without a gap of {LONGEST_GAP_S:g} s: record manoeuvres and lines in one piece"
-        )
-    return stretches
 
 
 def _solved(equations: Equations, ridge: float) -> tuple[Floats, Floats, float]:
     """Coefficients (16,), their covariance (16, 16), and the standard deviation of an equation."""
     terms, values, coefficients = equations.terms, equations.values, equations.fit(ridge)
-    inverse = _inverse(terms, ridge)
+    inverse = _inverse(terms.T @ terms, ridge)
     residuals = values - terms @ coefficients
     leverage = np.einsum("mi,ij,mj->m", terms, inverse, terms)
     noise = float(np.sqrt(np.sum(residuals**2) / (len(values) - np.sum(leverage))))
     weighted = terms * (residuals / (1.0 - leverage))[:, np.newaxis]
-    shrunk = noise**2 * ridge * np.diag(np.sum(terms**2, axis=0))
+    squares = np.sum(terms**2, axis=0)
+    size = max(noise**2 / ridge, float(np.mean(squares * coefficients**2)))
+    shrunk = ridge**2 * size * np.diag(squares)
     return coefficients, inverse @ (weighted.T @ weighted + shrunk) @ inverse, noise
 
 
@@ -480,8 +564,8 @@ def _claimed(gram: Floats, covariance: Floats) -> float:
 def _unseen(gram: Floats, equations: Equations) -> tuple[str, ...]:
     """Terms that least squares leave open by much of what there is to compensate, on any heading."""
     _, _, noise = _solved(equations, RIDGES[0])
-    covariance = noise**2 * _inverse(equations.terms, NO_RIDGE)
-    most = OPEN * equations.spread(equations.values)
+    covariance = noise**2 * _inverse(equations.terms.T @ equations.terms, NO_RIDGE)
+    most = OPEN * equations.before
     if _claimed(gram, covariance) <= most:
         return ()
     each = np.sqrt(np.diag(gram) * np.diag(covariance))

@@ -27,7 +27,7 @@ def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
     known = [
         ("flight", f"{counted(fit.readings, 'reading')} in {written_time(fit.seconds)} without gaps"),
         ("before", f"{_nanotesla(fit.before)}, standard deviation from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"),
-        ("held out", f"{_nanotesla(fit.held_out)}, each fifth of the stretches by the coefficients of the others"),
+        ("held out", f"{_nanotesla(fit.held_out)}, each fifth of the half minutes by the others' coefficients"),
         ("claim", f"{_nanotesla(fit.as_flown)} (1 σ) as flown, {_nanotesla(fit.on_any_heading)} on any heading"),
         ("ridge", f"{fit.ridge:.1g} of the sum of squares of each term, by cross-validation"),
     ]

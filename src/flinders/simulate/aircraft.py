@@ -49,6 +49,8 @@ LEVEL_S: Final = 6.0
 TURN_DEG_S: Final = 3.0
 """Standard rate."""
 
+ROUNDED_S: Final = 1.0
+
 SPEED: Final = 60.0
 """m/s, of which follows the bank in a turn."""
 
@@ -191,7 +193,17 @@ def _flown(
             flown.append(Manoeuvre(name, heading, slice(start, start + len(parts[-1]))))
         parts.append(_level(heading, rate_hz))
         before = heading
-    return np.concatenate(parts), tuple(flown)
+    return _rounded(np.unwrap(np.concatenate(parts), axis=0), rate_hz), tuple(flown)
+
+
+def _rounded(angles: Floats, rate_hz: float) -> Floats:
+    """(N, 3) angles without corners, which no aircraft flies: smoothed over a second."""
+    half = max(round(ROUNDED_S * rate_hz / 2.0), 1)
+    weights = np.hanning(2 * half + 3)[1:-1]
+    padded = np.pad(angles, ((half, half), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, len(weights), axis=0)
+    smooth: Floats = windows @ (weights / np.sum(weights))
+    return smooth
 
 
 def _manoeuvre(rng: Generator, name: str, rate_hz: float) -> Floats:
