@@ -207,8 +207,8 @@ def renamed(column: str) -> None:
 
 
 def test_a_flight_is_fitted_and_another_one_compensated(home: Path) -> None:
-    for words in ("-o box.csv", "-o lines.csv --headings 45,225 --seed 2"):
-        assert flinders_("simulate", "aircraft", *words.split()).code == 0
+    for words in ("-o box.csv --json", "-o lines.csv --headings 45,225 --seed 2 --json"):
+        assert len(flinders_("simulate", "aircraft", *words.split()).json["permanent_nT"]) == 3
     ended = flinders_("tolles-lawson", "box.csv", "-o", "coefficients.json", "--json")
     assert ended.code == 0
     assert ended.json == flinders_("tolles-lawson", "box.csv", "--json").json

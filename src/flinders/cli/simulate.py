@@ -276,6 +276,7 @@ class CalibrationFlight(option.Group):
     )
     seed: int = option.same_as(Simulation, "seed")
     force: bool = option.force()
+    as_json: bool = option.as_json()
 
 
 @click.group(
@@ -414,6 +415,8 @@ def aircraft(options: CalibrationFlight) -> int:
     )
     outputs.write("".join(f"{line}\n" for line in lines(flight.samples)), options.output)
     outputs.say_written()
+    if options.as_json:
+        print_json(flight.as_dict())
     return GOOD
 
 

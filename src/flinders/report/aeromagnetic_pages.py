@@ -33,7 +33,7 @@ def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
     ]
     limits = notes(("limits", limit) for limit in fit.limits) if fit.limits else None
     coefficients = table(("coefficient", "", Column("")), _rows(fit))
-    return page(verdict(fit.verdict, fit.verdict, words), limits, coefficients, facts(known))
+    return page(verdict(fit.verdict.upper(), fit.verdict, words), limits, coefficients, facts(known))
 
 
 def of_compensated(compensated: Compensated) -> RenderableType:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -114,6 +114,18 @@ class Flight:
     interference: Floats  #: (N,) nT: of the aircraft in the scalar magnetometer
     manoeuvres: tuple[Manoeuvre, ...]
     aircraft: Aircraft
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: what is true of the aircraft, and which rows of the recording each manoeuvre has."""
+        return {
+            "permanent_nT": (1000.0 * self.aircraft.permanent).tolist(),
+            "induced": self.aircraft.induced.tolist(),
+            "eddy_s": self.aircraft.eddy.tolist(),
+            "manoeuvres": [
+                {"name": each.name, "heading_deg": each.heading_deg, "rows": [each.rows.start, each.rows.stop]}
+                for each in self.manoeuvres
+            ],
+        }
 
 
 def calibration_flight(
