@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from flinders.estimators.tolles_lawson import NO_RIDGE, Equations, Signal, fitted
+from flinders.estimators.tolles_lawson import NO_RIDGE, Equations, fitted
+from flinders.estimators.tolles_lawson_terms import Signal
 from flinders.simulate import Aircraft, Sensor, calibration_flight, fluxgate
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from tests.program import flinders_
 import flinders
 from flinders.core.axes import Axes
 from flinders.errors import DocumentError, FitError, FlindersError, InputError, StuckAxis, UnitError, UsageError
-from flinders.estimators.tolles_lawson import EDDY, INDUCED, NAMES, Signal, cosine_transform, fitted
+from flinders.estimators.tolles_lawson import fitted
+from flinders.estimators.tolles_lawson_terms import EDDY, INDUCED, NAMES, Signal, cosine_transform
 from flinders.fitting.aeromagnetic import dumps, loads
 from flinders.simulate import Aircraft, Sensor, calibration_flight
 from flinders.simulate.table import write_csv
@@ -73,7 +74,7 @@ def test_what_is_left_of_a_recording_is_as_expected() -> None:
 
 def test_a_magnetic_aircraft_is_compensated_in_second_order() -> None:
     """A thousand nT of permanent field add ten in second order."""
-    magnetic = Aircraft(permanent=[0.6, -0.8, 0.5])
+    magnetic = Aircraft(permanent=np.array([0.6, -0.8, 0.5]))
     flight, other = (calibration_flight(seed, aircraft=magnetic, vector=PERFECT) for seed in (1, 2))
     fit = fitted(flight.samples)
     assert spread(other, other.interference - fit.interference(other.samples)) < 2.5 * fit.as_flown
@@ -213,8 +214,8 @@ def test_a_flight_is_fitted_and_another_one_compensated(home: Path) -> None:
     assert ended.code == 0
     assert ended.json == flinders_("tolles-lawson", "box.csv", "--json").json
     assert set(ended.json["coefficients"]) == set(NAMES)
-    words = ["tolles-lawson", "lines.csv", "--coefficients", "coefficients.json", "-o", "out.csv"]
-    left = flinders_(*words, "--json").json
+    compensate = ["tolles-lawson", "lines.csv", "--coefficients", "coefficients.json", "-o", "out.csv"]
+    left = flinders_(*compensate, "--json").json
     assert left["improvement"] > 3.0
     header, *rows = Path("out.csv").read_text(encoding="utf-8").splitlines()
     assert header == "time_s,scalar_nT,compensated_nT"

@@ -122,7 +122,7 @@ def _lines(samples: Samples, interference: Floats) -> Iterator[str]:
     """Time, scalar reading and the compensated one, nT; nan where one is missing."""
     import numpy as np
 
-    from flinders.estimators.tolles_lawson import scalar_of
+    from flinders.estimators.tolles_lawson_terms import scalar_of
 
     scalar = 1000.0 * scalar_of(samples)
     yield "time_s,scalar_nT,compensated_nT\n"

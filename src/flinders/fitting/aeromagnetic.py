@@ -22,7 +22,8 @@ from flinders.core.files import read_bytes
 from flinders.core.samples import Samples
 from flinders.errors import DocumentError, UsageError
 from flinders.estimators.data import concatenated
-from flinders.estimators.tolles_lawson import NAMES, TollesLawson, fitted
+from flinders.estimators.tolles_lawson import TollesLawson, fitted
+from flinders.estimators.tolles_lawson_terms import NAMES
 from flinders.fitting.source import recording_of
 from flinders.summary.summary import Summary
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from rich.table import Column
 
 from flinders.errors import counted, figures
-from flinders.estimators.tolles_lawson import BAND_HZ, NAMES
+from flinders.estimators.tolles_lawson_terms import BAND_HZ, NAMES
 from flinders.report.formatting import with_uncertainty, written_time
 from flinders.report.terminal import facts, notes, page, table, verdict
 

@@ -231,7 +231,8 @@ def _manoeuvre(rng: Generator, name: str, rate_hz: float) -> Floats:
 def _level(heading_deg: float, rate_hz: float, angles: Floats | None = None) -> Floats:
     """(N, 3) angles on a heading: straight and level, or some that are flown on it."""
     flown = np.zeros((round(LEVEL_S * rate_hz), 3)) if angles is None else angles
-    return flown + np.array([0.0, 0.0, math.radians(heading_deg)])
+    turned: Floats = flown + np.array([0.0, 0.0, math.radians(heading_deg)])
+    return turned
 
 
 def _turn(first_deg: float, last_deg: float, rate_hz: float) -> Floats:
