@@ -41,7 +41,7 @@ import numpy as np
 
 from flinders.arrays import Value, frozen
 from flinders.errors import FitError, figures
-from flinders.estimators.tolles_lawson_terms import NAMES, Signal
+from flinders.estimators.tolles_lawson_terms import NAMES, Signal, turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -283,8 +283,7 @@ def fitted(samples: Samples) -> TollesLawson:
             seconds=seconds,
         )
     recorded = Equations.of(flown)
-    angles = 2.0 * np.pi * np.arange(HEADINGS) / HEADINGS
-    around = np.mean([Equations.of([run.turned(angle) for run in flown]).gram for angle in angles], axis=0)
+    around = _around(recorded.gram)
     unseen = _unseen(around, recorded)
     equations = recorded if unseen else _first_order(recorded)
     products = equations.products()
@@ -304,6 +303,13 @@ def fitted(samples: Samples) -> TollesLawson:
         readings=equations.readings,
         seconds=seconds,
     )
+
+
+def _around(gram: Floats) -> Floats:
+    """(16, 16) mean products of the terms with the same manoeuvres on headings all around."""
+    maps = [turned(2.0 * np.pi * place / HEADINGS) for place in range(HEADINGS)]
+    around: Floats = np.mean([each.T @ gram @ each for each in maps], axis=0)
+    return around
 
 
 def _first_order(recorded: Equations) -> Equations:

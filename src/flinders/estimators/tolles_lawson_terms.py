@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
 
+AXES: Final = "xyz"
 INDUCED: Final = ("xx", "xy", "xz", "yy", "yz")
 EDDY: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy")
 NAMES: Final = (
-    *(f"permanent {axis}" for axis in "xyz"),
+    *(f"permanent {axis}" for axis in AXES),
     *(f"induced {pair}" for pair in INDUCED),
     *(f"eddy {pair}" for pair in EDDY),
 )
@@ -112,11 +113,6 @@ class Signal:
     def __getitem__(self, part: slice) -> Signal:
         return Signal(self.rows[part], self.time[part], self.directions[part], self.strength[part])
 
-    def turned(self, angle: float) -> Signal:
-        """The same with the aircraft turned about its z axis by some rad."""
-        matrix = rotations([[0.0, 0.0, angle]])[0]
-        return Signal(self.rows, self.time, self.directions @ matrix.T, self.strength)
-
     def runs(self) -> list[Signal]:
         """Parts without gaps that are long enough, and have readings enough, for the band.
 
@@ -148,9 +144,9 @@ class Signal:
         """(N, 16) what each coefficient is multiplied by."""
         u = self.directions
         change = np.gradient(u, self.time, axis=0)
-        induced = [u[:, "xyz".index(i)] * u[:, "xyz".index(j)] for i, j in INDUCED]
-        eddy = [u[:, "xyz".index(i)] * change[:, "xyz".index(j)] for i, j in EDDY]
-        return np.column_stack([u, np.stack([*induced, *eddy], axis=1) * self.strength[:, np.newaxis] / NORMAL_FIELD])
+        (first, second), (across, along) = _places(INDUCED), _places(EDDY)
+        products = np.hstack([u[:, first] * u[:, second], u[:, across] * change[:, along]])
+        return np.hstack([u, products * self.strength[:, np.newaxis] / NORMAL_FIELD])
 
     def in_band(self, coefficients: Floats | None = None) -> Floats:
         """(M, 17) cosines within the band: of the terms, and of the strength in nT, without the second order."""
@@ -213,11 +209,37 @@ def _is_usual(strength: Floats) -> NDArray[np.bool_]:
 def as_matrices(coefficients: Floats) -> tuple[Floats, Floats, Floats]:
     """Permanent field (3,), induced matrix (3, 3), symmetric, and eddy matrix (3, 3), both with zz = 0."""
     induced, eddy = np.zeros((3, 3)), np.zeros((3, 3))
-    for pair, value in zip(INDUCED, coefficients[3:8], strict=True):
-        induced["xyz".index(pair[0]), "xyz".index(pair[1])] = value
-    for pair, value in zip(EDDY, coefficients[8:], strict=True):
-        eddy["xyz".index(pair[0]), "xyz".index(pair[1])] = value
+    induced[_places(INDUCED)], eddy[_places(EDDY)] = coefficients[3:8], coefficients[8:]
     return coefficients[:3], (induced + induced.T) / 2.0, eddy
+
+
+def as_coefficients(permanent: Floats, induced: Floats, eddy: Floats) -> Floats:
+    """(16,) coefficients of a field; of a matrix the same in all directions, which cannot be seen, nothing is left.
+
+    >>> as_coefficients(*as_matrices(np.arange(16.0)))
+    array([ 0.,  1.,  2.,  3.,  4.,  5.,  6.,  7.,  8.,  9., 10., 11., 12.,
+           13., 14., 15.])
+    """
+    induced, eddy = (matrix - matrix[2, 2] * np.eye(3) for matrix in (induced, eddy))
+    both = induced + induced.T - np.diag(np.diag(induced))
+    return np.concatenate([permanent, both[_places(INDUCED)], eddy[_places(EDDY)]])
+
+
+def turned(angle: float) -> Floats:
+    """(16, 16) what gives coefficients for an aircraft of those of one that is turned about z by some rad.
+
+    >>> bool(np.allclose(turned(0.3) @ turned(-0.3), np.eye(16)))
+    True
+    """
+    matrix = rotations([[0.0, 0.0, angle]])[0]
+    units = (as_matrices(unit) for unit in np.eye(len(NAMES)))
+    seen = [(matrix.T @ p, matrix.T @ induced @ matrix, matrix.T @ eddy @ matrix) for p, induced, eddy in units]
+    return np.column_stack([as_coefficients(*each) for each in seen])
+
+
+def _places(pairs: tuple[str, ...]) -> tuple[list[int], list[int]]:
+    """Rows and columns of entries."""
+    return [AXES.index(pair[0]) for pair in pairs], [AXES.index(pair[1]) for pair in pairs]
 
 
 def cosine_transform(columns: Floats) -> Floats:
