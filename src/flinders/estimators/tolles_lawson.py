@@ -240,10 +240,10 @@ def _held_out(products: Floats, ridge: float) -> float:
 
 def _inverse(normal: Floats, ridge: float) -> Floats:
     """(16, 16) inverse of a normal matrix with a ridge, a share of the sum of squares of each term."""
-    scale = np.sqrt(np.diag(normal)) + 1e-300
-    return np.linalg.pinv(normal / np.outer(scale, scale) + ridge * np.eye(len(scale)), hermitian=True) / np.outer(
-        scale, scale
-    )
+    scale = np.maximum(np.sqrt(np.diag(normal)), 1e-150)
+    units = np.outer(scale, scale)
+    inverse: Floats = np.linalg.pinv(normal / units + ridge * np.eye(len(scale)), hermitian=True) / units
+    return inverse
 
 
 def fitted(samples: Samples) -> TollesLawson:

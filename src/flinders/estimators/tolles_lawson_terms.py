@@ -163,7 +163,7 @@ class Signal:
         return shorter
 
     def second_order(self, coefficients: Floats) -> Floats:
-        """(N,) nT of it that is not linear: minus half the square of the aircraft's field across the earth's, over B."""
+        """(N,) nT of it that is not linear: minus the square of the aircraft's field across the earth's, over 2 B."""
         linear: Floats = self.terms() @ coefficients
         return self.interference(coefficients) - linear
 
