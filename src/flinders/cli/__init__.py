@@ -33,6 +33,7 @@ main = Program(
         "two_axis",
         "check",
         "refresh",
+        "tolles_lawson",
         "compare",
         "report",
         "plot",
