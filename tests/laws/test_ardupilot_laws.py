@@ -15,7 +15,8 @@ from flinders.core.units import Unit
 from flinders.errors import InputError, NotExportable
 from flinders.readers._fmt import read_packed
 from flinders.readers.dataflash import WANTED
-from flinders.targets._autopilot import euler, parse
+from flinders.targets._autopilot import parse
+from flinders.targets._mounting import euler
 from flinders.targets.ardupilot import ORIENTATIONS
 from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 

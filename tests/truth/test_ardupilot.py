@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import re
 import struct
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -29,8 +28,9 @@ from flinders.geometry import quaternions
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import READERS, open_dataflash
-from flinders.targets import ExportOptions, ardupilot, registry
-from flinders.targets._autopilot import euler, parse
+from flinders.targets import ardupilot
+from flinders.targets._autopilot import parse
+from flinders.targets._mounting import euler
 from flinders.targets.ardupilot import BY_CURRENT, ORIENTATIONS
 from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
@@ -182,14 +182,6 @@ def test_values_that_the_vehicle_does_not_take_are_named(matrix: Floats, name: s
     wanted = caught.value.evidence["wanted"]
     assert isinstance(wanted, dict)
     assert name in wanted
-
-
-def test_a_calibration_that_turns_is_refused_with_its_angle() -> None:
-    turn = euler(0, 0, 3)
-    with pytest.raises(NotExportable, match=r"turns readings by 3\.0°"):
-        Parameters.of(calibration(turn @ np.diag([1.1, 1.0, 0.9]), rotation="estimated"))
-    slight = euler(0, 0, 0.01) @ np.diag([1.1, 1.0, 0.9])
-    assert dict(Parameters.of(calibration(slight, rotation="estimated")).rows())["COMPASS_DIA_X"] == pytest.approx(1.1)
 
 
 def test_counts_and_compasses_that_there_are_not() -> None:
@@ -819,20 +811,3 @@ def _roll_and_pitch(attitude: Floats) -> tuple[Floats, Floats]:
     """Degrees, from where the vehicle has down."""
     x, y, z = quaternions.rotated(quaternions.inverse(attitude), np.array([0.0, 0.0, 1.0])).T
     return np.rad2deg(np.arctan2(y, z)), np.rad2deg(np.arctan2(-x, np.hypot(y, z)))
-
-
-def test_a_rotation_left_out_comes_with_the_parameters_for_a_corrected_mounting() -> None:
-    turned = euler(4.0, -9.0, 30.0)
-    plain = np.diag([1.1, 1.0, 0.95])
-    found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("mG"))
-    with pytest.raises(NotExportable, match="lossy=True"):
-        registry()["ardupilot"].render(found)
-    export = registry()["ardupilot"].render(found, asked=ExportOptions(lossy=True))
-    (note,) = (note for note in export.fields["notes"] if note.startswith("left out"))
-    assert "roll 4.00°, pitch −9.00°, yaw 30.00°" in note
-    raw = np.random.default_rng(1).normal(scale=400.0, size=(20, 3))
-    now = Parameters.read(export.fields["values"])
-    npt.assert_allclose(now.apply(raw) @ turned.T, found.apply(raw / 10.0) * 10.0, atol=0.02)
-    told = dict(re.findall(r"(COMPASS_\w+) (-?[\d.e-]+)", note.partition("below: ")[2]))
-    then = Parameters.read({name: float(value) for name, value in told.items()})
-    npt.assert_allclose(then.apply(raw @ turned.T), found.apply(raw / 10.0) * 10.0, atol=0.02)

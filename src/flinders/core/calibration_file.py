@@ -194,6 +194,8 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     autopilot: Literal["ardupilot", "px4"] | None = None  #: whose compass it was
     compass: Annotated[int, Meta(ge=0, le=3)] | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
     device_id: Count | None = None  #: its device id there
+    #: roll, pitch and yaw in degrees: how it was mounted then, vehicle = R_z(yaw) R_y(pitch) R_x(roll) sensor
+    mounting: Triple | None = None
 
 
 class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
