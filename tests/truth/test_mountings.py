@@ -15,6 +15,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 
+from flinders.arrays import floats
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Provenance, SourceFile
 from flinders.core.units import Unit
@@ -73,7 +74,7 @@ def anyhow(count: int) -> list[Floats]:
 def named(name: str) -> Floats:
     """A mounting of ArduPilot and PX4 by its name: roll first, then pitch, then yaw."""
     words = name.split("_")
-    turned = np.eye(3)
+    turned: Floats = np.eye(3)
     for word, value in zip(words[::2], words[1::2], strict=False):
         turned = about(["ROLL", "PITCH", "YAW"].index(word), float(value)) @ turned
     return turned
@@ -87,7 +88,7 @@ def ardupilot(values: Mapping[str, Any], raw: Floats) -> Floats:
     number = int(values.get("COMPASS_ORIENT", 2))
     assert number != 38
     custom = [values.get(f"CUST_ROT1_{axis}", 0.0) for axis in ("ROLL", "PITCH", "YAW")]
-    turned = about(2, custom[2]) @ about(1, custom[1]) @ about(0, custom[0])
+    turned: Floats = about(2, custom[2]) @ about(1, custom[1]) @ about(0, custom[0])
     if number == 101:
         assert values["CUST_ROT_ENABLE"] == 1
     else:
@@ -95,24 +96,21 @@ def ardupilot(values: Mapping[str, Any], raw: Floats) -> Floats:
     three = {name: np.array([values[f"COMPASS_{name}_{axis}"] for axis in "XYZ"]) for name in ("OFS", "DIA", "ODI")}
     xy, xz, yz = three["ODI"]
     iron = np.diag(three["DIA"]) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-    return 0.1 * ((10.0 * raw @ turned.T + three["OFS"]) * values["COMPASS_SCALE"]) @ iron.T
+    return floats(0.1 * ((10.0 * raw @ turned.T + three["OFS"]) * values["COMPASS_SCALE"]) @ iron.T)
 
 
 def px4(values: Mapping[str, Any], raw: Floats) -> Floats:
     """Magnetometer::ParametersUpdate and Correct."""
     number = int(values.get("CAL_MAG0_ROT", 6))
     own = [values.get(f"CAL_MAG0_{axis}", 0.0) for axis in ("ROLL", "PITCH", "YAW")]
-    if any(own):
-        assert number == 100
-        turned = about(2, own[2]) @ about(1, own[1]) @ about(0, own[0])
-    else:
-        turned = named(MOUNTINGS[number][0])
+    assert (number == 100) == any(own)
+    turned = about(2, own[2]) @ about(1, own[1]) @ about(0, own[0]) if any(own) else named(MOUNTINGS[number][0])
     offset, scale, beside = (
         np.array([values[f"CAL_MAG0_{axis}{group}"] for axis in "XYZ"]) for group in ("OFF", "SCALE", "ODIAG")
     )
     xy, xz, yz = beside
     iron = np.diag(scale) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-    return 100.0 * (raw / 100.0 - offset) @ (turned @ iron).T
+    return floats(100.0 * (raw / 100.0 - offset) @ (turned @ iron).T)
 
 
 def switched(raw: Floats, name: str) -> Floats:
@@ -139,10 +137,8 @@ def betaflight(values: Mapping[str, Any], raw: Floats) -> Floats:
     name = values.get("align_mag", NOW["betaflight"])
     if name == "CUSTOM":
         roll, pitch, yaw = (-int(values[f"mag_align_{axis}"]) / 10 for axis in ("roll", "pitch", "yaw"))
-        aligned = raw @ built(roll, pitch, yaw)
-    else:
-        aligned = switched(raw, name)
-    return aligned - np.array(values["mag_calibration"])
+        return floats(raw @ built(roll, pitch, yaw) - values["mag_calibration"])
+    return floats(switched(raw, name) - values["mag_calibration"])
 
 
 def inav(values: Mapping[str, Any], raw: Floats) -> Floats:

@@ -401,12 +401,17 @@ def say_beyond(compensator: Compensator) -> dict[str, Any]:
     return {"findings": [finding.as_dict() for finding in findings]}
 
 
+def is_asked() -> bool:
+    """Whether there is a person who can be asked."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
 def lossy_if_agreed(attempt: Callable[[bool], T], *, lossy: bool) -> T:
     """Do something without a loss; on a terminal, ask whether to do it with the loss that it is refused for."""
     try:
         return attempt(lossy)
     except NotExportable as refused:
-        if lossy or "heading_deg" not in refused.evidence or not sys.stdin.isatty():
+        if lossy or "heading_deg" not in refused.evidence or not is_asked():
             raise
         say(f"! {in_options(str(refused))}")
         if not click.confirm("Do it all the same?", err=True):

@@ -278,7 +278,7 @@ def _in_place(
             "when it was recorded, nothing was changed: only an external compass has one; record anew"
         )
     values = _without_missing(_free_custom(vehicle, compass, values), present)
-    new = kind.read({**present, **values}, compass).own_mounting
+    new = kind.read({**present, **values}, compass).own_mounting if names else mounting
     if new is None or min(apart_deg(now, mounting), apart_deg(now, new)) > MOST_TURN_DEG:
         raise NotSent(
             f"compass {compass} of {vehicle.name} is mounted by {in_words(now)}, and was by {in_words(mounting)} when "

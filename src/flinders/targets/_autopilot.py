@@ -32,7 +32,7 @@ from flinders.errors import (
     UsageError,
     counted,
 )
-from flinders.targets._mounting import angles, in_words, turn_of, without_turn
+from flinders.targets._mounting import angles, without_turn
 from flinders.targets._numbers import decoded
 from flinders.targets._target import MOTORS, followed, in_recorded_axes, single
 
@@ -200,12 +200,6 @@ class CompassParameters:
                 f"unit='{cls.unit}' (or {others} …), or with scale= where the microtesla in one count are known"
             )
         return without_turn(in_recorded_axes(followed(calibration)[0])[0])[0]
-
-
-def left_out(calibration: Calibration) -> list[str]:
-    """What to say of a rotation that is in no mounting."""
-    turn = turn_of(in_recorded_axes(calibration)[0])
-    return [] if turn is None else [f"left out: a rotation of {in_words(turn)}, which belongs into the mounting"]
 
 
 def of_six(diagonal: Floats, off_diagonal: Floats) -> Floats:

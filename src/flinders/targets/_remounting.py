@@ -68,3 +68,9 @@ def remounting(
     mounting = table.held(turn @ in_force if after else in_force @ turn)
     held = mounting.rotation @ in_force.T if after else in_force.T @ mounting.rotation
     return Remounting(mounting, held, in_force)
+
+
+def left_out(calibration: Calibration) -> list[str]:
+    """What to say of a rotation that is in no mounting."""
+    turn = turn_of(in_recorded_axes(calibration)[0])
+    return [] if turn is None else [f"left out: a rotation of {in_words(turn)}, which belongs into the mounting"]

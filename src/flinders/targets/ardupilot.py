@@ -47,7 +47,6 @@ from flinders.targets._autopilot import (
     CompassParameters,
     ParameterFile,
     in_six,
-    left_out,
     listed,
     motor_kind,
     mountings,
@@ -55,7 +54,7 @@ from flinders.targets._autopilot import (
     refuse_values,
 )
 from flinders.targets._mounting import Mounting, MountingTable, euler
-from flinders.targets._remounting import remounting
+from flinders.targets._remounting import left_out, remounting
 from flinders.targets._target import (
     MOTORS,
     VEHICLE,

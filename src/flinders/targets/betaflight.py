@@ -31,7 +31,7 @@ from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
 from flinders.targets._numbers import counts, in_16_bits, settings
-from flinders.targets._remounting import remounting
+from flinders.targets._remounting import left_out, remounting
 from flinders.targets._target import VEHICLE, Affine, ExportOptions, Target, TargetReader, Written, in_vehicle_axes
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
     # no log tells what was in force, and magADC has it removed
     notes = [
-        *([] if new is None else [new.words("align_mag"), *_custom_notes(new.mounting)]),
+        *(left_out(in_place) if new is None else [new.words("align_mag"), *_custom_notes(new.mounting)]),
         "for readings recorded with mag_calibration = 0,0,0: it replaces what the board holds",
     ]
     written = None if new is None else turn

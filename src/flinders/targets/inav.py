@@ -37,7 +37,7 @@ from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
 from flinders.targets._numbers import INT16, counts, in_16_bits, of_radii, offset_and_radii, settings
-from flinders.targets._remounting import remounting
+from flinders.targets._remounting import left_out, remounting
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
     # no log tells what was in force, and magADC is after it
     notes = [
-        *([] if new is None else [new.words("align_mag"), STRAIGHT]),
+        *(left_out(calibration) if new is None else [new.words("align_mag"), STRAIGHT]),
         "for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds",
     ]
 

@@ -48,14 +48,13 @@ from flinders.targets._autopilot import (
     CompassParameters,
     ParameterFile,
     in_six,
-    left_out,
     listed,
     motor_kind,
     mountings,
     refuse_values,
 )
 from flinders.targets._mounting import Mounting, MountingTable, euler
-from flinders.targets._remounting import remounting
+from flinders.targets._remounting import left_out, remounting
 from flinders.targets._target import (
     MOTORS,
     Affine,
