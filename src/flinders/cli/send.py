@@ -120,12 +120,15 @@ def _to_board(fit: Fit, port: str, options: Send) -> None:
     """Send MotionCal's packet and wait for the echo."""
     from flinders.live import motioncal
     from flinders.live.transports import Serial
-    from flinders.targets import find
+    from flinders.targets import ExportOptions, find
     from flinders.targets.motioncal import MotionCalPacket
 
+    export = lossy_if_agreed(
+        lambda lossy: find("motioncal").render(fit.calibration, asked=ExportOptions(lossy=lossy)), lossy=options.lossy
+    )
     packet, axes = MotionCalPacket.of(fit.calibration), fit.calibration.axes
     for warning in (
-        *find("motioncal").render(fit.calibration).warnings,
+        *export.warnings,
         *[f"it acts in the sensor's own axes: go on mapping them to {axes} afterwards"] * (not axes.is_identity),
         "the packet also sets the offsets of accelerometer and gyroscope, to 0, as MotionCal does",
     ):

@@ -139,7 +139,7 @@ class ParameterPlan:
             *[AXES[vehicle.autopilot]] * (not known),
             *_refuse_another(vehicle, number, present, wanted),
             *export.warnings,
-            *(note for note in export.fields["notes"] if note.startswith(("left out", "COMPASS_ORIENT", "CAL_MAG"))),
+            *(note for note in export.fields["notes"] if "left out" in note or "is written with the numbers" in note),
         )
         changes = []
         for name, value in wanted_values.items():

@@ -146,7 +146,10 @@ class CompassParameters:
     def mounting_angles(self) -> Angles | None:
         """Roll, pitch and yaw of `own_mounting`."""
         own = self.own_mounting
-        return None if own is None else angles(own)
+        if own is None:
+            return None
+        roll, pitch, yaw = (round(angle, 6) + 0.0 for angle in angles(own))
+        return roll, pitch, yaw
 
     def inverse(self) -> Floats:
         """(3, 3) A⁻¹; `ArrayError` where A flattens readings."""

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from flinders.targets._mounting import MountingTable, apart_deg, in_words, turn_of
-from flinders.targets._target import COARSEST_DEG, heading_deg, in_recorded_axes
+from flinders.targets._target import LOSS_DEG, heading_deg, in_recorded_axes
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -63,7 +63,7 @@ def remounting(
     turn = turn_of(in_recorded_axes(calibration)[0])
     if in_force is None or turn is None or np.linalg.det(turn) < 0:
         return None
-    if heading_deg(apart_deg(turn, np.eye(3))) <= COARSEST_DEG:
+    if heading_deg(apart_deg(turn, np.eye(3))) <= LOSS_DEG:
         return None
     mounting = table.held(turn @ in_force if after else in_force @ turn)
     held = mounting.rotation @ in_force.T if after else in_force.T @ mounting.rotation

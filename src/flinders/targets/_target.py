@@ -62,13 +62,17 @@ OWN, RECORDED = "own", "recorded"
 
 DIRECTIONS: Final = 400
 """Test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
-COARSEST_DEG: Final = 0.5
-"""Nothing is written unasked that costs more heading, nor what is off by the sine of it."""
+LOSS_DEG: Final = 0.5
+"""Nothing is left out unasked that costs more heading."""
+COARSEST_DEG: Final = 1.0
+"""Nothing is written whose numbers are so coarse that readings are off by the sine of it."""
 DIP_DEG: Final = 60.0
 """Inclination of the field that heading errors are told for."""
 NEXT_TO_NOTHING: Final = 0.0001
 EXACT: Final = 1e-9
 """A matrix is of a kind to within this share of its largest entry: products of matrices are rounded."""
+EXACT_SINGLE: Final = 1e-6
+"""The same for what float32 has rounded."""
 BEYOND_ALL: Final = 1e15
 """Numbers that no target gets to see, nor what is next to nothing: products of two of them suit single precision."""
 MOTORS: Final = {"current": 2, "throttle": 1}
@@ -80,7 +84,7 @@ class ExportOptions:
     """What is asked of a target besides the calibration."""
 
     compass: int | None = None  # which one, as the target counts; its first where it is not given
-    lossy: bool = False  # write also what costs more than half a degree of heading
+    lossy: bool = False  # write also what leaves out more than 0.5° of heading
     # (3, 3): how the compass was mounted when it was recorded, vehicle = R sensor; None where that is not known
     mounting: Floats | None = None
     # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
@@ -384,7 +388,8 @@ class Target:
             "diagonal": np.diag(np.diag(matrix)),
             "offset": np.eye(3) * matrix[0, 0],
         }[self.keeps]
-        return bool(np.abs(matrix - reduced).max() > EXACT * np.abs(matrix).max())
+        exact = EXACT if turn is None else EXACT_SINGLE
+        return bool(np.abs(matrix - reduced).max() > exact * np.abs(matrix).max())
 
     def _warnings(self, deviation: Difference, lacks: str) -> Iterable[str]:
         """What it costs, and what nobody could verify."""
@@ -510,7 +515,7 @@ class Difference:
 
     def refuse_lost(self, lacks: str, *, lossy: bool, advice: str = "") -> None:
         """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted."""
-        if math.isfinite(self.worst) and (lossy or self.heading_deg <= COARSEST_DEG):
+        if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
             return
         off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
         raise NotExportable(
@@ -522,7 +527,7 @@ class Difference:
         )
 
     def refuse_coarse(self, calibration: Calibration, *, lossy: bool) -> None:
-        """Raise `NotExportable` for rounding that costs half a degree; if `lossy`, that is off by the whole length."""
+        """Raise `NotExportable` for rounding that costs a degree; if `lossy`, that is off by the whole length."""
         strength = calibration.field_strength
         share = self.worst / strength
         if share <= math.sin(math.radians(COARSEST_DEG)) or (lossy and share < 1):
