@@ -143,11 +143,14 @@ class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     rotation_covariance: tuple[Triple, Triple, Triple] | UnsetType = UNSET
     acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: what the accelerometer reads too much, and 1 σ of that
     acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²
+    dip_deg: float | UnsetType = UNSET  #: dip of the field against the vertical that was recorded, and 1 σ of that
+    dip_sigma_deg: NotNegative | UnsetType = UNSET
 
 
-def beside_record(**columns: Floats | None) -> BesideRecord | UnsetType:
+def beside_record(**columns: Floats | float | None) -> BesideRecord | UnsetType:
     """Keep what was found, by the names of `BesideRecord`; nothing where nothing was, or no number came out."""
-    known = {name: value.tolist() for name, value in columns.items() if value is not None}
+    given = {name: value for name, value in columns.items() if value is not None}
+    known = {name: value if isinstance(value, float) else value.tolist() for name, value in given.items()}
     finite = {name: value for name, value in known.items() if not any(gaps(value))}
     return msgspec.convert(finite, BesideRecord) if finite else UNSET
 

@@ -127,6 +127,8 @@ class Aiding:
             rotation_covariance=_array(record.rotation_covariance),
             acceleration_bias=_array(record.acceleration_bias),
             acceleration_bias_sigma=_array(record.acceleration_bias_sigma),
+            dip_deg=None if record.dip_deg is UNSET else record.dip_deg,
+            dip_sigma_deg=None if record.dip_sigma_deg is UNSET else record.dip_sigma_deg,
         )
 
     def to_record(self) -> BesideRecord | UnsetType:
@@ -135,6 +137,8 @@ class Aiding:
             rotation_covariance=self.rotation_covariance,
             acceleration_bias=self.acceleration_bias,
             acceleration_bias_sigma=self.acceleration_bias_sigma,
+            dip_deg=self.dip_deg,
+            dip_sigma_deg=self.dip_sigma_deg,
         )
 
     def as_dict(self) -> dict[str, Any]:

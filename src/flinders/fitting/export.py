@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from flinders.errors import NotExportable, UsageError
+from flinders.fitting.gates import gates_of
 from flinders.targets import ExportOptions, mounting_table
 from flinders.targets._mounting import euler
 
@@ -58,7 +59,9 @@ def export_fit(
     if target.compasses:
         refuse_on_top(fit, target.name)
     number, notes = _compass_of(fit, target, compass)
-    asked = ExportOptions(compass=number, lossy=lossy, name=name, mounting=mounting_of(fit, target, mounting))
+    asked = ExportOptions(
+        compass=number, lossy=lossy, name=name, mounting=mounting_of(fit, target, mounting), gates=gates_of(fit)
+    )
     return target.render(fit.calibration, about=[*origin_lines(fit), *notes], asked=asked), notes
 
 

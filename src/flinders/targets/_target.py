@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import Rotation
     from flinders.core.disturbance import Disturbance
+    from flinders.targets._gates import Gates
     from flinders.targets._mounting import MountingTable
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
@@ -87,6 +88,7 @@ class ExportOptions:
     lossy: bool = False  # write also what leaves out more than 0.5° of heading
     # (3, 3): how the compass was mounted when it was recorded, vehicle = R sensor; None where that is not known
     mounting: Floats | None = None
+    gates: Gates | None = None  # limits by which generated code tells a disturbed reading
     # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
     name: str | None = None
 
