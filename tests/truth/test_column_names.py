@@ -172,12 +172,12 @@ OWN_UT = np.array([150.0, -80.0, 40.0])
 def pairs(folder: Path, *, named: str = "mag_{axis}_{pulse}_uT", sign: float = -1.0) -> Path:
     """A tumble of a sensor that flips its field with each pulse, and has an own offset that creeps by 20 µT."""
     tumble = simulate.tumble(seed=3, n=1500)
+    time = tumble.samples.time
+    assert time is not None
     own = OWN_UT + np.linspace(0.0, 20.0, 1500)[:, np.newaxis]
     noise = 0.5 * np.random.default_rng(1).normal(size=(1500, 3))
     header = ["t_s", *(named.format(axis=axis, pulse=pulse) for pulse in ("set", "reset") for axis in "xyz")]
-    rows = np.hstack(
-        [tumble.samples.time[:, np.newaxis], own + tumble.samples.field, own + sign * tumble.samples.field]
-    )
+    rows = np.hstack([time[:, np.newaxis], own + tumble.samples.field, own + sign * tumble.samples.field])
     rows[:, 4:] += noise
     path = folder / "pairs.csv"
     np.savetxt(path, rows, delimiter=",", header=",".join(header), comments="", fmt="%.3f")
@@ -209,7 +209,7 @@ def test_pairs_that_are_alike_are_no_pairs(tmp_path: Path) -> None:
     recording: Any = open_recording(pairs(tmp_path, sign=1.0))
     said = recording.describe()
     assert "less" not in said
-    assert "left out mag_x_reset_uT, mag_y_reset_uT, mag_z_reset_uT (as mag_x_set_uT, " in said
+    assert "left out mag_x_reset_uT, mag_y_reset_uT, mag_z_reset_uT (follows mag_x_set_uT, " in said
 
 
 def test_corrected_pairs_get_columns_of_their_own(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
-ALIKE: Final = 0.05  # share of set plus reset below which their difference is no field
+TURNED: Final = 3.0  # times that set plus reset spreads wider than their difference where both have one sign
 RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
 """What names of readings have that nobody corrected."""
 
@@ -226,16 +226,18 @@ def _with_pairs(columns: Columns, names: Sequence[str], values: Floats, pairs: M
         return columns
     reset = _column(FIELD, [pairs[cell] for cell in columns.field.cells], names)
     field = _column(FIELD, columns.field.cells, names)
-    after, before = values[:, field.cells], values[:, reset.cells]
-    with np.errstate(all="ignore"):
-        total, difference = (
-            float(np.nanmedian(np.abs(both))) if len(both) else 1.0 for both in (after + before, after - before)
-        )
-    if difference < ALIKE * total:
-        alike = f"{', '.join(reset.names)} (as {', '.join(field.names)}, and not of the other sign)"
-        return replace(columns, field=field, left_out=(*columns.left_out, alike))
-    own = np.nanmedian((after + before) / 2.0, axis=0).tolist() if len(values) else []
+    both = values[np.isfinite(values[:, [*field.cells, *reset.cells]]).all(axis=1)]
+    after, before = both[:, field.cells], both[:, reset.cells]
+    if _spread(after + before) > TURNED * _spread(after - before):
+        turned = f"{', '.join(reset.names)} (follows {', '.join(field.names)}: its sign was turned already)"
+        return replace(columns, field=field, left_out=(*columns.left_out, turned))
+    own = (np.median(after + before, axis=0) / 2.0).tolist() if len(both) else []
     return replace(columns, field=field, reset=reset, own_offset=tuple(own))
+
+
+def _spread(values: Floats) -> float:
+    """Root of the sum of the variances of (N, 3) values."""
+    return float(np.sqrt(np.sum(np.var(values, axis=0)))) if len(values) else 0.0
 
 
 def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str]) -> Columns | None:
