@@ -270,14 +270,14 @@ def _in_place(
     names = [name for name in values if name in kind.mounting_names(compass)]
     if mounting is None or not (names or vehicle.autopilot == ARDUPILOT):
         return values
-    present = _present(vehicle, kind.mounting_names(compass))
+    present = _mounting_now(vehicle, compass)
     now = kind.read(present, compass).own_mounting
     if now is None:
         raise NotSent(
             f"compass {compass} of {vehicle.name} has no mounting of its own, or one that is not known, and it had one "
             "when it was recorded, nothing was changed: only an external compass has one; record anew"
         )
-    values = _without_missing(_free_custom(vehicle, compass, values), present)
+    values = _without_missing(values, present) if vehicle.autopilot == PX4 else _free_custom(vehicle, compass, values)
     new = kind.read({**present, **values}, compass).own_mounting if names else mounting
     if new is None or min(apart_deg(now, mounting), apart_deg(now, new)) > MOST_TURN_DEG:
         raise NotSent(
@@ -285,6 +285,13 @@ def _in_place(
             "it was recorded, nothing was changed: record anew, or set the mounting as it was"
         )
     return values
+
+
+def _mounting_now(vehicle: Vehicle, compass: int) -> dict[str, float]:
+    """The parameters that say how a compass is mounted."""
+    present = _present(vehicle, PARAMETERS[vehicle.autopilot].mounting_names(compass))
+    orientation = present.get(ardupilot.names("ORIENT", compass)[0], 0.0)
+    return {**present, **_present(vehicle, ardupilot.custom_names(int(orientation)))}
 
 
 def _present(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:

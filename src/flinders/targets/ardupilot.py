@@ -35,7 +35,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
@@ -86,8 +86,6 @@ MOST_OFF_DIAGONAL: Final = 1.0
 """What ArduPilot's own calibrator accepts of DIA and ODI."""
 MOST_SCALE: Final = 1.5
 """A COMPASS_SCALE beyond 1/1.5 to 1.5 counts as 1."""
-Scheme = Literal["COMPASS_OFS2_X", "COMPASS2_OFS_X"]
-"""How the parameters of the second compass are named; the first one's are COMPASS_OFS_X or COMPASS1_OFS_X."""
 OFF, BY_THROTTLE, BY_CURRENT = 0, MOTORS["throttle"], MOTORS["current"]
 """What COMPASS_MOTCT says that COMPASS_MOT is multiplied by."""
 
@@ -249,9 +247,8 @@ class ArduPilotParameters(CompassParameters):
 
     @classmethod
     def mounting_names(cls, compass: int) -> tuple[str, ...]:
-        """COMPASS_EXTERNAL, the angles of custom rotations, and COMPASS_ORIENT."""
-        custom = (name for orientation in CUSTOM for name in custom_names(orientation))
-        return (names("EXTERNAL", compass)[0], *custom, names("ORIENT", compass)[0])
+        """COMPASS_EXTERNAL and COMPASS_ORIENT; `custom_names` are those of one that is set by angles."""
+        return names("EXTERNAL", compass)[0], names("ORIENT", compass)[0]
 
     @property
     def own_mounting(self) -> Floats | None:
@@ -302,7 +299,7 @@ class ArduPilotParameters(CompassParameters):
         shift: Floats = -MG * np.linalg.solve(self.matrix, self.motor)
         return shift
 
-    def rows(self, scheme: Scheme = "COMPASS_OFS2_X") -> tuple[tuple[str, float], ...]:
+    def rows(self) -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFS, DIA, ODI, SCALE, and MOT with COMPASS_MOTCT where there is a motor term.
 
         Values are rounded to the float32 that ArduPilot keeps.
@@ -311,7 +308,7 @@ class ArduPilotParameters(CompassParameters):
         if self.motor.any():
             groups["MOT"] = self.motor
         rows = [
-            (names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"], float(np.float32(value)) + 0.0)
+            (names(group, self.compass, axis)[0], float(np.float32(value)) + 0.0)
             for group, values in groups.items()
             for axis, value in zip(("_X", "_Y", "_Z") if len(values) == 3 else ("",), values, strict=True)
         ]
