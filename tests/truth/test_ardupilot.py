@@ -749,6 +749,7 @@ def test_three_compasses_of_a_quadcopter_and_what_was_in_force(recordings: Calla
     assert [(one.name, one.readings, one.unit.name) for one in log.instruments] == [
         ("MAG", 2384, "mG"), ("MAG2", 2384, "mG"), ("MAG3", 2383, "mG"),
     ]  # fmt: skip
+    assert [one.mounting for one in log.instruments] == [(90.0, 68.8, -66.7), None, None]  # the others are internal
     stored = {
         "MAG": ([-97.79, 118.11, 213.18], [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213]),
         "MAG2": ([-141.84, -67.99, -255.97], [0.950696, 1.050159, 1.006841], [-0.017186, 0.017152, -0.011334]),
