@@ -23,7 +23,7 @@ from flinders.cli import main
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.report.comparison_pages import of_comparison
-from flinders.targets._autopilot import euler
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from flinders.simulate import Sensor

@@ -139,6 +139,7 @@ def source_file(part: Counted) -> SourceFile:
         autopilot=getattr(recording, "autopilot", None),
         compass=getattr(recording, "compass", None),
         device_id=getattr(recording, "device_id", None),
+        mounting=getattr(recording, "mounting", None),
     )
 
 

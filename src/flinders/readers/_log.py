@@ -100,6 +100,8 @@ class Instrument:
     autopilot: Literal["ardupilot", "px4"] | None = None  #: ``ardupilot`` or ``px4``, where it is a compass of theirs
     compass: int | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
     device_id: int | None = None  #: its device id there
+    #: roll, pitch and yaw in degrees: how it is mounted, where it has a mounting of its own
+    mounting: tuple[float, float, float] | None = None
     as_logged: bool = False
     span: TimeSpan = field(default_factory=TimeSpan)  #: only readings within it are given
     #: s: the time from which the span counts, by the clock of `columns`: the first reading where it is NaN

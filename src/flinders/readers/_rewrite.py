@@ -8,6 +8,7 @@ from operator import ne
 from typing import TYPE_CHECKING, Final
 
 from flinders.core.samples import BLOCK
+from flinders.errors import UsageError
 from flinders.readers._tokenizer import SPACES, quoted, unglued
 
 if TYPE_CHECKING:
@@ -25,6 +26,11 @@ class Rewriter:
     """Puts numbers into lines, or with `add` after them, and leaves the rest of them alone."""
 
     def __init__(self, layout: TextLayout, *, add: bool) -> None:
+        if layout.columns.reset is not None and not add:
+            raise UsageError(
+                f"readings are in pairs ({layout.columns.field.names[0]}, {layout.columns.reset.names[0]}), and a "
+                "corrected one has no place among them: add columns for it (--add, or add=True)"
+            )
         self._layout, self._add = layout, add
         self._delimiter = layout.grid.delimiter
         mark = re.escape(self._delimiter)

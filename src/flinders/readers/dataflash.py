@@ -263,6 +263,7 @@ def _instrument(
         each: ArduPilotParameters.read(found[each][1], number) if known else ArduPilotParameters()
         for each in set(stage.tolist())
     }
+    last = ArduPilotParameters.read(found[-1][1], number) if known else ArduPilotParameters()
     compass = _Compass(file.name, mag, stage, parameters, auxiliary)
     clock = mag.seconds
     return Instrument(
@@ -274,7 +275,8 @@ def _instrument(
         frames=IN_VEHICLE_AXES,
         autopilot="ardupilot",
         compass=number if known else None,
-        device_id=ArduPilotParameters.read(found[-1][1], number).device_id if known else None,
+        device_id=last.device_id,
+        mounting=last.mounting_angles,
         beginning=np.nan if clock is None else float(clock[0]),
         readings=len(mag),
         notes=tuple(_remarks(compass, found[-1][1], number, ill)),

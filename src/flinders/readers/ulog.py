@@ -474,6 +474,7 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
         autopilot="px4",
         compass=None if parameters is None else parameters.compass,
         device_id=device or None,
+        mounting=None if parameters is None else parameters.mounting_angles,
         readings=int(np.isfinite(readings.field).all(axis=1).sum()),
         notes=tuple(notes),
     )
