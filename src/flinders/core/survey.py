@@ -1,0 +1,200 @@
+"""Shots of a survey instrument, and its calibration: two sensors and a pointing axis that give azimuth and inclination.
+
+A cave or geological surveyor's instrument (DistoX, SAP, BRIC) has a magnetometer, an accelerometer and a laser. Its
+calibration turns both readings into axes of the instrument, of which one is the laser's.
+
+>>> instrument = SurveyCalibration.identity()
+>>> angles = instrument.angles([[0.5, 0.0, 0.8]], [[0.0, 0.0, 1.0]])              # held level, the laser to the north
+>>> np.stack([angles.azimuth_deg, angles.inclination_deg, angles.roll_deg]).round(6).T + 0.0
+array([[0., 0., 0.]])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self
+
+import msgspec
+import numpy as np
+
+from flinders.arrays import table
+from flinders.core.axes import Axes
+from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
+from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
+from flinders.errors import ArrayError, DocumentError, UsageError
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from flinders.arrays import Floats
+    from flinders.core.calibration_file import Document, Fitted, Provenance
+    from flinders.core.units import Unit
+
+Pointing = Literal["x", "y", "z"]
+
+FORWARD: Final[dict[Pointing, Axes]] = {"x": Axes(), "y": Axes.of("y,x,-z"), "z": Axes.of("z,x,y")}
+"""Forward, right and down of an instrument, by the axis of its laser."""
+
+PROCEDURE: Final = np.array([
+    (0, 0), (90, 0), (0, 90), (180, 0), (270, 0), (0, -90),
+    (45, 35.26), (135, -35.26), (225, 35.26), (315, -35.26), (45, -35.26), (135, 35.26), (225, -35.26), (315, 35.26),
+])  # fmt: skip
+"""(14, 2) azimuth and inclination in degrees: to the sides and corners of a cube, each with four rolls 90° apart."""
+
+ROLLS_DEG: Final = np.array([0.0, 90.0, 180.0, 270.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shots:
+    """Readings of a survey instrument, one of both sensors for each shot.
+
+    Attributes
+    ----------
+    magnetic : (N, 3) float, in `unit`
+    gravity : (N, 3) float, any unit
+        Points down: the opposite of the specific force of `flinders.core.samples.Samples`.
+    groups : (N,) int, optional
+        Alike for shots in the same direction; None where nobody wrote that down.
+    numbers : tuple of int
+        What the file calls each shot; by default 1, 2, 3, …
+    pointing : str
+        Which axis is that of the laser: x, y or z.
+    unit : Unit
+        Of the magnetometer.
+    axes, accelerometer_axes : Axes
+        How the recorded axes of each sensor were turned into those of the instrument, right-handed.
+    source : str
+
+    Raises
+    ------
+    ArrayError
+        For arrays of another shape or length, or values that are not finite.
+    """
+
+    magnetic: Floats
+    gravity: Floats
+    groups: NDArray[np.intp] | None = None
+    numbers: tuple[int, ...] = ()
+    pointing: Pointing = "x"
+    unit: Unit = UNSTATED
+    axes: Axes = AS_RECORDED
+    accelerometer_axes: Axes = AS_RECORDED
+    source: str = "shots"
+
+    def __post_init__(self) -> None:
+        """Check the arrays."""
+        for name in ("magnetic", "gravity"):
+            object.__setattr__(self, name, table(getattr(self, name), name))
+        if not self.numbers:
+            object.__setattr__(self, "numbers", tuple(range(1, len(self) + 1)))
+        for name in ("gravity", "groups", "numbers"):
+            values = getattr(self, name)
+            if values is not None and len(values) != len(self):
+                raise ArrayError(f"{name} has {len(values)} rows, and magnetic {len(self)}: need one for each shot")
+        if self.pointing not in FORWARD:
+            raise UsageError(f"pointing is {self.pointing!r}: need x, y or z")
+
+    def __len__(self) -> int:
+        return len(self.magnetic)
+
+    def __getitem__(self, rows: NDArray[np.bool_]) -> Self:
+        """Those of the shots for which (N,) `rows` is true."""
+        return replace(
+            self,
+            magnetic=self.magnetic[rows],
+            gravity=self.gravity[rows],
+            groups=None if self.groups is None else self.groups[rows],
+            numbers=tuple(np.array(self.numbers)[rows].tolist()),
+        )
+
+
+class Angles(NamedTuple):
+    """Where shots point, in degrees."""
+
+    azimuth_deg: Floats  #: (N,) from magnetic north, 0 to 360
+    inclination_deg: Floats  #: (N,) above the horizon
+    roll_deg: Floats  #: (N,) to the right, −180 to 180
+
+
+def pointing_angles(field: Floats, down: Floats) -> Angles:
+    """Angles of the x axis of an instrument, of (..., 3) field and gravity in its axes, forward, right and down.
+
+    Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009).
+    """
+    west = np.cross(field, down)
+    x, y, z = (vector[..., 0] / np.linalg.norm(vector, axis=-1) for vector in (np.cross(down, west), west, down))
+    return Angles(
+        np.degrees(np.arctan2(-y, x)) % 360.0,
+        np.degrees(np.arctan2(-z, np.hypot(x, y))),
+        np.degrees(np.arctan2(down[..., 1], down[..., 2])),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyCalibration:
+    """Calibrations of both sensors into axes of the instrument, right-handed, one of which is the laser's.
+
+    Attributes
+    ----------
+    magnetometer, accelerometer : Calibration
+        The second corrects readings that point down.
+    pointing : str
+        The laser's axis: x, y or z.
+    """
+
+    magnetometer: Calibration
+    accelerometer: Calibration
+    pointing: Pointing = "x"
+
+    @classmethod
+    def identity(cls, pointing: Pointing = "x") -> Self:
+        """Of an instrument without errors."""
+        return cls(Calibration.identity(), Calibration.identity(), pointing)
+
+    def angles(self, magnetic: ArrayLike, gravity: ArrayLike) -> Angles:
+        """Azimuth from magnetic north, inclination and roll, of (N, 3) readings in mapped axes.
+
+        Of a laser along x the roll is zero where z points down, along y where z points up, and along z where y points
+        down; positive to the right.
+        """
+        axes = FORWARD[self.pointing]
+        field, down = self.magnetometer.apply(magnetic), self.accelerometer.apply(gravity)
+        return pointing_angles(axes.apply(field), axes.apply(down))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a calibration file; one of a magnetometer alone raises `DocumentError`."""
+        return cls.from_document(read(path), source=str(path))
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write a calibration file, whole or not at all; raises as `Calibration.save`."""
+        write(self.to_document(), path, force=force)
+
+    @classmethod
+    def from_document(cls, document: Document, *, source: str = "calibration") -> Self:
+        """Take both corrections out of a calibration file; `source` names it in messages."""
+        survey = document.survey
+        if isinstance(survey, msgspec.UnsetType):
+            raise DocumentError(
+                f"{source}: is the calibration of a magnetometer alone: need one of a survey instrument, which "
+                "flinders survey writes"
+            )
+        gravity = msgspec.structs.replace(
+            document, calibration=survey.accelerometer, raw=Recorded(unit="counts", axes=survey.accelerometer_axes)
+        )
+        return cls(
+            Calibration.from_document(document, source=source),
+            Calibration.from_document(gravity, source=source),
+            survey.pointing,
+        )
+
+    def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
+        """A calibration file: that of the magnetometer, with the accelerometer and the axis of the laser."""
+        gravity = self.accelerometer.to_document()
+        record = SurveyRecord(
+            accelerometer=gravity.calibration, accelerometer_axes=gravity.raw.axes, pointing=self.pointing
+        )
+        document = self.magnetometer.to_document(fit=fit, provenance=provenance)
+        return msgspec.structs.replace(document, survey=record)
