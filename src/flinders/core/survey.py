@@ -1,7 +1,7 @@
-"""Shots of a survey instrument, and its calibration: two sensors and a pointing axis that give azimuth and inclination.
+"""Calibration of a survey instrument: two sensors and the axis of a laser, which give azimuth, inclination and roll.
 
 A cave or geological surveyor's instrument (DistoX, SAP, BRIC) has a magnetometer, an accelerometer and a laser. Its
-calibration turns both readings into axes of the instrument, of which one is the laser's.
+calibration turns readings of both into axes of the instrument, of which one is the laser's.
 
 >>> instrument = SurveyCalibration.identity()
 >>> angles = instrument.angles([[0.5, 0.0, 0.8]], [[0.0, 0.0, 1.0]])              # held level, the laser to the north
@@ -11,103 +11,25 @@ array([[0., 0., 0.]])
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import msgspec
 import numpy as np
 
-from flinders.arrays import table
-from flinders.core.axes import Axes
-from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
+from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
-from flinders.errors import ArrayError, DocumentError, UsageError
+from flinders.core.shots import FORWARD
+from flinders.errors import DocumentError
 
 if TYPE_CHECKING:
     import os
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Fitted, Provenance
-    from flinders.core.units import Unit
-
-Pointing = Literal["x", "y", "z"]
-
-FORWARD: Final[dict[Pointing, Axes]] = {"x": Axes(), "y": Axes.of("y,x,-z"), "z": Axes.of("z,x,y")}
-"""Forward, right and down of an instrument, by the axis of its laser."""
-
-PROCEDURE: Final = np.array([
-    (0, 0), (90, 0), (0, 90), (180, 0), (270, 0), (0, -90),
-    (45, 35.26), (135, -35.26), (225, 35.26), (315, -35.26), (45, -35.26), (135, 35.26), (225, -35.26), (315, 35.26),
-])  # fmt: skip
-"""(14, 2) azimuth and inclination in degrees: to the sides and corners of a cube, each with four rolls 90° apart."""
-
-ROLLS_DEG: Final = np.array([0.0, 90.0, 180.0, 270.0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Shots:
-    """Readings of a survey instrument, one of both sensors for each shot.
-
-    Attributes
-    ----------
-    magnetic : (N, 3) float, in `unit`
-    gravity : (N, 3) float, any unit
-        Points down: the opposite of the specific force of `flinders.core.samples.Samples`.
-    groups : (N,) int, optional
-        Alike for shots in the same direction; None where nobody wrote that down.
-    numbers : tuple of int
-        What the file calls each shot; by default 1, 2, 3, …
-    pointing : str
-        Which axis is that of the laser: x, y or z.
-    unit : Unit
-        Of the magnetometer.
-    axes, accelerometer_axes : Axes
-        How the recorded axes of each sensor were turned into those of the instrument, right-handed.
-    source : str
-
-    Raises
-    ------
-    ArrayError
-        For arrays of another shape or length, or values that are not finite.
-    """
-
-    magnetic: Floats
-    gravity: Floats
-    groups: NDArray[np.intp] | None = None
-    numbers: tuple[int, ...] = ()
-    pointing: Pointing = "x"
-    unit: Unit = UNSTATED
-    axes: Axes = AS_RECORDED
-    accelerometer_axes: Axes = AS_RECORDED
-    source: str = "shots"
-
-    def __post_init__(self) -> None:
-        """Check the arrays."""
-        for name in ("magnetic", "gravity"):
-            object.__setattr__(self, name, table(getattr(self, name), name))
-        if not self.numbers:
-            object.__setattr__(self, "numbers", tuple(range(1, len(self) + 1)))
-        for name in ("gravity", "groups", "numbers"):
-            values = getattr(self, name)
-            if values is not None and len(values) != len(self):
-                raise ArrayError(f"{name} has {len(values)} rows, and magnetic {len(self)}: need one for each shot")
-        if self.pointing not in FORWARD:
-            raise UsageError(f"pointing is {self.pointing!r}: need x, y or z")
-
-    def __len__(self) -> int:
-        return len(self.magnetic)
-
-    def __getitem__(self, rows: NDArray[np.bool_]) -> Self:
-        """Those of the shots for which (N,) `rows` is true."""
-        return replace(
-            self,
-            magnetic=self.magnetic[rows],
-            gravity=self.gravity[rows],
-            groups=None if self.groups is None else self.groups[rows],
-            numbers=tuple(np.array(self.numbers)[rows].tolist()),
-        )
+    from flinders.core.shots import Pointing
 
 
 class Angles(NamedTuple):

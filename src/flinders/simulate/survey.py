@@ -2,7 +2,7 @@
 
 >>> simulated = survey_shots(seed=1, shots=24)
 >>> simulated.shots.magnetic.shape, simulated.angles.inclination_deg[:9].round()
-((24, 3), array([ 4.,  4.,  4.,  4., -1., -1., -1., -1., 83.]))
+((24, 3), array([-2., -3., -3., -3., -8., -8., -8., -8., 89.]))
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.survey import PROCEDURE, ROLLS_DEG, Angles, Shots
+from flinders.core.shots import PROCEDURE, ROLLS_DEG, Shots
+from flinders.core.survey import Angles
 from flinders.errors import UsageError
 from flinders.simulate._checks import not_negative
 from flinders.simulate.motions import north_and_down, posed, seen_from
