@@ -68,7 +68,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.recordings is not None:
         for path in sorted(options.recordings.glob("*.json")):
-            fit = fit_survey(read_shots(path, axes=SAP6_AXES[0], accelerometer_axes=SAP6_AXES[1]))
+            fit = fit_survey(read_shots(path, axes=SAP6_AXES[0], acceleration_axes=SAP6_AXES[1]))
             print(path.stem, fit, _means(fit))
         return
     print("| shots | aim | angle | error ÷ bound | error ÷ claim | error, ° | claim, ° | good |")

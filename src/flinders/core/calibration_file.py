@@ -209,7 +209,7 @@ class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     accelerometer: Correction  #: of readings that point down, in their own unit, called counts
     #: where each of its axes comes from, such as ``x,-y,-z``
-    accelerometer_axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
+    acceleration_axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
     pointing: Literal["x", "y", "z"] = "x"  #: axis of the laser
 
 

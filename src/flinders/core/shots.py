@@ -57,7 +57,7 @@ class Shots:
         Which axis is that of the laser: x, y or z.
     unit : Unit
         Of the magnetometer.
-    axes, accelerometer_axes : Axes
+    axes, acceleration_axes : Axes
         How the recorded axes of each sensor were turned into those of the instrument, right-handed.
     source : str
 
@@ -74,11 +74,11 @@ class Shots:
     pointing: Pointing = "x"
     unit: Unit = UNSTATED
     axes: Axes = AS_RECORDED
-    accelerometer_axes: Axes = AS_RECORDED
+    acceleration_axes: Axes = AS_RECORDED
     source: str = "shots"
 
     @classmethod
-    def of(cls, samples: Samples, axes: Axes, accelerometer_axes: Axes, pointing: Pointing) -> Self:
+    def of(cls, samples: Samples, axes: Axes, acceleration_axes: Axes, pointing: Pointing) -> Self:
         """Take each reading of a recording as a shot, in recorded axes; `NoAccelerometer` where it has none."""
         if samples.acceleration is None:
             raise NoAccelerometer(
@@ -86,8 +86,8 @@ class Shots:
                 "line"
             )
         return cls(
-            axes.apply(samples.field), accelerometer_axes.apply(-samples.acceleration), pointing=pointing,
-            unit=samples.unit, axes=axes, accelerometer_axes=accelerometer_axes, source=samples.source,
+            axes.apply(samples.field), acceleration_axes.apply(-samples.acceleration), pointing=pointing,
+            unit=samples.unit, axes=axes, acceleration_axes=acceleration_axes, source=samples.source,
         )  # fmt: skip
 
     def __post_init__(self) -> None:

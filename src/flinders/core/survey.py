@@ -104,7 +104,7 @@ class SurveyCalibration:
                 "flinders survey writes"
             )
         gravity = msgspec.structs.replace(
-            document, calibration=survey.accelerometer, raw=Recorded(unit="counts", axes=survey.accelerometer_axes)
+            document, calibration=survey.accelerometer, raw=Recorded(unit="counts", axes=survey.acceleration_axes)
         )
         return cls(
             Calibration.from_document(document, source=source),
@@ -116,7 +116,7 @@ class SurveyCalibration:
         """A calibration file: that of the magnetometer, with the accelerometer and the axis of the laser."""
         gravity = self.accelerometer.to_document()
         record = SurveyRecord(
-            accelerometer=gravity.calibration, accelerometer_axes=gravity.raw.axes, pointing=self.pointing
+            accelerometer=gravity.calibration, acceleration_axes=gravity.raw.axes, pointing=self.pointing
         )
         document = self.magnetometer.to_document(fit=fit, provenance=provenance)
         return msgspec.structs.replace(document, survey=record)

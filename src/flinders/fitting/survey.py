@@ -295,7 +295,7 @@ def _begun(magnetic: Floats, gravity: Floats) -> SurveyParameters:
         raise FitError(
             f"the angle between gravity and field is not the same in all shots (sin I scatters by {scatter:.2f}): the "
             "axes of accelerometer and magnetometer do not fit each other, or iron was near. Say how each sensor sits "
-            "in the instrument (axes=, accelerometer_axes=; --axes, --accelerometer-axes)",
+            "in the instrument: axes=, acceleration_axes=",
             scatter=scatter,
         )
     return start
@@ -306,7 +306,7 @@ def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
     if len(np.unique(groups)) == len(groups):
         raise FitError(
             f"no two shots that follow each other point within {SAME_DEG:.0f}° of the same direction: the axis of the "
-            f"laser cannot be seen; {REST}, and check which axis is the laser's (--pointing)"
+            f"laser cannot be seen; {REST}, and check which axis is the laser's: pointing="
         )
 
 
@@ -345,7 +345,7 @@ def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
 
     return SurveyCalibration(
         of(at.magnetometer, shots.unit, shots.axes),
-        of(at.accelerometer, UNSTATED, shots.accelerometer_axes),
+        of(at.accelerometer, UNSTATED, shots.acceleration_axes),
         shots.pointing,
     )
 

@@ -333,7 +333,7 @@ def read_shots(
     path: str | os.PathLike[str],
     *,
     axes: str = "x,y,z",
-    accelerometer_axes: str | None = None,
+    acceleration_axes: str | None = None,
     pointing: Pointing | None = None,
 ) -> Shots:
     """Read the shots of a survey instrument: of TopoDroid, mag-cal or a SAP6, else each reading of a recording.
@@ -343,7 +343,7 @@ def read_shots(
     path : str or path
     axes : str
         Where each axis of the instrument, right-handed, comes from in the magnetometer, such as ``x,y,-z``.
-    accelerometer_axes : str, optional
+    acceleration_axes : str, optional
         The same of the accelerometer; by default as `axes`.
     pointing : str, optional
         Axis of the laser, x, y or z; by default y for files of mag-cal, else x.
@@ -354,8 +354,8 @@ def read_shots(
         For what is not there or cannot be read, and for a recording of a magnetometer alone.
     """
     turned = Axes.of(axes)
-    of_gravity = turned if accelerometer_axes is None else Axes.of(accelerometer_axes)
-    shots = instrument_shots(path, axes=turned, accelerometer_axes=of_gravity, pointing=pointing)
+    of_gravity = turned if acceleration_axes is None else Axes.of(acceleration_axes)
+    shots = instrument_shots(path, axes=turned, acceleration_axes=of_gravity, pointing=pointing)
     return Shots.of(read(path), turned, of_gravity, pointing or "x") if shots is None else shots
 
 

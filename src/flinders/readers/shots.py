@@ -4,7 +4,7 @@ r"""Shots of survey instruments: calibration data of TopoDroid (CSV), of mag-cal
 >>> from pathlib import Path
 >>> file = Path(tempfile.mkdtemp()) / "calib.csv"
 >>> _ = file.write_text("# 2026.11.27 created by TopoDroid v 6.3\n\n1, 120, -80, 24010, 9000, 100, 21000, 1\n")
->>> shots = instrument_shots(file, axes=Axes(), accelerometer_axes=Axes(), pointing=None)
+>>> shots = instrument_shots(file, axes=Axes(), acceleration_axes=Axes(), pointing=None)
 >>> shots.gravity, shots.groups, shots.pointing
 (array([[  120.,   -80., 24010.]]), array([1]), 'x')
 
@@ -45,11 +45,11 @@ NEED: Final = (
 
 
 def instrument_shots(
-    path: str | os.PathLike[str], *, axes: Axes, accelerometer_axes: Axes, pointing: Pointing | None
+    path: str | os.PathLike[str], *, axes: Axes, acceleration_axes: Axes, pointing: Pointing | None
 ) -> Shots | None:
     """Read the shots of an instrument's file; None of any other file. Raises as `flinders.readers.read_shots`."""
     source = find(path)
-    head, turned = source.head(), (axes, accelerometer_axes)
+    head, turned = source.head(), (axes, acceleration_axes)
     if head.lstrip().startswith(b"{"):
         return _of_json(source, turned, pointing or "y")
     if TOPODROID.encode() in head.partition(b"\n")[0]:
@@ -75,7 +75,7 @@ def _of_json(source: Source, turned: tuple[Axes, Axes], pointing: Pointing) -> S
         field, gravity = (np.array(content[name], float) for name in ("mag", "grav"))
         return Shots(
             turned[0].apply(field), turned[1].apply(gravity), pointing=pointing, axes=turned[0],
-            accelerometer_axes=turned[1], source=source.name,
+            acceleration_axes=turned[1], source=source.name,
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, RecursionError, ArrayError) as error:
         raise UnreadableInput(f"{source.name} has no lists mag and grav of x, y and z ({error}): {NEED}") from None
@@ -91,7 +91,7 @@ def _of_topodroid(source: Source, turned: tuple[Axes, Axes], pointing: Pointing)
     is_grouped = bool((groups > 0).any())
     shots = Shots(
         turned[0].apply(rows[:, 4:7]), turned[1].apply(rows[:, 1:4]), groups if is_grouped else None,
-        tuple(rows[:, 0].astype(int).tolist()), pointing, axes=turned[0], accelerometer_axes=turned[1],
+        tuple(rows[:, 0].astype(int).tolist()), pointing, axes=turned[0], acceleration_axes=turned[1],
         source=source.name,
     )  # fmt: skip
     return shots[(rows[:, 8] == 0) & ((groups > 0) | (not is_grouped))]
