@@ -139,7 +139,9 @@ def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]
     if options.distox:
         made[options.distox] = distox_coefficients(fit.calibration)
     if options.mag_cal:
-        made[options.mag_cal] = mag_cal_json(fit.calibration)
+        made[options.mag_cal] = mag_cal_json(
+            fit.calibration, dip_deg=fit.dip_deg, noise=fit.noise, gravity_noise=fit.gravity_noise
+        )
     return made
 
 

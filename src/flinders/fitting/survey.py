@@ -285,12 +285,14 @@ def _refuse_count(count: int) -> None:
 
 def _begun(magnetic: Floats, gravity: Floats) -> SurveyParameters:
     """Where to start; FitError where sensors or their axes do not fit the model at all."""
-    with np.errstate(invalid="ignore", divide="ignore"):
+    try:
         start = begin(magnetic, gravity)
-        field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in start.corrected(magnetic, gravity))
-        scatter = float(np.std(np.einsum("ni,ni->n", field, down)))
-    if not np.isfinite(scatter):
-        raise FitError(f"readings of a sensor are all alike, or lie on no sphere: {REST}, and check the columns")
+    except np.linalg.LinAlgError:
+        raise FitError(
+            f"readings of a sensor are all alike, or lie on no sphere: {REST}, and check the columns"
+        ) from None
+    field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in start.corrected(magnetic, gravity))
+    scatter = float(np.std(np.einsum("ni,ni->n", field, down)))
     if scatter > WANDERS:
         raise FitError(
             f"the angle between gravity and field is not the same in all shots (sin I scatters by {scatter:.2f}): the "

@@ -82,14 +82,17 @@ def of_distox(content: bytes) -> SurveyCalibration:
     return SurveyCalibration(_of_words(field), _of_words(gravity), "x")
 
 
-def mag_cal_json(calibration: SurveyCalibration) -> str:
-    """Give the JSON of mag-cal; `NotExportable` for a laser that is not along y."""
+def mag_cal_json(calibration: SurveyCalibration, *, dip_deg: float, noise: float, gravity_noise: float) -> str:
+    """Give the JSON of mag-cal; `NotExportable` for a laser that is not along y.
+
+    Dip and noise of both sensors, in their units, are what mag-cal tells a disturbed reading by.
+    """
     if calibration.pointing != "y":
         raise NotExportable(
             f"the laser is along {calibration.pointing}, mag-cal takes it to be along y", beyond=("pointing",)
         )
-    sensors = {"mag": calibration.magnetometer, "grav": calibration.accelerometer}
-    return lay_out({**{name: _record(sensor) for name, sensor in sensors.items()}, "ready": True}) + "\n"
+    mag, grav = _record(calibration.magnetometer, noise), _record(calibration.accelerometer, gravity_noise)
+    return lay_out({"mag": mag, "grav": grav, "dip_avg": dip_deg, "ready": True}) + "\n"
 
 
 def of_mag_cal(text: str | bytes) -> SurveyCalibration:
@@ -120,7 +123,7 @@ def _of_words(rows: Floats) -> Calibration:
     return Calibration(matrix, -np.linalg.solve(matrix, rows[:, 0] / OFFSET_STEPS), 1.0, rotation="estimated")
 
 
-def _record(sensor: Calibration) -> dict[str, Any]:
+def _record(sensor: Calibration, noise: float) -> dict[str, Any]:
     """What mag-cal keeps of a sensor."""
     signs = zip(sensor.axes.signs, sensor.axes.order, strict=True)
     return {
@@ -128,6 +131,8 @@ def _record(sensor: Calibration) -> dict[str, Any]:
         "transform": (sensor.matrix.T / sensor.field_strength).tolist(),
         "centre": sensor.offset.tolist(),
         "rbfs": [],
+        "field_avg": sensor.field_strength,
+        "field_std": noise,
     }
 
 
