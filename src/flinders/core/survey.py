@@ -1,6 +1,6 @@
 """Calibration of a survey instrument: two sensors and the axis of a laser, which give azimuth, inclination and roll.
 
-A cave or geological surveyor's instrument (DistoX, SAP, BRIC) has a magnetometer, an accelerometer and a laser. Its
+A cave or geological surveyor's instrument (DistoX, SAP6) has a magnetometer, an accelerometer and a laser. Its
 calibration turns readings of both into axes of the instrument, of which one is the laser's.
 
 >>> instrument = SurveyCalibration.identity()

@@ -5,8 +5,8 @@ axes and offsets of both sensors and how these are turned against each other (`f
 `flinders.likelihood.solver`). A shot that contradicts the others is left out, and said to be repeated.
 
 When to use it: an instrument with both sensors and a laser, away from iron, 24 shots or more, four to a direction. A
-jig that rolls about another axis than the laser's makes an error that no shot shows (Perne, Acta Carsologica 50
-(2021)). Both sensors left-handed in the same way make the azimuth run backwards, which nothing shows either.
+jig that rolls about another axis than the laser's makes an error that the fit does not show (M. Perne, Acta
+Carsologica). Both sensors left-handed in the same way make the azimuth run backwards, which nothing shows either.
 
 Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009).
 
