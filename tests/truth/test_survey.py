@@ -128,6 +128,7 @@ REFUSED: Final[dict[str, Callable[[Shots], Shots]]] = {
     ),
     "do not fit each other, or iron was near": lambda shots: replace(shots, gravity=shots.gravity[:, [1, 0, 2]]),
     "no two shots that follow each other": unrolled,
+    "rolled about an axis 90° from its y axis": lambda shots: replace(shots, pointing="y"),
     "are all alike, or lie on no sphere": lambda shots: replace(shots, gravity=np.ones((24, 3))),
 }
 
@@ -261,7 +262,7 @@ def test_shots_of_topodroid_are_read_without_deleted_ones_and_those_of_no_group(
 
 def test_shots_of_mag_cal_are_read_with_the_axes_of_both_sensors(tmp_path: Path) -> None:
     content = {"mag": [[1.0, 2.0, 3.0]], "grav": [[4.0, 5.0, 6.0]]}
-    (tmp_path / "sap6.json").write_text(json.dumps(content), encoding="utf-8")
+    (tmp_path / "sap6.json").write_text(json.dumps(content), encoding="utf-16")
     shots = flinders.read_shots(tmp_path / "sap6.json", axes="x,y,-z", acceleration_axes="-y,-x,z")
     assert (shots.magnetic.tolist(), shots.gravity.tolist(), shots.pointing) == ([[1, 2, -3]], [[-5, -4, 6]], "y")
 
@@ -292,9 +293,11 @@ def test_what_holds_no_shots_is_refused_with_its_name(tmp_path: Path, name: str,
         flinders.read_shots(tmp_path / name)
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_and_standard_input_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnreadableInput):
         flinders.read_shots(tmp_path / "none.csv")
+    with pytest.raises(UsageError, match="name a file"):
+        flinders.read_shots("-")
 
 
 def test_the_command_writes_what_it_checks_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -146,10 +146,8 @@ def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]
 
 
 def _source_files(path: str, rows: int) -> list[SourceFile]:
-    """Name, hash and size of the file; nothing of standard input."""
+    """Name, hash and size of the file."""
     from flinders.core.calibration_file import SourceFile
 
-    if path == "-":
-        return []
     content = Path(path).read_bytes()
     return [SourceFile(name=Path(path).name, sha256=hashlib.sha256(content).hexdigest(), bytes=len(content), rows=rows)]

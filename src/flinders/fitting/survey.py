@@ -22,6 +22,7 @@ True
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -214,8 +215,8 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
     Raises
     ------
     FitError
-        For fewer than 12 shots or more than 500, axes of the sensors that do not fit each other, and shots of which no
-        two are in the same direction.
+        For fewer than 12 shots or more than 500, axes of the sensors that do not fit each other, shots of which no two
+        are in the same direction, and shots that were rolled about another axis than the laser's.
 
     Source: B. Heeb, CREG Journal 73 (2009), for the model.
     """
@@ -226,6 +227,7 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
     groups = _groups(start) if shots.groups is None else shots.groups
     _refuse_unrolled(groups)
     problem, iterate, left_out = _without_contradicting(magnetic, gravity, groups)
+    _refuse_other_axis(iterate.at, shots.pointing)
     calibration = _calibration(iterate.at, shots)
     covariance = _covariance(problem, iterate)
     azimuth, inclination = pointing_errors(angle_gradients(iterate.at), covariance)
@@ -309,6 +311,17 @@ def _refuse_unrolled(groups: NDArray[np.intp]) -> None:
         raise FitError(
             f"no two shots that follow each other point within {SAME_DEG:.0f}° of the same direction: the axis of the "
             f"laser cannot be seen; {REST}, and check which axis is the laser's: pointing="
+        )
+
+
+def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
+    """Refuse shots that were rolled about another axis than the one that was stated."""
+    off = math.degrees(math.acos(float(np.clip(at.pointing[0], -1.0, 1.0))))
+    if off > SAME_DEG:
+        raise FitError(
+            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is that of the laser "
+            "(pointing=), and how the sensors sit (axes=, acceleration_axes=)",
+            off_deg=off,
         )
 
 

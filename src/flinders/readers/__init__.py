@@ -353,6 +353,8 @@ def read_shots(
     InputError
         For what is not there or cannot be read, and for a recording of a magnetometer alone.
     """
+    if path == "-":
+        raise UsageError("shots are looked at twice: name a file, not standard input")
     turned = Axes.of(axes)
     of_gravity = turned if acceleration_axes is None else Axes.of(acceleration_axes)
     shots = instrument_shots(path, axes=turned, acceleration_axes=of_gravity, pointing=pointing)

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.shots import Pointing
-    from flinders.readers._source import Source
 
 TOPODROID: Final = "TopoDroid"
 
@@ -49,50 +48,46 @@ def instrument_shots(
 ) -> Shots | None:
     """Read the shots of an instrument's file; None of any other file. Raises as `flinders.readers.read_shots`."""
     source = find(path)
-    head, turned = source.head(), (axes, acceleration_axes)
-    if head.lstrip().startswith(b"{"):
-        return _of_json(source, turned, pointing or "y")
-    if TOPODROID.encode() in head.partition(b"\n")[0]:
-        return _of_topodroid(source, turned, pointing or "x")
+    text, turned = _text(source.head()), (axes, acceleration_axes)
+    if text.lstrip().startswith("{"):
+        return _of_json(source.name, text, turned, pointing or "y")
+    if TOPODROID in text.partition("\n")[0]:
+        return _of_topodroid(source.name, text, turned, pointing or "x")
     return None
 
 
-def _text(source: Source) -> str:
-    """The whole of a small file."""
-    head = source.head()
-    if len(head) >= HEAD:
-        raise UnreadableInput(f"{source.name} is far longer than a calibration: {NEED}")
+def _text(head: bytes) -> str:
+    """The whole of a small file of text; nothing of any other."""
     try:
-        return head.decode(encoding_of(head)).removeprefix("\ufeff")
+        return head.decode(encoding_of(head)).removeprefix("\ufeff") if len(head) < HEAD else ""
     except UnicodeDecodeError:
-        raise UnreadableInput(f"{source.name} is no text: {NEED}") from None
+        return ""
 
 
-def _of_json(source: Source, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
+def _of_json(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
     """Lists ``mag`` and ``grav``; gravity points down in the axes of the instrument."""
     try:
-        content: Any = json.loads(_text(source))
-        field, gravity = (np.array(content[name], float) for name in ("mag", "grav"))
+        content: Any = json.loads(text)
+        field, gravity = (np.array(content[key], float) for key in ("mag", "grav"))
         return Shots(
             turned[0].apply(field), turned[1].apply(gravity), pointing=pointing, axes=turned[0],
-            acceleration_axes=turned[1], source=source.name,
+            acceleration_axes=turned[1], source=name,
         )  # fmt: skip
     except (KeyError, TypeError, ValueError, RecursionError, ArrayError) as error:
-        raise UnreadableInput(f"{source.name} has no lists mag and grav of x, y and z ({error}): {NEED}") from None
+        raise UnreadableInput(f"{name} has no lists mag and grav of x, y and z ({error}): {NEED}") from None
 
 
-def _of_topodroid(source: Source, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
+def _of_topodroid(name: str, text: str, turned: tuple[Axes, Axes], pointing: Pointing) -> Shots:
     """Lines of shots; deleted ones, and where there are groups those in none, are left out."""
-    lines = [(at, line) for at, line in enumerate(_text(source).splitlines(), 1) if _is_shot(line)]
-    rows = np.array([_numbers(source.name, at, line) for at, line in lines])
+    lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if _is_shot(line)]
+    rows = np.array([_numbers(name, at, line) for at, line in lines])
     if not len(rows):
-        raise UnreadableInput(f"{source.name} has no line of a shot: {NEED}")
+        raise UnreadableInput(f"{name} has no line of a shot: {NEED}")
     groups = rows[:, 7].astype(np.intp)
     is_grouped = bool((groups > 0).any())
     shots = Shots(
         turned[0].apply(rows[:, 4:7]), turned[1].apply(rows[:, 1:4]), groups if is_grouped else None,
-        tuple(rows[:, 0].astype(int).tolist()), pointing, axes=turned[0], acceleration_axes=turned[1],
-        source=source.name,
+        tuple(rows[:, 0].astype(int).tolist()), pointing, axes=turned[0], acceleration_axes=turned[1], source=name,
     )  # fmt: skip
     return shots[(rows[:, 8] == 0) & ((groups > 0) | (not is_grouped))]
 
