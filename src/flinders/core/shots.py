@@ -28,7 +28,7 @@ Pointing = Literal["x", "y", "z"]
 UNSTATED: Final = Unit.of()
 AS_RECORDED: Final = Axes()
 
-FORWARD: Final[dict[Pointing, Axes]] = {"x": Axes(), "y": Axes.of("y,x,-z"), "z": Axes.of("z,x,y")}
+FORWARD_RIGHT_DOWN: Final[dict[Pointing, Axes]] = {"x": Axes(), "y": Axes.of("y,x,-z"), "z": Axes.of("z,x,y")}
 """Forward, right and down of an instrument, by the axis of its laser."""
 
 PROCEDURE: Final = np.array([
@@ -100,7 +100,7 @@ class Shots:
             values = getattr(self, name)
             if values is not None and len(values) != len(self):
                 raise ArrayError(f"{name} has {len(values)} rows, and magnetic {len(self)}: need one for each shot")
-        if self.pointing not in FORWARD:
+        if self.pointing not in FORWARD_RIGHT_DOWN:
             raise UsageError(f"pointing is {self.pointing!r}: need x, y or z")
 
     def __len__(self) -> int:

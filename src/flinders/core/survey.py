@@ -19,7 +19,7 @@ import numpy as np
 
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
-from flinders.core.shots import FORWARD
+from flinders.core.shots import FORWARD_RIGHT_DOWN
 from flinders.errors import DocumentError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class SurveyCalibration:
         Of a laser along x the roll is zero where z points down, along y where z points up, and along z where y points
         down; positive to the right.
         """
-        axes = FORWARD[self.pointing]
+        axes = FORWARD_RIGHT_DOWN[self.pointing]
         field, down = self.magnetometer.apply(magnetic), self.accelerometer.apply(gravity)
         return pointing_angles(axes.apply(field), axes.apply(down))
 

@@ -30,7 +30,7 @@ import numpy as np
 
 from flinders.core.calibration import UNSTATED, Calibration
 from flinders.core.calibration_file import Fitted, HeadingErrorRecord
-from flinders.core.shots import FORWARD
+from flinders.core.shots import FORWARD_RIGHT_DOWN
 from flinders.core.survey import Angles, SurveyCalibration
 from flinders.errors import FitError, counted, figures
 from flinders.findings import CATALOGUE, Record, by_severity
@@ -221,7 +221,7 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
     Source: B. Heeb, CREG Journal 73 (2009), for the model.
     """
     _refuse_count(len(shots))
-    forward = FORWARD[shots.pointing]
+    forward = FORWARD_RIGHT_DOWN[shots.pointing]
     magnetic, gravity = forward.apply(shots.magnetic), forward.apply(shots.gravity)
     start = _begun(magnetic, gravity)
     groups = _groups(start) if shots.groups is None else shots.groups
@@ -319,7 +319,7 @@ def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
     off = math.degrees(math.acos(float(np.clip(at.pointing[0], -1.0, 1.0))))
     if off > SAME_DEG:
         raise FitError(
-            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is that of the laser "
+            f"the instrument was rolled about an axis {off:.0f}° from its {pointing} axis: say which is the laser's "
             "(pointing=), and how the sensors sit (axes=, acceleration_axes=)",
             off_deg=off,
         )
@@ -352,7 +352,7 @@ def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
 
 def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
     """Matrices that correct into axes of the instrument, of parameters in those forward, right and down."""
-    forward = FORWARD[shots.pointing].apply(np.eye(3)).T
+    forward = FORWARD_RIGHT_DOWN[shots.pointing].apply(np.eye(3)).T
 
     def of(own: Parameters, unit: Unit, axes: Axes) -> Calibration:
         matrix = own.radius * forward.T @ at.to_instrument @ np.linalg.inv(own.ellipsoid_like) @ forward
