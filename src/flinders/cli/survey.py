@@ -93,7 +93,7 @@ def command(options: Survey) -> int:
     fit = fit_survey(shots, target_deg=options.target_deg)
     if fit.verdict != "refused":
         contents = _instrument_files(fit, options)
-        outputs.write(dumps(fit.to_document(provenance(files=_source_files(options.path, len(shots))))), options.output)
+        outputs.write(dumps(fit.to_document(provenance(files=[_source_file(options.path, shots)]))), options.output)
         for path, content in contents.items():
             outputs.write(content, path)
         outputs.say_written("no calibration was written: name a file with -o calibration.json")
@@ -145,9 +145,10 @@ def _instrument_files(fit: SurveyFit, options: Survey) -> dict[str, str | bytes]
     return made
 
 
-def _source_files(path: str, rows: int) -> list[SourceFile]:
+def _source_file(path: str, shots: Shots) -> SourceFile:
     """Name, hash and size of the file."""
     from flinders.core.calibration_file import SourceFile
 
     content = Path(path).read_bytes()
-    return [SourceFile(name=Path(path).name, sha256=hashlib.sha256(content).hexdigest(), bytes=len(content), rows=rows)]
+    digest = hashlib.sha256(content).hexdigest()
+    return SourceFile(name=shots.source, sha256=digest, bytes=len(content), rows=len(shots))

@@ -224,7 +224,7 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
     forward = FORWARD_RIGHT_DOWN[shots.pointing]
     magnetic, gravity = forward.apply(shots.magnetic), forward.apply(shots.gravity)
     start = _begun(magnetic, gravity)
-    groups = _groups(start) if shots.groups is None else shots.groups
+    groups = _apart(start.attitudes @ start.pointing) if shots.groups is None else shots.groups
     _refuse_unrolled(groups)
     problem, iterate, left_out = _without_contradicting(magnetic, gravity, groups)
     _refuse_other_axis(iterate.at, shots.pointing)
@@ -266,11 +266,6 @@ def _apart(directions: Floats) -> NDArray[np.intp]:
     """(N,) groups of (N, 3) directions: another one begins where a shot points elsewhere than the one before."""
     cosines = np.einsum("ni,ni->n", directions[1:], directions[:-1])
     return np.concatenate([[0], np.cumsum(cosines < np.cos(np.radians(SAME_DEG)))])
-
-
-def _groups(start: SurveyParameters) -> NDArray[np.intp]:
-    """(N,) groups, by spheres and axes as they are stated."""
-    return _apart(start.attitudes @ start.pointing)
 
 
 def _refuse_count(count: int) -> None:
