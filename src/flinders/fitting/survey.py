@@ -274,8 +274,8 @@ def _refuse_count(count: int) -> None:
         raise FitError(f"{counted(count, 'shot')}: need at least {FEWEST}, better 24 or 56; {REST}", found=count)
     if count > MOST:
         raise FitError(
-            f"{count:,} readings: need one for each shot, {MOST} at most; a recording in motion is for flinders "
-            "calibrate --with dip",
+            f"{count:,} readings: need one for each shot, {MOST} at most: take the mean of the readings of each shot "
+            "at rest, as a recording in motion shows no direction twice",
             found=count,
         )
 
