@@ -282,8 +282,8 @@ def test_each_reading_of_a_table_is_a_shot_and_gravity_the_opposite_of_specific_
         ("a.csv", "# created by TopoDroid\n1, 2, 3, 4, 5, 6, 7, nan\n", "line 2 of a.csv has no eight numbers"),
         ("a.csv", "# created by TopoDroid\n# nothing\n", "no line of a shot"),
         ("a.json", '{"mag": [[1, 2]], "grav": [[1, 2, 3]]}', "no lists mag and grav"),
-        ("a.json", '{"mag": [[1, 2, 3]]}', "no lists mag and grav"),
-        ("a.json", '{"mag": ', "no lists mag and grav"),
+        ("a.json", '{"grav": [[1, 2, 3]]}', "no lists mag and grav"),
+        ("a.json", '{"mag": [], "grav": ', "no lists mag and grav"),
         ("a.csv", "mx,my,mz\n" + "1,2,3\n" * 20, "has no accelerometer"),
     ],
 )
@@ -313,4 +313,6 @@ def test_the_command_writes_what_it_checks_with(tmp_path: Path, monkeypatch: pyt
     refused = flinders_("survey", "shots.csv", "-o", "other.json", "--target", "0.01")
     assert (refused.code, (tmp_path / "other.json").exists()) == (4, False)
     assert flinders_("survey", "shots.csv", "--mag-cal", "other.json").code == 4
+    both = flinders_("survey", "shots.csv", "--calibration", "calibration.json", "-o", "other.json", "--target", "1")
+    assert "leave --output, --target out" in both.err
     assert not (tmp_path / "other.json").exists()

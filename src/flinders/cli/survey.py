@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import provenance
 from flinders.cli._program import EXITS, GOOD
+from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import SourceFile
     from flinders.core.shots import Shots
     from flinders.core.survey import SurveyCalibration
     from flinders.fitting.survey import SurveyFit
+
+
+FITTING: Final = ("output", "pointing", "axes", "acceleration_axes", "distox", "mag_cal", "target_deg")
+"""Options of a fit, which do not go with an earlier calibration."""
 
 
 class Survey(option.Group):
@@ -85,11 +90,11 @@ def command(options: Survey) -> int:
     from flinders.report.survey_page import of_survey
 
     outputs = options.checked_outputs(options.calibration)
+    if options.calibration is not None:
+        return _check(options, options.calibration)
     shots = read_shots(
         options.path, axes=options.axes, acceleration_axes=options.acceleration_axes, pointing=options.pointing
     )
-    if options.calibration is not None:
-        return _check(shots, options)
     fit = fit_survey(shots, target_deg=options.target_deg)
     if fit.verdict != "refused":
         contents = _instrument_files(fit, options)
@@ -101,13 +106,24 @@ def command(options: Survey) -> int:
     return EXITS[fit.verdict]
 
 
-def _check(shots: Shots, options: Survey) -> int:
-    """Show what an earlier calibration makes of shots."""
+def _check(options: Survey, path: str) -> int:
+    """Show what an earlier calibration makes of shots, read in its axes."""
     from flinders.fitting.survey import check_shots
+    from flinders.readers import read_shots
     from flinders.report.survey_page import of_check
 
-    errors = check_shots(shots, _loaded(str(options.calibration)))
-    name = Path(str(options.calibration)).name
+    typed = [name for name in FITTING if option.is_typed(name)]
+    if typed:
+        names = ", ".join(f"--{name.removesuffix('_deg').replace('_', '-')}" for name in typed)
+        raise UsageError(f"with --calibration nothing is fitted, and it knows its axes: leave {names} out")
+    known = _loaded(path)
+    shots = read_shots(
+        options.path,
+        axes=str(known.magnetometer.axes),
+        acceleration_axes=str(known.accelerometer.axes),
+        pointing=known.pointing,
+    )
+    errors, name = check_shots(shots, known), Path(path).name
     options.outputs.print(
         lambda: {"rms_deg": errors.rms_deg, "shots": errors.as_dict()}, lambda: of_check(errors, name)
     )

@@ -49,7 +49,7 @@ def instrument_shots(
     """Read the shots of an instrument's file; None of any other file. Raises as `flinders.readers.read_shots`."""
     source = find(path)
     text, turned = _text(source.head()), (axes, acceleration_axes)
-    if text.lstrip().startswith("{"):
+    if text.lstrip().startswith("{") and '"grav"' in text:
         return _of_json(source.name, text, turned, pointing or "y")
     if TOPODROID in text.partition("\n")[0]:
         return _of_topodroid(source.name, text, turned, pointing or "x")
