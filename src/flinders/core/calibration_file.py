@@ -211,6 +211,15 @@ class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     files: tuple[SourceFile, ...] = ()
 
 
+class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a survey instrument has beside its magnetometer: both sensors correct into axes of the instrument."""
+
+    accelerometer: Correction  #: of readings that point down, in their own unit, called counts
+    #: where each of its axes comes from, such as ``x,-y,-z``
+    acceleration_axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
+    pointing: Literal["x", "y", "z"] = "x"  #: axis of the laser
+
+
 class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="calibration"):
     """A calibration file of Flinders."""
 
@@ -219,6 +228,7 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     raw: Recorded
     fit: Fitted | None = None
     provenance: Provenance | None = None
+    survey: SurveyRecord | UnsetType = UNSET  #: where it is a survey instrument's
 
 
 def read(path: str | os.PathLike[str]) -> Document:
