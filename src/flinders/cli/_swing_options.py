@@ -1,0 +1,142 @@
+"""Options of ``flinders swing``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from flinders.cli import _options as option
+from flinders.errors import UsageError
+from flinders.heading.standards import STANDARDS
+
+if TYPE_CHECKING:
+    from flinders.heading.standards import Standard
+
+STANDARD = "Standard"
+"""Heading of the options of a swing by a rule."""
+
+
+class StandardOptions(option.Group):
+    """The rule by which a compass is swung, its limit, and the base on which it stood."""
+
+    name: str | None = option.member(
+        "--standard", type=click.Choice(list(STANDARDS), case_sensitive=False), metavar="NAME",
+        help=f"Rule for compasses: {', '.join(STANDARDS)}. Without a file: print its checklist.",
+    )  # fmt: skip
+    limit_deg: float | None = option.member(
+        "--limit", heading=STANDARD, type=option.angle, metavar="DEG",
+        help="Largest deviation allowed [default: that of the rule, where its text was seen].",
+    )  # fmt: skip
+    base_error_deg: float = option.member(
+        "--base-error", heading=STANDARD, type=option.within(0, 45, "degrees from 0 to 45", zero=True), default=0.0,
+        show_default=True, metavar="DEG",
+        help="What all known headings may be off by together, 1 σ: that of the compass base.",
+    )  # fmt: skip
+    compensate: bool = option.flag(
+        "--compensate", "Say what to turn on N, E, S and W, of a TABLE with a reading on each.", heading=STANDARD
+    )
+    before: str | None = option.member(
+        "--before",
+        heading=STANDARD,
+        metavar="TABLE",
+        help="Readings on N, E, S and W before the compass was compensated.",
+    )
+    certificate: str | None = option.member(
+        "--certificate", what="the certificate", heading=STANDARD, metavar="FILE",
+        help="Also write a certificate with fields to sign, as .html, or .pdf by a browser that is installed.",
+    )  # fmt: skip
+    subject: str = option.member(
+        "--subject", heading=STANDARD, default="", metavar="TEXT", help="Vehicle and compass, for the certificate."
+    )
+
+    @property
+    def rule(self) -> Standard | None:
+        """The rule that was named."""
+        return None if self.name is None else STANDARDS[self.name]
+
+    @property
+    def limit(self) -> float | None:
+        """The limit that was typed, else that of the rule."""
+        return self.limit_deg if self.limit_deg is not None or self.rule is None else self.rule.limit_deg
+
+    def check(self) -> str:
+        """Refuse what does not go together; find the browser that prints the certificate, if it is to be a PDF."""
+        from flinders.report.pdf import browser
+
+        if self.certificate is None:
+            if self.subject:
+                raise UsageError("--subject is for a certificate: give --certificate FILE too")
+            return ""
+        ending = Path(self.certificate).suffix.lower()
+        if ending not in {".html", ".pdf"}:
+            raise UsageError(f"--certificate {self.certificate}: name a file that ends with .html or .pdf")
+        return browser() if ending == ".pdf" else ""
+
+    def facts(self) -> dict[str, str]:
+        """What was typed that a certificate tells."""
+        base = (
+            {"Error of the base": f"{self.base_error_deg:g}° (1 σ), in every uncertainty"}
+            if self.base_error_deg
+            else {}
+        )
+        return {**({"Vehicle and compass": self.subject} if self.subject else {}), **base}
+
+
+class KnownHeadings(option.Group):
+    """Known headings, how well they are known, and how they are found in a recording."""
+
+    headings: str | None = option.member(
+        "--headings", heading=option.RECORDING, metavar="DEG,DEG,...",
+        help="Known headings of the stationary intervals in LOG, in their order: magnetic, or true with --at.",
+    )  # fmt: skip
+    sigma_deg: float | None = option.member(
+        "--sigma", heading=option.METHOD, type=option.angle, metavar="DEG",
+        help="How well a heading was known and read, 1 σ [default: from the residuals].",
+    )  # fmt: skip
+    stationary_s: float = option.member(
+        "--stationary", heading=option.RECORDING, type=option.positive, default=2.0, show_default=True, metavar="S",
+        help="Shortest stationary interval in LOG, in seconds; 50 readings where it has no clock.",
+    )  # fmt: skip
+
+
+class SwingOptions(option.Group):
+    """A table, or a calibration and a recording; and what is written of the curve."""
+
+    inputs: tuple[str, ...] = option.argument("TABLE | [CALIBRATION] LOG", nargs=-1, required=False)
+    output: str | None = option.output(
+        "the card", "Also write the card, as comma-separated text; - for standard output.", heading=option.OUTPUT
+    )
+    svg: str | None = option.member(
+        "--svg", what="the curve", heading=option.OUTPUT, metavar="FILE", help="Also draw the curve, as SVG."
+    )
+    step_deg: float = option.member(
+        "--step", heading=option.OUTPUT, type=option.within(0, 90, "degrees above 0, up to 90"),
+        default=15.0, show_default=True, metavar="DEG", help="Step of the card; by default that of --standard.",
+    )  # fmt: skip
+    force: bool = option.force()
+    standard: StandardOptions = option.group(StandardOptions)
+    known: KnownHeadings = option.group(KnownHeadings)
+    place: option.Place = option.group(option.Place)
+    accelerometer: option.Accelerometer = option.group(option.Accelerometer)
+    reading: option.ColumnsOptions = option.group(option.ColumnsOptions)
+    target_deg: float = option.target("What a turn by 180° may miss, and 1 σ of the curve may be.")
+    as_json: bool = option.as_json()
+
+    @property
+    def card_step_deg(self) -> float:
+        """The step that was typed, else that of the rule."""
+        rule = self.standard.rule
+        return self.step_deg if rule is None or option.is_typed("step_deg") else rule.step_deg
+
+    def refuse_of_recording(self) -> None:
+        """Refuse options that a table has no use for."""
+        of_recording = {
+            "--headings": self.known.headings, "--stationary": option.is_typed("stationary_s"),
+            "--level": self.accelerometer.is_level, "--acceleration": self.accelerometer.acceleration,
+            "--columns": self.reading.columns,
+        }  # fmt: skip
+        for name, value in of_recording.items():
+            if value not in (None, False):
+                raise UsageError(f"{name} is for a recording: flinders swing CALIBRATION LOG")
