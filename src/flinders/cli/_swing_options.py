@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -12,10 +12,12 @@ from flinders.errors import UsageError
 from flinders.heading.standards import STANDARDS
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from flinders.heading.standards import Standard
 
-STANDARD = "Standard"
-"""Heading of the options of a swing by a rule."""
+STANDARD, BOAT = "Standard", "Log of a boat"
+"""Headings of the options of a swing by a rule, and of one from a log of NMEA or Signal K."""
 
 
 class StandardOptions(option.Group):
@@ -84,6 +86,23 @@ class StandardOptions(option.Group):
         return {**({"Vehicle and compass": self.subject} if self.subject else {}), **base}
 
 
+class BoatOptions(option.Group, heading=BOAT):
+    """What the compass of a boat's log is held against."""
+
+    reference: Literal["auto", "heading", "course"] = option.member(
+        "--reference", type=click.Choice(["auto", "heading", "course"]), default="auto", show_default=True,
+        help="Hold the compass against the true heading of another instrument, or the course over ground.",
+    )  # fmt: skip
+    slowest: float = option.member(
+        "--min-speed", type=option.positive, default=2.0, show_default=True, metavar="M/S",
+        help="Slowest leg over ground of which a course is used.",
+    )  # fmt: skip
+    crab_deg: float = option.member(
+        "--crab", type=option.within(0, 45, "degrees from 0 to 45", zero=True), default=1.0, show_default=True,
+        metavar="DEG", help="What leeway turns the course from the heading, 1 σ.",
+    )  # fmt: skip
+
+
 class KnownHeadings(option.Group):
     """Known headings, how well they are known, and how they are found in a recording."""
 
@@ -97,7 +116,7 @@ class KnownHeadings(option.Group):
     )  # fmt: skip
     stationary_s: float = option.member(
         "--stationary", heading=option.RECORDING, type=option.positive, default=2.0, show_default=True, metavar="S",
-        help="Shortest stationary interval in LOG, in seconds; 50 readings where it has no clock.",
+        help="Shortest stationary interval in LOG, in seconds; 50 readings where it has no clock; of a boat 20 s.",
     )  # fmt: skip
 
 
@@ -117,6 +136,7 @@ class SwingOptions(option.Group):
     )  # fmt: skip
     force: bool = option.force()
     standard: StandardOptions = option.group(StandardOptions)
+    boat: BoatOptions = option.group(BoatOptions)
     known: KnownHeadings = option.group(KnownHeadings)
     place: option.Place = option.group(option.Place)
     accelerometer: option.Accelerometer = option.group(option.Accelerometer)
@@ -132,11 +152,28 @@ class SwingOptions(option.Group):
 
     def refuse_of_recording(self) -> None:
         """Refuse options that a table has no use for."""
-        of_recording = {
-            "--headings": self.known.headings, "--stationary": option.is_typed("stationary_s"),
-            "--level": self.accelerometer.is_level, "--acceleration": self.accelerometer.acceleration,
-            "--columns": self.reading.columns,
+        _refuse(self._of_magnetometer() | {"--stationary": option.is_typed("stationary_s")}, "a recording")
+        self.refuse_of_boat()
+
+    def refuse_of_magnetometer(self) -> None:
+        """Refuse options that the log of a boat has no use for."""
+        _refuse(self._of_magnetometer() | {"--sigma": self.known.sigma_deg}, "other files than the log of a boat")
+
+    def refuse_of_boat(self) -> None:
+        """Refuse options of a boat's log where there is none."""
+        names = {"reference": "--reference", "slowest": "--min-speed", "crab_deg": "--crab"}
+        _refuse({names[name]: option.is_typed(name) for name in names}, "the log of a boat")
+
+    def _of_magnetometer(self) -> dict[str, object]:
+        """Values of the options of a recording, by their spelling."""
+        return {
+            "--headings": self.known.headings, "--level": self.accelerometer.is_level,
+            "--acceleration": self.accelerometer.acceleration, "--columns": self.reading.columns,
         }  # fmt: skip
-        for name, value in of_recording.items():
-            if value not in (None, False):
-                raise UsageError(f"{name} is for a recording: flinders swing CALIBRATION LOG")
+
+
+def _refuse(values: Mapping[str, object], what: str) -> None:
+    """Refuse options that are for something else."""
+    for name, value in values.items():
+        if value not in (None, False):
+            raise UsageError(f"{name} is for {what}: leave it out")

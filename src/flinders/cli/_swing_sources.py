@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from flinders.heading.compensation import Compensation
     from flinders.heading.conformity import Conformity
     from flinders.heading.deviation import Deviation, Expected
+    from flinders.heading.legs import LoggedSwing
     from flinders.heading.stationary import HalfTurn, Rest
+    from flinders.readers.compass_log import CompassLog
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,7 @@ class Swing:
     expected: Expected | None = None
     conformity: Conformity | None = None  # where there is a limit
     before: Compensation | None = None  # coefficients before the compass was compensated
+    logged: LoggedSwing | None = None  # readings from a boat's log
 
     def as_dict(self, target_deg: float) -> dict[str, Any]:
         """JSON-ready."""
@@ -49,6 +52,7 @@ class Swing:
             "site": None if self.site is None else self.site.as_dict(),
             "conformity": None if self.conformity is None else self.conformity.as_dict(),
             "before": None if self.before is None else self.before.as_dict(),
+            "logged": None if self.logged is None else self.logged.as_dict(),
             "rests": [rest.as_dict() for rest in self.rests],
             "half_turns": [half.as_dict() for half in halves],
             "hard_iron_deg": None if (iron := hard_iron(halves)) is None else {"B": iron[0], "C": iron[1]},
@@ -77,6 +81,13 @@ class Swing:
         held = None if rule.limit is None else conformity(curve, rule.limit)
         before = None if rule.before is None else compensation_of(rule.before, place)
         return replace(self, deviation=curve, conformity=held, before=before)
+
+
+def is_boat(path: str) -> bool:
+    """Whether a file is a log of NMEA or Signal K."""
+    from flinders.readers.compass_log import is_compass_log
+
+    return path != "-" and is_compass_log(path)
 
 
 def is_raw(path: str) -> bool:
@@ -165,6 +176,57 @@ def _site_of_table(path: str, place: option.Place, *, is_true: bool) -> SiteFiel
     if not is_true and place.place is not None:
         raise UsageError(f"{path} holds no true headings: leave --at out, or call its column 'true'")
     return None if place.place is None else site_of(place.place, place.date)
+
+
+def of_boat(path: str, options: SwingOptions) -> Swing:
+    """Fit the readings of a log of NMEA or Signal K."""
+    from flinders.geometry.angles import wrapped
+    from flinders.heading.deviation import fit
+    from flinders.readers.compass_log import read_compass_log
+
+    options.refuse_of_magnetometer()
+    log = read_compass_log(path, options.boat.reference)
+    say(f"{log.source}: {log.words}")
+    site = _site_of_boat(log, options.place)
+    logged = _logged(log, wrapped(log.reference_deg - site.declination_deg), options)
+    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common)
+    magnetic = logged.compass_deg + logged.deviation_deg
+    halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if logged.is_steady else ()
+    return Swing(curve, site, halves=halves, logged=logged)
+
+
+def _site_of_boat(log: CompassLog, place: option.Place) -> SiteField:
+    """The field where the log was made, by its positions and clock unless another place was typed."""
+    place.check()
+    where = place.place or (None if log.place is None else "{:.4f},{:.4f}".format(*log.place))
+    day = place.date or (None if log.day is None else f"{log.day}")
+    if where is None or day is None:
+        missing = "position" if where is None else "date"
+        raise UsageError(f"{log.source} has no {missing}: say where with --at LAT,LON and when with --date")
+    return site_of(where, day)
+
+
+def _logged(log: CompassLog, magnetic_deg: Floats, options: SwingOptions) -> LoggedSwing:
+    """Readings from straight legs; where there are too few, from turns, if the reference is a heading."""
+    from flinders.heading.legs import LEG_S, legs
+    from flinders.heading.turning import turning
+
+    least_s = options.known.stationary_s if option.is_typed("stationary_s") else LEG_S
+    try:
+        return legs(
+            log.time,
+            log.compass_deg,
+            magnetic_deg,
+            log.speed,
+            is_course=log.is_course,
+            least_s=least_s,
+            slowest=options.boat.slowest,
+            crab_deg=options.boat.crab_deg,
+        )
+    except FitError:
+        if log.is_course:
+            raise
+        return turning(log.time, log.compass_deg, magnetic_deg)
 
 
 def of_log(calibration: str | None, recording: str, options: SwingOptions) -> Swing:

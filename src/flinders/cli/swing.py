@@ -1,4 +1,4 @@
-"""``flinders swing``: the deviation of a compass, from a table or a recording of a swing; and the half-turn test."""
+"""``flinders swing``: the deviation of a compass, from a table, a recording or a boat's log; and the half-turn test."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
 from flinders.cli._program import GOOD
-from flinders.cli._swing_options import STANDARD, SwingOptions
-from flinders.cli._swing_sources import Swing, compensation_of, is_raw, of_log, of_table
+from flinders.cli._swing_options import BOAT, STANDARD, SwingOptions
+from flinders.cli._swing_sources import Swing, compensation_of, is_boat, is_raw, of_boat, of_log, of_table
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     "swing",
     SwingOptions,
     common=("output", "svg", "headings", "name", "target_deg", "as_json"),
-    headings={STANDARD: ()},
+    headings={STANDARD: (), BOAT: ()},
     short_help="Deviation of a compass at known headings, and its card.",
     epilog="""\b
 Example:
@@ -26,6 +26,7 @@ Example:
   flinders swing calibration.json log.csv --headings 0,45,90,135,180,225,270,315
   flinders swing calibration.json log.csv
   flinders swing corrected.csv
+  flinders swing boat.nmea --standard solas --limit 5
   flinders swing --standard ac43.13-1b
   flinders swing correction.csv --compensate
   flinders swing check.csv --standard ac43.13-1b --before correction.csv --certificate card.pdf
@@ -45,7 +46,8 @@ def command(options: SwingOptions) -> int:
     or compass and deviation; a column sigma is used. Or give a LOG in which the sensor rests on one heading after
     another, with the CALIBRATION that corrects it, or alone where it is to be taken as it is: --headings names them;
     without it, the half-turn test alone is made, which needs no known heading: where the sensor was turned by 180°, so
-    should its heading have been.
+    should its heading have been. LOG may be one of a boat, NMEA 0183, NMEA 2000 by candump, or Signal K: straight legs
+    all round are held against the true heading of another instrument or the course over ground.
     """
     outputs, target_deg = options.checked_outputs(options.standard.before), options.target_deg
     program = options.standard.check()
@@ -64,12 +66,16 @@ def command(options: SwingOptions) -> int:
 def _swing(options: SwingOptions) -> Swing:
     """Take the swing from the files that were given."""
     inputs = options.inputs
+    if len(inputs) == 1 and is_boat(inputs[0]):
+        return of_boat(inputs[0], options)
     if len(inputs) == 1 and is_raw(inputs[0]):
+        options.refuse_of_boat()
         return of_log(None, inputs[0], options)
     if len(inputs) == 1:
         options.refuse_of_recording()
         return of_table(inputs[0], options.known.sigma_deg, options.place)
     if len(inputs) == 2:
+        options.refuse_of_boat()
         return of_log(*inputs, options)
     raise UsageError(f"{len(inputs)} files were given: need a table, or a calibration and a recording")
 
@@ -137,6 +143,7 @@ def _page(swing: Swing, options: SwingOptions) -> RenderableType:
         rests=swing.rests,
         halves=swing.halves,
         expected=swing.expected,
+        logged=swing.logged,
         rule=options.standard.rule,
         conformity=swing.conformity,
         before=swing.before,

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from flinders.heading.compensation import Compensation
     from flinders.heading.conformity import Conformity
     from flinders.heading.deviation import Deviation, Expected
+    from flinders.heading.legs import LoggedSwing
     from flinders.heading.standards import Standard
     from flinders.heading.stationary import HalfTurn, Rest
 
@@ -54,12 +55,15 @@ def of_swing(
     target_deg: float,
     step_deg: float,
     expected: Expected | None = None,
+    logged: LoggedSwing | None = None,
     rule: Standard | None = None,
     conformity: Conformity | None = None,
     before: Compensation | None = None,
 ) -> RenderableType:
     """Lay out a swing, how it keeps a rule, and the turns by 180° that were made."""
     blocks: list[RenderableType | None] = [_rests_table(rests) if rests else None]
+    if logged is not None:
+        blocks += [_legs_table(logged) if logged.is_steady else None, notes(("note", words) for words in logged.said)]
     if deviation is not None:
         blocks += [_coefficients(deviation, expected), None if before is None else _before(deviation, before)]
         blocks += [_card(deviation, step_deg), _swing_verdict(deviation, site, expected, target_deg)]
@@ -311,6 +315,15 @@ def _rests_table(rests: Sequence[Rest]) -> Table:
         for place, rest in enumerate(rests, 1)
     ]  # fmt: skip
     return table(("rest", "heading", "1 σ", "scatter", "readings"), rows)
+
+
+def _legs_table(logged: LoggedSwing) -> Table:
+    columns = (logged.compass_deg, logged.deviation_deg, logged.sigma_deg, logged.seconds)
+    rows = [
+        (str(place), shown_heading(heading), sided(deviation), f"{sigma:.1f}°", f"{seconds:.0f} s")
+        for place, (heading, deviation, sigma, seconds) in enumerate(zip(*columns, strict=True), 1)
+    ]
+    return table(("leg", "compass", "deviation", "1 σ", "length"), rows)
 
 
 def _blame(halves: Sequence[HalfTurn]) -> str:
