@@ -191,7 +191,8 @@ def of_boat(path: str, options: SwingOptions) -> Swing:
     logged = _logged(log, wrapped(log.reference_deg - site.declination_deg), options)
     curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common)
     magnetic = logged.compass_deg + logged.deviation_deg
-    halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if logged.is_steady else ()
+    is_sharp = logged.is_steady and not log.is_course
+    halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if is_sharp else ()
     return Swing(curve, site, halves=halves, logged=logged)
 
 
