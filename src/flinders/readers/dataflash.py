@@ -144,6 +144,7 @@ def open_dataflash(file: File) -> Log:
         instruments,
         position=_position(messages),
         begun=_begun(messages, instruments),
+        velocity=_velocity(messages),
         notes=(*_notes(messages), *damage),
         damage=damage,
     )
@@ -443,6 +444,16 @@ def _position(messages: Messages) -> Position | None:
         if position is not None:
             return position
     return None
+
+
+def _velocity(messages: Messages) -> TimeSeries | None:
+    """Over ground, north and east, m/s, by speed and course of the satellites."""
+    gps = messages.get("GPS")
+    if gps is None or not gps.has("Spd", "GCrs", "Status") or (seconds := gps.seconds) is None:
+        return None
+    course, fixed = np.deg2rad(gps.column("GCrs")), gps.column("Status") >= FIX
+    velocity = gps.column("Spd")[:, np.newaxis] * np.column_stack([np.cos(course), np.sin(course)])
+    return TimeSeries.of(seconds[fixed], velocity[fixed])
 
 
 def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime | None:
