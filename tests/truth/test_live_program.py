@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.flight_log import dataflash
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
@@ -264,6 +265,19 @@ def test_a_session_that_is_resumed_without_a_source_is_shown_and_never_simulated
     program.signal(signal.SIGINT)
     program.wait()
     assert session.read_bytes() == before
+
+
+def test_a_session_of_a_log_that_is_resumed_without_it_is_judged_at_its_place(start: Start, tmp_path: Path) -> None:
+    session, log = tmp_path / "session.csv", tmp_path / "flight.bin"
+    log.write_bytes(b"".join(dataflash()))
+    program = start("--replay", str(log), "--speed", "500", "-o", str(session))
+    wait_until(lambda: len(recorded(session)) >= 30)
+    expected = Page(program.address).hello["state"]
+    program.signal(signal.SIGINT)
+    program.wait()
+    state = Page(start("--resume", str(session)).address).hello["state"]
+    assert not expected["dip_assumed"]
+    assert (state["dip_deg"], state["dip_assumed"]) == (expected["dip_deg"], False)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
