@@ -181,6 +181,24 @@ def test_what_is_not_sound_is_left_out() -> None:
     assert not list(nmea2000.messages([none]))
 
 
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_broken_log_is_read_or_refused(name: str, boat: Boat, tmp_path: Path) -> None:
+    """Characters exchanged, lines cut and doubled: nothing but a curve or a refusal comes of it."""
+    rng, path = np.random.default_rng(9), tmp_path / "boat.log"
+    lines = list(FORMATS[name](boat))[:300]
+    letters = list('0123456789.,;*$#AEFNSWX[]{}"-')
+    for _ in range(12):
+        text = list("\n".join(lines[place] for place in sorted(rng.integers(0, len(lines), 200))))
+        for place in rng.integers(0, len(text), 400):
+            text[place] = str(rng.choice(letters))
+        path.write_text("".join(text), encoding="utf-8")
+        try:
+            log = read_compass_log(path)
+        except UnreadableInput:
+            continue
+        assert np.isfinite(log.compass_deg).all()
+
+
 UNFIT = {
     "headings alone": ("$HCHDM,10,M\n$HCHDM,11,M\n", "no sentence has a time"),
     "frames without a clock": ("can0  09F112CC   [8]  FF 72 5A FF 7F FF 7F FD\n" * 9, "frames have no clock"),

@@ -50,6 +50,8 @@ WIDEST_S: Final = 3.0
 """Between two messages of the reference, to be interpolated."""
 DERIVED_DEG: Final = 0.2
 """Scatter of a true heading about that of the compass: of less it was calculated from it."""
+EARLIEST_S, LATEST_S = 31_536_000.0, 4_102_444_800.0
+"""1971 and 2100: what a clock says outside is no date."""
 NEED: Final = (
     "need the compass (HDG, HDM; PGN 127250; navigation.headingMagnetic) and a true heading of another instrument "
     "(HDT, THS; headingTrue) or the course over ground (RMC, VTG; PGN 129026; courseOverGroundTrue)"
@@ -217,4 +219,4 @@ def _interpolated(time: Floats, known: Floats, value: Floats) -> Floats:
 
 def _day(time: float) -> date | None:
     """The day of a time since 1970; None of a clock that starts elsewhere."""
-    return datetime.fromtimestamp(time, UTC).date() if time > 86400.0 * 365 else None
+    return datetime.fromtimestamp(time, UTC).date() if EARLIEST_S < time < LATEST_S else None

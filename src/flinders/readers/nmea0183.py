@@ -24,7 +24,7 @@ longitude 11.517 2.0 GPRMC
 from __future__ import annotations
 
 import re
-from calendar import timegm
+from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 from typing import TYPE_CHECKING, Final
@@ -54,6 +54,8 @@ POSITIONS: Final = {"RMC": 2, "GGA": 1, "GLL": 0}
 """Where latitude and longitude begin."""
 CLOCKS: Final = {"RMC": 0, "GGA": 0, "GLL": 4}
 DAY_S: Final = 86400.0
+LARGEST: Final = 1e6
+"""Numbers beyond are none."""
 
 
 def messages(lines: Iterable[str]) -> Iterator[Message]:
@@ -117,13 +119,14 @@ def _text(fields: Sequence[str], place: int) -> str:
 
 
 def _number(fields: Sequence[str], place: int) -> float | None:
-    return number(_text(fields, place), ".")
+    value = number(_text(fields, place), ".")
+    return value if value is not None and abs(value) < LARGEST else None
 
 
 def _coordinate(text: str, side: str) -> float | None:
     """Degrees of ``dddmm.mmm`` and its side."""
     value = number(text, ".")
-    if value is None or side not in {"N", "S", "E", "W"}:
+    if value is None or not 0.0 <= value <= 18000.0 or side not in {"N", "S", "E", "W"}:
         return None
     degrees = value // 100.0 + value % 100.0 / 60.0
     return -degrees if side in "SW" else degrees
@@ -135,8 +138,15 @@ def _clock(kind: str, fields: Sequence[str]) -> float | None:
     if time is None:
         return None
     seconds = 3600.0 * int(time[1]) + 60.0 * int(time[2]) + float(time[3])
-    day = re.fullmatch(r"(\d\d)(\d\d)(\d\d)", _text(fields, 8)) if kind == "RMC" else None
-    return seconds + (timegm((2000 + int(day[3]), int(day[2]), int(day[1]), 0, 0, 0)) if day else 0.0)
+    return seconds + (_midnight(_text(fields, 8)) if kind == "RMC" else 0.0)
+
+
+def _midnight(day: str) -> float:
+    """Seconds since 1970 at the beginning of a day, as RMC writes it; 0 where it is none."""
+    try:
+        return datetime.strptime(day, "%d%m%y").replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        return 0.0
 
 
 def _after(clock: float, last: float | None) -> float:

@@ -16,7 +16,7 @@ import json
 import math
 import re
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
 from flinders.readers._messages import Message
 
@@ -35,6 +35,8 @@ KINDS: Final[dict[str, Kind]] = {
     "navigation.speedOverGround": "speed",
 }
 POSITION: Final = "navigation.position"
+LARGEST: Final = 1e6
+"""Numbers beyond are none."""
 
 
 def messages(lines: Iterable[str]) -> Iterator[Message]:
@@ -66,13 +68,18 @@ def _of_update(update: dict[str, Any]) -> Iterator[Message]:
 
 def _said(path: str, value: object) -> Iterator[tuple[Kind, float]]:
     """The numbers of a path, by what they are."""
-    if path in KINDS and isinstance(value, int | float) and math.isfinite(value):
+    if path in KINDS and _is_number(value, LARGEST):
         yield KINDS[path], float(value) if KINDS[path] == "speed" else math.degrees(value)
     elif path == POSITION and isinstance(value, dict):
         latitude, longitude = value.get("latitude"), value.get("longitude")
-        if isinstance(latitude, int | float) and isinstance(longitude, int | float):
+        if _is_number(latitude, 90.0) and _is_number(longitude, 180.0):
             yield "latitude", float(latitude)
             yield "longitude", float(longitude)
+
+
+def _is_number(value: object, most: float) -> TypeGuard[float]:
+    """Whether it is a number that is not too large."""
+    return isinstance(value, int | float) and abs(value) <= most
 
 
 def _object(line: str) -> dict[str, Any]:
