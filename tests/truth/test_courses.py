@@ -23,6 +23,7 @@ from flinders.heading.error_propagation import level_error
 from flinders.readers._resample import TimeSeries
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from tests.trials import Choose
@@ -99,8 +100,19 @@ def test_stretches_are_straight_and_fast() -> None:
 def test_a_drive_without_a_straight_stretch_is_refused() -> None:
     earlier, sensor = vehicle(1)
     samples, velocity = drive(sensor, np.random.default_rng(3))
-    with pytest.raises(FitError, match="drive straight on several headings"):
+    with pytest.raises(FitError, match=r"with a steady field \(of 0 straight ones\): drive"):
         refresh_on_courses(samples, earlier, velocity, declination_deg=0.0, dip_deg=DIP_DEG, slowest=20.0)
+
+
+def test_satellites_have_the_clock_of_the_readings_also_in_an_old_log(recordings: Callable[[str], Path]) -> None:
+    """ArduCopter 3.3: TimeMS of a fix is the time of the satellites' week, and T that of the vehicle."""
+    path = recordings("dronekit_log171_3mags/log171.bin")
+    recording, samples = flinders.open_recording(path), flinders.read(path)
+    velocity: TimeSeries = recording.velocity  # type: ignore[attr-defined]
+    assert samples.time is not None
+    assert velocity.time[-1] == pytest.approx(samples.time[-1], abs=1.0)
+    assert 10.0 < np.abs(velocity.values).max() < 15.0
+    assert [round(stretch.course_deg) for stretch in stretches(samples, velocity, slowest=2.0)] == [178]
 
 
 # a log of ArduPilot

@@ -78,12 +78,9 @@ class StandardOptions(option.Group):
 
     def facts(self) -> dict[str, str]:
         """What was typed that a certificate tells."""
-        base = (
-            {"Error of the base": f"{self.base_error_deg:g}° (1 σ), in every uncertainty"}
-            if self.base_error_deg
-            else {}
-        )
-        return {**({"Vehicle and compass": self.subject} if self.subject else {}), **base}
+        base = f"{self.base_error_deg:g}° (1 σ), in every uncertainty" if self.base_error_deg else ""
+        facts = {"Vehicle and compass": self.subject, "Error of the base": base}
+        return {name: words for name, words in facts.items() if words}
 
 
 class BoatOptions(option.Group, heading=BOAT):

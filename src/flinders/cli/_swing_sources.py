@@ -1,4 +1,4 @@
-"""Where a swing comes from: a table, or a recording and its calibration."""
+"""Where a swing comes from: a table, a boat's log, or a recording and its calibration."""
 
 from __future__ import annotations
 
@@ -70,17 +70,17 @@ class Swing:
         is_open = self.conformity is not None and self.conformity.verdict != "within"
         return LIMITED if missed or is_open or limits(self.deviation, target_deg) else GOOD
 
-    def held_to(self, rule: StandardOptions, place: option.Place) -> Swing:
-        """The same with the error of the base in its uncertainty, held against the limit, beside what was before."""
+    def judged_by(self, rule: StandardOptions, place: option.Place) -> Swing:
+        """The same by a rule: the error of the base in its uncertainty, the limit, and what was before."""
         from flinders.heading.conformity import conformity
         from flinders.heading.deviation import common_error
 
         if self.deviation is None:
             return self
         curve = self.deviation.widened(common_error(rule.base_error_deg))
-        held = None if rule.limit is None else conformity(curve, rule.limit)
+        checked = None if rule.limit is None else conformity(curve, rule.limit)
         before = None if rule.before is None else compensation_of(rule.before, place)
-        return replace(self, deviation=curve, conformity=held, before=before)
+        return replace(self, deviation=curve, conformity=checked, before=before)
 
 
 def is_boat(path: str) -> bool:
@@ -191,8 +191,8 @@ def of_boat(path: str, options: SwingOptions) -> Swing:
     logged = _logged(log, wrapped(log.reference_deg - site.declination_deg), options)
     curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common)
     magnetic = logged.compass_deg + logged.deviation_deg
-    is_sharp = logged.is_steady and not log.is_course
-    halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if is_sharp else ()
+    has_headings = logged.is_steady and not log.is_course
+    halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if has_headings else ()
     return Swing(curve, site, halves=halves, logged=logged)
 
 

@@ -55,7 +55,7 @@ def command(options: SwingOptions) -> int:
         return _checklist(options)
     if options.standard.compensate:
         return _compensate(options)
-    swing = _swing(options).held_to(options.standard, options.place)
+    swing = _swing(options).judged_by(options.standard, options.place)
     _write(swing, options, program)
     outputs.print(lambda: swing.as_dict(target_deg), lambda: _page(swing, options))
     if not options.as_json:
@@ -98,8 +98,8 @@ def _compensate(options: SwingOptions) -> int:
     if len(options.inputs) != 1 or options.output or options.svg or options.standard.certificate:
         raise UsageError("--compensate takes one TABLE and writes no file: swing again afterwards, for the card")
     options.refuse_of_recording()
-    found = compensation_of(options.inputs[0], options.place)
-    options.outputs.print(found.as_dict, lambda: of_compensation(found))
+    compensation = compensation_of(options.inputs[0], options.place)
+    options.outputs.print(compensation.as_dict, lambda: of_compensation(compensation))
     return GOOD
 
 
@@ -112,9 +112,10 @@ def _write(swing: Swing, options: SwingOptions, program: str) -> None:
 
     path, deviation, outputs = options.standard.certificate, swing.deviation, options.outputs
     if deviation is None:
-        if options.output or options.svg or path:
+        if options.output or options.svg or path or options.standard.limit or options.standard.before:
             raise UsageError(
-                "without known headings there is no curve: give --headings, or leave -o, --svg and --certificate out"
+                "without known headings there is no curve: give --headings, or leave -o, --svg, --certificate, "
+                "--before and the limit out"
             )
         return
     outputs.write(card(deviation, options.card_step_deg), options.output)

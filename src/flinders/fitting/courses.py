@@ -79,13 +79,13 @@ def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWES
     course = np.where(np.hypot(north, east) >= slowest, wrapped(np.rad2deg(np.arctan2(east, north))), np.nan)
     step = float(np.median(np.diff(velocity.time))) if len(velocity.time) > 1 else np.inf
     least = max(round(STRAIGHT_S / step), 8) if step > 0.0 else 8
-    found = []
+    straight = []
     for rest in rests(course, least_readings=least):
         begin, end = velocity.time[rest.start], velocity.time[rest.stop - 1]
         part = samples[(samples.time >= begin) & (samples.time <= end)]
         if len(part) >= LEAST_READINGS:
-            found.append(Stretch(part, rest.heading_deg, max(rest.spread_deg, rest.sigma_deg)))
-    return sorted(found, key=lambda stretch: -len(stretch.samples))[:MOST]
+            straight.append(Stretch(part, rest.heading_deg, max(rest.spread_deg, rest.sigma_deg)))
+    return sorted(straight, key=lambda stretch: -len(stretch.samples))[:MOST]
 
 
 def refresh_on_courses(
@@ -118,21 +118,23 @@ def refresh_on_courses(
     Raises
     ------
     FitError
-        Where the vehicle never went straight, fast and level enough.
+        Where the vehicle never went straight and fast enough in a steady field.
     """
     samples = replace(samples_of(recording, previous), frame=previous.calibration.frame)
-    found = _steady(stretches(samples, velocity, slowest=slowest), previous)
-    if not found:
+    straight = stretches(samples, velocity, slowest=slowest)
+    steady = _steady(straight, previous)
+    if not steady:
         raise FitError(
-            f"no straight stretch of {STRAIGHT_S:g} s at {slowest:g} m/s or more: drive straight on several headings"
+            f"no stretch of {STRAIGHT_S:g} s at {slowest:g} m/s or more with a steady field (of {len(straight)} "
+            "straight ones): drive straight on several headings, on level ground and away from iron"
         )
-    headings = [stretch.course_deg - declination_deg for stretch in found]
-    scatter = float(np.median([stretch.scatter_deg for stretch in found]))
+    headings = [stretch.course_deg - declination_deg for stretch in steady]
+    scatter = float(np.median([stretch.scatter_deg for stretch in steady]))
     sigmas = replace(SIGMAS, heading_deg=min(max(scatter, SIGMAS.heading_deg), 45.0), crab_deg=crab_deg)
-    return refresh_at_headings([stretch.samples for stretch in found], previous, headings, sigmas=sigmas, **judged)
+    return refresh_at_headings([stretch.samples for stretch in steady], previous, headings, sigmas=sigmas, **judged)
 
 
-def _steady(found: Sequence[Stretch], previous: Fit) -> list[Stretch]:
+def _steady(straight: Sequence[Stretch], previous: Fit) -> list[Stretch]:
     """Those during which the field was steady, as on a vehicle that neither rolls nor passes iron."""
     shape = symmetric(known_shape(previous, None).entries)
-    return [stretch for stretch in found if is_still(stretch.samples.field, shape)]
+    return [stretch for stretch in straight if is_still(stretch.samples.field, shape)]

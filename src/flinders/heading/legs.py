@@ -140,9 +140,9 @@ def _spans(compass_deg: Floats, step: float, least_s: float) -> list[slice]:
     width = max(round(SMOOTH_S / step), 1)
     smooth = np.convolve(np.exp(1j * np.deg2rad(compass_deg)), np.ones(width) / width, "same")
     least = max(round(least_s / step), 1)
-    found = rests(wrapped(np.rad2deg(np.angle(smooth))), least_readings=max(least, 8))
+    steady = rests(wrapped(np.rad2deg(np.angle(smooth))), least_readings=max(least, 8))
     edge = min(width // 2, least // 4)
-    return [slice(rest.start + edge, rest.stop - edge) for rest in found if rest.stop - rest.start > 2 * edge + BLOCKS]
+    return [slice(rest.start + edge, rest.stop - edge) for rest in steady if rest.stop - rest.start > 2 * edge + BLOCKS]
 
 
 def _is_sound(velocity: Complexes, slowest: float) -> bool:
@@ -193,13 +193,13 @@ def _said(current: complex | None, crab_deg: float) -> tuple[str, ...]:
     )
 
 
-def _refuse_few(legs: int, found: int, *, is_course: bool, least_s: float, slowest: float) -> None:
+def _refuse_few(legs: int, steady: int, *, is_course: bool, least_s: float, slowest: float) -> None:
     """Refuse a log with fewer legs than there are coefficients."""
     if legs >= LEAST:
         return
     speed = f" at {slowest:g} m/s or more" if is_course else ""
     raise FitError(
-        f"{counted(legs, 'straight leg')} of {least_s:g} s{speed} (of {found} on one heading), five coefficients need "
+        f"{counted(legs, 'straight leg')} of {least_s:g} s{speed} (of {steady} on one heading), five coefficients need "
         f"{LEAST}: steer eight headings, each 45° from the last, for half a minute each",
         found=legs,
         needed=LEAST,

@@ -1,4 +1,4 @@
-"""Deviations while a vehicle turns, against another instrument that gives its heading: the lag between them is found.
+"""Deviations while a vehicle turns, against another instrument that gives its heading, with the lag between them.
 
 A compass that lags by τ reads behind while it turns, by τ times the rate, and ahead while it turns the other way. Where
 a vehicle turns both ways τ comes out of the readings; turned one way it looks like A, of which it then is an
@@ -114,11 +114,11 @@ class _Rows:
         for _ in range(STEPS):
             prior = scatter / LAG_S
             weighted = np.vstack([rows, [0.0] * LEAST + [prior]])
-            found = np.linalg.lstsq(weighted, np.append(self.deviation_deg, -prior * known), rcond=None)[0]
-            residual = self.deviation_deg - rows @ found
+            solution = np.linalg.lstsq(weighted, np.append(self.deviation_deg, -prior * known), rcond=None)[0]
+            residual = self.deviation_deg - rows @ solution
             scatter = max(float(np.sqrt(np.sum(residual**2) / max(len(rows) - LEAST, 1))), FINEST_DEG)
         inverse = np.linalg.pinv(weighted.T @ weighted)
-        return float(found[-1]), scatter**2 * float(inverse[-1, -1]), scatter
+        return float(solution[-1]), scatter**2 * float(inverse[-1, -1]), scatter
 
 
 def _words(lag: float, sigma: float, *, is_both_ways: bool) -> str:

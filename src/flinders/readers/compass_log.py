@@ -108,10 +108,10 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
         raise UnreadableInput(f"{source.name} is no log of NMEA 0183, NMEA 2000 (candump) or Signal K: {NEED}")
     lines = (line for block in source.lines(encoding) for line in block.texts)
     series = _Series.of(list(FORMATS[name].messages(lines)))
-    compass = series.most_of("compass", source.name)
+    compass = series.required("compass", source.name)
     chosen = _reference(series, compass, reference, source.name)
     time, headings = compass.time, compass.value
-    speed = series.one("speed")
+    speed = series.stream("speed")
     return CompassLog(
         source.name,
         f"{name}; {len(time):,} headings of the compass ({compass.source}), {chosen.words} ({chosen.source})",
@@ -130,7 +130,7 @@ def _format_of(text: str) -> str | None:
     return next((name for name, module in FORMATS.items() if module.SIGN.search(text)), None)
 
 
-class _One(NamedTuple):
+class _Stream(NamedTuple):
     """The messages of one kind from one source, in the order of time."""
 
     kind: str
@@ -162,7 +162,7 @@ class _Series:
             by_source.setdefault((message.kind, message.source), []).append(message)
         return cls(by_source)
 
-    def one(self, kind: str) -> _One | None:
+    def stream(self, kind: str) -> _Stream | None:
         """The source of a kind that says most; None where none says enough."""
         counts = Counter({key: len(members) for key, members in self.by_source.items() if key[0] == kind})
         if not counts or counts.most_common(1)[0][1] < LEAST:
@@ -171,26 +171,26 @@ class _Series:
         pairs = np.array([(message.time, message.value) for message in self.by_source[key]])
         time, value = pairs[np.argsort(pairs[:, 0], kind="stable")].T
         is_new = np.diff(time, prepend=-np.inf) > 0.0
-        return _One(*key, time[is_new], value[is_new])
+        return _Stream(*key, time[is_new], value[is_new])
 
-    def most_of(self, kind: str, name: str) -> _One:
+    def required(self, kind: str, name: str) -> _Stream:
         """The same, refused where there is none."""
-        found = self.one(kind)
-        if found is None or len(found.time) < LEAST:
+        stream = self.stream(kind)
+        if stream is None or len(stream.time) < LEAST:
             raise UnreadableInput(f"{name} has no heading of a compass with a time: {NEED}")
-        return found
+        return stream
 
     def place(self) -> tuple[float, float] | None:
         """Middle of the positions."""
-        latitude, longitude = self.one("latitude"), self.one("longitude")
+        latitude, longitude = self.stream("latitude"), self.stream("longitude")
         if latitude is None or longitude is None:
             return None
         return float(np.median(latitude.value)), float(np.median(longitude.value))
 
 
-def _reference(series: _Series, compass: _One, wanted: Reference, name: str) -> _One:
+def _reference(series: _Series, compass: _Stream, wanted: Reference, name: str) -> _Stream:
     """What the compass is held against."""
-    heading, course = series.one("heading"), series.one("course")
+    heading, course = series.stream("heading"), series.stream("course")
     if heading is not None and wanted == "auto" and _is_derived(heading, compass):
         heading = None
     chosen = {"auto": heading or course, "heading": heading, "course": course}[wanted]
@@ -199,7 +199,7 @@ def _reference(series: _Series, compass: _One, wanted: Reference, name: str) -> 
     return chosen
 
 
-def _is_derived(heading: _One, compass: _One) -> bool:
+def _is_derived(heading: _Stream, compass: _Stream) -> bool:
     """A true heading that differs by a constant from the compass just before, or just after, was calculated from it."""
     after = np.searchsorted(compass.time, heading.time, "right").clip(1, len(compass.time) - 1)
     return min(_scatter_deg(heading.value - compass.value[place]) for place in (after - 1, after)) < DERIVED_DEG

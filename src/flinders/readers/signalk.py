@@ -86,10 +86,10 @@ def _object(line: str) -> dict[str, Any]:
     """The object of a line; an empty one where there is none."""
     start = line.find("{")
     try:
-        found = json.loads(line[start:]) if start >= 0 else {}
+        value = json.loads(line[start:]) if start >= 0 else {}
     except ValueError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return value if isinstance(value, dict) else {}
 
 
 def _objects(value: object) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@
 >>> swing = fit(range(0, 360, 45), [1.0, 2.0, 1.5, -0.2, -0.5, -0.8, -1.5, -0.7])
 >>> text = certificate(swing, step_deg=45.0)
 >>> text.startswith("<!doctype html>"), text.count("<tr>"), "Signature" in text
-(True, 14, True)
+(True, 15, True)
 """
 
 from __future__ import annotations
@@ -90,18 +90,18 @@ def certificate(
     return html_file("certificate.html.j2", given, style=style_of("certificate.css"), script=script, filters={})
 
 
-def _outcome(deviation: Deviation, held: Conformity | None, reasons: Sequence[str]) -> dict[str, str]:
+def _outcome(deviation: Deviation, conformity: Conformity | None, reasons: Sequence[str]) -> dict[str, str]:
     """The verdict: that of the limit, and of the curve where that is limited."""
-    words = as_sentence(swing_words(deviation) if held is None else conformity_words(held))
-    if held is not None and (held.verdict != "within" or not reasons):
-        return {"verdict": COLOURS[held.verdict], "title": TITLES[held.verdict], "sentence": words}
-    title = "Deviation of a compass" if held is None else TITLES["within"]
+    words = as_sentence(swing_words(deviation) if conformity is None else conformity_words(conformity))
+    if conformity is not None and (conformity.verdict != "within" or not reasons):
+        return {"verdict": COLOURS[conformity.verdict], "title": TITLES[conformity.verdict], "sentence": words}
+    title = "Deviation of a compass" if conformity is None else TITLES["within"]
     return {"verdict": "limited" if reasons else "good", "title": title, "sentence": words}
 
 
-def _rule_facts(rule: Standard | None, held: Conformity | None) -> dict[str, str]:
+def _rule_facts(rule: Standard | None, conformity: Conformity | None) -> dict[str, str]:
     """Rule, limit, and what was seen of the rule."""
-    limit = {} if held is None else {"Limit": f"{held.limit_deg:g}° on any heading"}
+    limit = {} if conformity is None else {"Limit": f"{conformity.limit_deg:g}° on any heading"}
     if rule is None:
         return limit
     return {"Rule": rule.title, **(limit or {"Limit": limit_words(rule)}), "Seen of the rule": "; ".join(rule.sources)}

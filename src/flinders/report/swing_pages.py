@@ -89,21 +89,22 @@ def limit_words(rule: Standard) -> str:
     return f"{rule.limit_deg:g}° on any heading"
 
 
-def of_compensation(found: Compensation) -> RenderableType:
+def of_compensation(compensation: Compensation) -> RenderableType:
     """Lay out what to turn on N, E, S and W."""
     rows = [
         (row.name, shown_heading(row.compass_deg), shown_heading(row.make_deg), f"{row.change_deg:+.1f}°",
          sided(row.left_deg))
-        for row in found.rows
+        for row in compensation.rows
     ]  # fmt: skip
     laid = table((Column("on"), "compass reads", "make it read", "turn it by", "deviation left"), rows)
+    a, b, c = compensation.a_deg, compensation.b_deg, compensation.c_deg
     words = (
-        f"C {found.c_deg:+.1f}°: on one of N and S turn the north–south corrector; B {found.b_deg:+.1f}°: on one of E "
-        "and W turn the east–west corrector; then swing again"
+        f"C {c:+.1f}°: on one of N and S turn the north–south corrector; B {b:+.1f}°: on one of E and W turn the "
+        "east–west corrector; then swing again"
     )
     turned = (
-        f"A {found.a_deg:+.1f}° stays: turn the compass in its mount, so that it reads {abs(found.a_deg):.1f}° "
-        f"{'more' if found.a_deg > 0.0 else 'less'}, if the reference is right"
+        f"A {a:+.1f}° stays: turn the compass in its mount, so that it reads {abs(a):.1f}° "
+        f"{'more' if a > 0.0 else 'less'}, if the reference is right"
     )
     return page(laid, Text(words), notes([("note", turned)]))
 
@@ -118,26 +119,27 @@ def _before(deviation: Deviation, before: Compensation) -> Table:
     return table(("compensated", "before", "now"), rows)
 
 
-def _rule_verdict(rule: Standard | None, held: Conformity | None) -> RenderableType:
+def _rule_verdict(rule: Standard | None, conformity: Conformity | None) -> RenderableType:
     """Whether the curve keeps the limit."""
     title = [] if rule is None else [rule.title]
-    if held is None:
+    if conformity is None:
         return notes([("note", f"{title[0]}: no limit was checked; {limit_words(rule)}")] if rule is not None else [])
-    colour = {"within": "good", "open": "limited", "beyond": "refused"}[held.verdict]
-    return verdict(held.verdict.upper(), colour, conformity_words(held), *title)
+    colour = {"within": "good", "open": "limited", "beyond": "refused"}[conformity.verdict]
+    return verdict(conformity.verdict.upper(), colour, conformity_words(conformity), *title)
 
 
-def conformity_words(held: Conformity) -> str:
+def conformity_words(conformity: Conformity) -> str:
     """How a curve keeps a limit, in a sentence."""
-    sigma = "" if held.sigma_deg is None else f" ± {held.sigma_deg:.1f}°"
-    what = "a reading" if held.is_reading else "the curve"
-    seen = f"{what} deviates by {held.largest_deg:.1f}°{sigma} on {shown_heading(held.compass_deg, 0)}"
+    sigma = "" if conformity.sigma_deg is None else f" ± {conformity.sigma_deg:.1f}°"
+    what = "a reading" if conformity.is_reading else "the curve"
+    seen = f"{what} deviates by {conformity.largest_deg:.1f}°{sigma} on {shown_heading(conformity.compass_deg, 0)}"
+    limit = f"the limit of {conformity.limit_deg:g}°"
     return {
-        "within": f"{seen}: within the limit of {held.limit_deg:g}°, with two standard deviations to spare",
-        "open": f"{seen}: within the limit of {held.limit_deg:g}°, but not by two standard deviations; swing on more "
-        "headings, or read them better",
-        "beyond": f"{seen}: beyond the limit of {held.limit_deg:g}°; compensate, then swing again",
-    }[held.verdict]
+        "within": f"{seen}: within {limit}, with two standard deviations to spare",
+        "open": f"{seen}: within {limit}, but not by two standard deviations; swing on more headings, or read them "
+        "better",
+        "beyond": f"{seen}: beyond {limit}; compensate, then swing again",
+    }[conformity.verdict]
 
 
 def card(deviation: Deviation, step_deg: float) -> str:
