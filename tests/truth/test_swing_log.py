@@ -169,6 +169,18 @@ def test_a_frame_of_canboat_is_read_as_there() -> None:
     ]  # fmt: skip
 
 
+def test_a_card_is_written_as_sentences_that_are_read(
+    boat: Boat, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("boat.nmea").write_text("\n".join(nmea0183_of(boat)), encoding="utf-8")
+    flinders_("swing", "boat.nmea", "--hdg", "card.nmea", "--step", "30")
+    lines = Path("card.nmea").read_text(encoding="utf-8").splitlines()
+    clocks = ["$GPGGA,100000,,,,", *lines, "$GPGGA,100100,,,,"]
+    assert [message.value for message in nmea0183.messages(clocks)] == [30.0 * place for place in range(12)]
+    assert lines[0].split(",")[4:5] == [f"{DECLINATION:.1f}"]
+
+
 def test_what_is_not_sound_is_left_out() -> None:
     wrong = "$HCHDG,98.3,0.0,E,12.6,W*00"
     void = "$GPRMC,100001,V,,,,,10.0,84.4,010626,,"

@@ -127,6 +127,10 @@ class SwingOptions(option.Group):
     svg: str | None = option.member(
         "--svg", what="the curve", heading=option.OUTPUT, metavar="FILE", help="Also draw the curve, as SVG."
     )
+    sentences: str | None = option.member(
+        "--hdg", what="the sentences", heading=option.OUTPUT, metavar="FILE",
+        help="Also write the card as sentences HDG of NMEA 0183.",
+    )  # fmt: skip
     step_deg: float = option.member(
         "--step", heading=option.OUTPUT, type=option.within(0, 90, "degrees above 0, up to 90"),
         default=15.0, show_default=True, metavar="DEG", help="Step of the card; by default that of --standard.",

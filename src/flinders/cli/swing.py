@@ -95,7 +95,7 @@ def _compensate(options: SwingOptions) -> int:
     """Say what to turn on the cardinal headings."""
     from flinders.report.swing_pages import of_compensation
 
-    if len(options.inputs) != 1 or options.output or options.svg or options.standard.certificate:
+    if len(options.inputs) != 1 or any(file.path for file in options.outputs.files):
         raise UsageError("--compensate takes one TABLE and writes no file: swing again afterwards, for the card")
     options.refuse_of_recording()
     compensation = compensation_of(options.inputs[0], options.place)
@@ -108,18 +108,21 @@ def _write(swing: Swing, options: SwingOptions, program: str) -> None:
     from flinders.report.certificate import certificate
     from flinders.report.drawings import swing_drawing
     from flinders.report.pdf import printed
-    from flinders.report.swing_pages import card, limits
+    from flinders.report.swing_pages import card, limits, sentences
 
     path, deviation, outputs = options.standard.certificate, swing.deviation, options.outputs
     if deviation is None:
-        if options.output or options.svg or path or options.standard.limit or options.standard.before:
+        wanted = (options.output, options.svg, options.sentences, path, options.standard.limit, options.standard.before)
+        if any(wanted):
             raise UsageError(
-                "without known headings there is no curve: give --headings, or leave -o, --svg, --certificate, "
+                "without known headings there is no curve: give --headings, or leave -o, --svg, --hdg, --certificate, "
                 "--before and the limit out"
             )
         return
     outputs.write(card(deviation, options.card_step_deg), options.output)
     outputs.write(swing_drawing(deviation), options.svg)
+    declination_deg = None if swing.site is None else swing.site.declination_deg
+    outputs.write(sentences(deviation, options.card_step_deg, declination_deg), options.sentences)
     if path is not None:
         text = certificate(
             deviation,

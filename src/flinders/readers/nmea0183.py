@@ -91,9 +91,18 @@ def messages(lines: Iterable[str]) -> Iterator[Message]:
 def _sentence(line: str) -> re.Match[str] | None:
     """A sentence that counts and whose check sum, if it has one, is right."""
     match = SENTENCE.fullmatch(line)
-    if match is None or (match["sum"] and int(match["sum"], 16) != reduce(xor, match["body"].encode(), 0)):
+    if match is None or (match["sum"] and int(match["sum"], 16) != check_sum(match["body"])):
         return None
     return match
+
+
+def check_sum(body: str) -> int:
+    """What stands after the star of a sentence: the exclusive or of its bytes between dollar and star.
+
+    >>> f"{check_sum('HCHDG,98.3,0.0,E,12.6,W'):02X}"
+    '57'
+    """
+    return reduce(xor, body.encode(), 0)
 
 
 def _said(kind: str, fields: Sequence[str]) -> Iterator[tuple[Kind, float]]:

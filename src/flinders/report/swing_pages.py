@@ -14,6 +14,7 @@ from flinders.errors import counted
 from flinders.geometry.angles import folded, shown_heading
 from flinders.heading.deviation import ADVISED, CHANCE, LARGE_DEG, NAMES, WIDEST_GAP_DEG, eight_points_sigma
 from flinders.heading.stationary import hard_iron
+from flinders.readers.nmea0183 import check_sum
 from flinders.report.formatting import with_uncertainty
 from flinders.report.terminal import axis_end, dotted, facts, notes, page, table, verdict
 
@@ -151,6 +152,29 @@ def card(deviation: Deviation, step_deg: float) -> str:
         sigma = "" if sigmas is None else f"{sigmas[place]:.3f}"
         rows.append(f"{heading:g},{values[place] + 0.0:.3f},{sigma},{np.mod(round(magnetic[place], 3), 360.0):.3f}")
     return "\n".join([*rows, ""])
+
+
+def sentences(deviation: Deviation, step_deg: float, declination_deg: float | None) -> str:
+    """The card as sentences HDG of NMEA 0183: heading by the sensor, its deviation and, where known, the declination.
+
+    >>> from flinders.heading.deviation import fit
+    >>> swing = fit(range(0, 360, 45), [10.5, 20.0, 11.5, -1.2, -5.5, -8.0, -12.5, -6.8])
+    >>> print(sentences(swing, 90.0, 3.5), end="")
+    $HCHDG,0.0,10.5,E,3.5,E*70
+    $HCHDG,90.0,11.4,E,3.5,E*49
+    $HCHDG,180.0,5.5,W,3.5,E*5F
+    $HCHDG,270.0,12.4,W,3.5,E*64
+    """
+    headings, values, _ = deviation.card(step_deg)
+    declination = "," if declination_deg is None else _east_or_west(declination_deg)
+    pairs = zip(headings.tolist(), values.tolist(), strict=True)
+    bodies = [f"HCHDG,{heading:.1f},{_east_or_west(value)},{declination}" for heading, value in pairs]
+    return "".join(f"${body}*{check_sum(body):02X}\n" for body in bodies)
+
+
+def _east_or_west(angle_deg: float) -> str:
+    """Degrees and side as two fields."""
+    return f"{abs(angle_deg):.1f},{'W' if angle_deg < 0.0 else 'E'}"
 
 
 def limits(deviation: Deviation, target_deg: float) -> tuple[str, ...]:
