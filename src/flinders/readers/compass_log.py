@@ -19,7 +19,6 @@ Signal K; 9 headings of the compass (navigation.headingMagnetic), true headings 
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
@@ -164,19 +163,19 @@ class _Series:
 
     def stream(self, kind: str) -> _Stream | None:
         """The source of a kind that says most; None where none says enough."""
-        counts = Counter({key: len(members) for key, members in self.by_source.items() if key[0] == kind})
-        if not counts or counts.most_common(1)[0][1] < LEAST:
+        counts = {key: len(members) for key, members in self.by_source.items() if key[0] == kind}
+        if not counts:
             return None
-        key = counts.most_common(1)[0][0]
+        key = max(counts, key=counts.__getitem__)
         pairs = np.array([(message.time, message.value) for message in self.by_source[key]])
         time, value = pairs[np.argsort(pairs[:, 0], kind="stable")].T
         is_new = np.diff(time, prepend=-np.inf) > 0.0
-        return _Stream(*key, time[is_new], value[is_new])
+        return _Stream(*key, time[is_new], value[is_new]) if is_new.sum() >= LEAST else None
 
     def required(self, kind: str, name: str) -> _Stream:
         """The same, refused where there is none."""
         stream = self.stream(kind)
-        if stream is None or len(stream.time) < LEAST:
+        if stream is None:
             raise UnreadableInput(f"{name} has no heading of a compass with a time: {NEED}")
         return stream
 
