@@ -144,6 +144,7 @@ def open_dataflash(file: File) -> Log:
         instruments,
         position=_position(messages),
         begun=_begun(messages, instruments),
+        velocity=_velocity(messages),
         notes=(*_notes(messages), *damage),
         damage=damage,
     )
@@ -445,6 +446,18 @@ def _position(messages: Messages) -> Position | None:
         if position is not None:
             return position
     return None
+
+
+def _velocity(messages: Messages) -> TimeSeries | None:
+    """Over ground, north and east, m/s, by speed and course of the satellites."""
+    gps = messages.get("GPS")
+    own = None if gps is None else gps.first(("TimeUS", "T"))  # TimeMS is that of the satellites
+    if gps is None or own is None or not gps.has("Spd", "GCrs", "Status"):
+        return None
+    course, fixed = np.deg2rad(gps.column("GCrs")), gps.column("Status") >= FIX
+    velocity = gps.column("Spd")[:, np.newaxis] * np.column_stack([np.cos(course), np.sin(course)])
+    seconds = gps.column(own) * (1e-6 if own == "TimeUS" else 1e-3)
+    return TimeSeries.of(seconds[fixed], velocity[fixed])
 
 
 def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime | None:
