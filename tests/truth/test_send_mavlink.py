@@ -20,6 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.trials import nightly
+from tests.truth.test_mountings import anyhow, right_angles
 from tests.waiting import PATIENCE_S, wait_until
 
 from flinders.cli import main
@@ -520,15 +522,15 @@ AS_PX4 = {f"CAL_MAG0_{axis}": 0.0 for axis in ("ROLL", "PITCH", "YAW")} | {"CAL_
 YAW_90 = euler(0, 0, 90)
 
 
-def turning(truth: Floats, *, after: bool) -> Calibration:
-    """What a fit finds of a compass that is mounted by `truth` where the vehicle has YAW_90."""
+def turning(truth: Floats, *, after: bool, now: Floats = YAW_90) -> Calibration:
+    """What a fit finds of a compass that is mounted by `truth` where the vehicle has it mounted by `now`."""
     plain = found()
     if after:
         return replace(
-            plain, matrix=truth @ plain.matrix @ YAW_90.T, offset=YAW_90 @ plain.offset, frame="vehicle",
+            plain, matrix=truth @ plain.matrix @ now.T, offset=now @ plain.offset, frame="vehicle",
             rotation="estimated",
         )  # fmt: skip
-    return replace(plain, matrix=YAW_90.T @ truth @ plain.matrix, rotation="estimated")
+    return replace(plain, matrix=now.T @ truth @ plain.matrix, rotation="estimated")
 
 
 @pytest.mark.parametrize("kind", [mavlink.ARDUPILOT, mavlink.PX4])
@@ -549,6 +551,32 @@ def test_a_rotation_is_sent_as_the_mounting_and_sent_again_changes_nothing(kind:
         scale, turned = (100.0, raw / 100.0) if is_px4 else (0.1, 10.0 * raw @ held.own_mounting.T)
         np.testing.assert_allclose(scale * held.apply(turned), found().apply(raw) @ truth.T, atol=2e-4)
         assert ParameterPlan.of(seen, calibration, **options).pending == ()
+
+
+@pytest.mark.parametrize("kind", [mavlink.ARDUPILOT, mavlink.PX4])
+@pytest.mark.parametrize("every", [8, nightly(1)])
+def test_one_mounting_after_the_other_is_sent_and_read_back(kind: int, every: int) -> None:
+    """24 rotations by right angles and 100 others, each with a recording under the one before."""
+    is_px4 = kind == mavlink.PX4
+    compass, mounted = (0, AS_PX4) if is_px4 else (1, AS_ARDUPILOT)
+    read = px4.Px4Parameters.read if is_px4 else ardupilot.ArduPilotParameters.read
+    with vehicle(kind=kind, mounted=mounted, falls_silent=10**6, arms=10**6) as (autopilot, seen):
+        for truth in [*right_angles(), *anyhow(100)][::every]:
+            now = read(autopilot.values, compass).own_mounting
+            assert now is not None
+            calibration = turning(truth, after=not is_px4, now=now)
+            ParameterPlan.of(seen, calibration, compass=compass, device_id=DEVICE, mounting=now).carry_out()
+            held = read(autopilot.values, compass)
+            assert held.own_mounting is not None
+            np.testing.assert_allclose(held.own_mounting, truth, atol=1e-6)
+            np.testing.assert_allclose(
+                held.matrix[0], (turned_iron(truth) if not is_px4 else found().matrix)[0], atol=1e-5
+            )
+
+
+def turned_iron(truth: Floats) -> Floats:
+    """(3, 3) what corrects readings that were turned before."""
+    return truth @ found().matrix @ truth.T
 
 
 def test_a_mounting_that_is_not_taken_brings_all_the_old_values_back() -> None:
