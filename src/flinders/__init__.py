@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
+    from flinders.fitting.aeromagnetic import tolles_lawson as tolles_lawson
     from flinders.fitting.calibrate import fit as fit
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
@@ -69,6 +70,7 @@ _HOMES: Final = {
     "read_shots": "readers",
     "refresh": "fitting.refreshing",
     "simulate": "simulate",
+    "tolles_lawson": "fitting.aeromagnetic",
     "units": "core.units",
 }
 """Public names and the module each lives in; a module of that name is the thing itself."""

@@ -34,6 +34,7 @@ main = Program(
         "two_axis",
         "check",
         "refresh",
+        "tolles_lawson",
         "compare",
         "report",
         "plot",

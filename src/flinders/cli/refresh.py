@@ -85,8 +85,8 @@ def command(options: Refresh) -> int:
 
     outputs = options.checked_outputs(*options.recordings)
     refuse_twice(options.recordings)
+    previous = load("refresh --previous", options.previous, options.recordings)
     refuse_calibrations(options.recordings)
-    previous = load("refresh --previous", options.previous)
     opened = [_opened(path, previous, options) for path in options.recordings]
     fit = _refreshed(opened, previous, options)
     outputs.write(dumps(fit.to_document(provenance(opened, files=previous.files))), options.output)

@@ -143,6 +143,8 @@ class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     rotation_covariance: tuple[Triple, Triple, Triple] | UnsetType = UNSET
     acceleration_bias: Triple | UnsetType = UNSET  #: (3,), m/s²: what the accelerometer reads too much, and 1 σ of that
     acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²
+    #: (3, 3): the specific force is this times what the accelerometer reads, less its bias
+    acceleration_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
 
 
 def beside_record(**columns: Floats | None) -> BesideRecord | UnsetType:

@@ -45,6 +45,7 @@ from flinders.readers._names import (
     numbered,
     passed_over,
     tells_nothing,
+    unit_of_strength,
     vectors,
 )
 from flinders.readers._resample import shares
@@ -461,6 +462,18 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
     return replace(columns, auxiliary=(*others, own))
 
 
+def wanted_strength(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
+    """Take the strength of the field from the column that the user says, if it is not read as the magnetometer."""
+    if not width:
+        raise UsageError(f"scalar {asked!r}: lines differ in length, so that columns cannot be counted")
+    place = _place(asked, [name.strip() for name in names], width)
+    own = _column(STRENGTH, [place], names)
+    if place in columns.field.cells:
+        raise UsageError(f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer; see columns=")
+    others = tuple(column for column in columns.auxiliary if column.kind != STRENGTH and place not in column.cells)
+    return replace(columns, auxiliary=(*others, replace(own, unit=unit_of_strength(own.names[0]))))
+
+
 def _place(asked: str, names: list[str], width: int) -> int:
     """Look up one column, by its name as it is written, then regardless of case, then by its number."""
     folded = [name.casefold() for name in names]
@@ -471,7 +484,7 @@ def _place(asked: str, names: list[str], width: int) -> int:
         return int(asked) - 1
     there = f"its columns are {listed(names)}" if names else f"it has no header and {width} columns"
     meant = did_you_mean(asked, names)
-    raise UsageError(f"there is no column {asked!r}{meant}: {there}; give three names or numbers from 1 to {width}")
+    raise UsageError(f"there is no column {asked!r}{meant}: {there}; give names or numbers from 1 to {width}")
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:

@@ -405,6 +405,15 @@ def _is_strength(words: list[str], units: list[str]) -> bool:
     return bool(named & _STRENGTHS or _unit(STRENGTH, units))
 
 
+def unit_of_strength(name: str) -> str:
+    """The unit that the name of a column states for a strength of the field; nothing where it states none.
+
+    >>> unit_of_strength("MAG_4_UNCOMP [nT]"), unit_of_strength("scalar")
+    ('nT', '')
+    """
+    return _unit(STRENGTH, _words(name)[1])
+
+
 def _unit(kind: str, units: list[str]) -> str:
     """Pick the unit that this kind of column can have, in the spelling of `FACTORS` or, for a field, of `Unit`."""
     for unit in units:
