@@ -30,6 +30,7 @@ main = Program(
         "apply",
         "heading",
         "swing",
+        "survey",
         "two_axis",
         "check",
         "refresh",

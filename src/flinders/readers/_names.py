@@ -466,6 +466,35 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
     return sorted(made, key=lambda vector: min(vector.cells))
 
 
+SET: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
+"""What a name has of a reading after a set pulse; that after a reset pulse has ``reset`` in its place."""
+
+
+def polarities(names: Sequence[str]) -> dict[int, int]:
+    """Places of readings after a set pulse, each with that of the same axis after a reset pulse.
+
+    >>> polarities(["t", "mag_x_set", "mag_x_reset", "setpoint_x"]), polarities(["xReset", "xSet"])
+    ({1: 2}, {1: 0})
+    """
+    places = {name.strip().casefold(): place for place, name in enumerate(names)}
+    others = ((place, SET.sub(_reset, name.strip()).casefold()) for place, name in enumerate(names) if SET.search(name))
+    return {place: places[other] for place, other in others if other in places}
+
+
+def without_set(name: str) -> str:
+    """A name without the word of the pulse.
+
+    >>> without_set("mx_set_uT"), without_set("mag_x_set"), without_set("xSet"), without_set("Set X")
+    ('mx_uT', 'mag_x', 'x', ' X')
+    """
+    return SET.sub(lambda match: "_" if len(match[0].strip("_")) == len(match[0]) - 2 else "", name)
+
+
+def _reset(match: re.Match[str]) -> str:
+    """The word of a set pulse as that of a reset."""
+    return re.sub("set", "reset", match[0], flags=re.IGNORECASE)
+
+
 def names_magnetometer(names: Sequence[str]) -> bool:
     """Tell whether three of these names are those of a magnetometer."""
     return bool(vectors(names, list(map(meaning, names)), FIELD))

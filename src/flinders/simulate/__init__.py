@@ -90,14 +90,16 @@ from flinders.simulate.motions import (
 )  # fmt: skip
 from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_deg, specific_force, tumble
 from flinders.simulate.sensor import Sensor, soft_iron
+from flinders.simulate.survey import SimulatedSurvey, survey_shots
 from flinders.simulate.table import write_csv
 from flinders.simulate.two_axis import TwoAxis, swing
 
 __all__ = [
     "MOTIONS", "RATE_HZ", "RATE_NOISE", "Aircraft", "FieldStep", "Flight", "GaussMarkov", "Imu", "Manoeuvre",
-    "MotorCurrent", "Motors", "PassingMagnet", "Perturbation", "Sensor", "Simulated", "Step", "ThermalDrift",
-    "Trajectory", "TwoAxis", "angle_error_deg", "calibration_flight", "clump", "clumped", "drive", "fibonacci",
-    "figure_eight", "fleet", "flight", "fluxgate", "hand_tumble", "hemisphere", "level_turn",
+    "MotorCurrent", "Motors", "PassingMagnet", "Perturbation", "Sensor", "Simulated", "SimulatedSurvey", "Step",
+    "ThermalDrift", "Trajectory", "TwoAxis", "angle_error_deg", "calibration_flight", "clump", "clumped", "drive",
+    "fibonacci", "figure_eight", "fleet", "flight", "fluxgate", "hand_tumble", "hemisphere", "level_turn",
     "north_and_down", "planar_sweeps", "posed", "rocked", "rotation_vectors", "seen_from", "soft_iron",
-    "specific_force", "stray_fields", "swayed", "swing", "tilted", "truth", "tumble", "turns", "uniform", "write_csv",
+    "specific_force", "stray_fields", "survey_shots", "swayed", "swing", "tilted", "truth", "tumble", "turns",
+    "uniform", "write_csv",
 ]  # fmt: skip
