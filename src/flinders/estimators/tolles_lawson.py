@@ -1,17 +1,18 @@
 """Tolles–Lawson: the field of an aircraft in its scalar magnetometer, linear in sixteen coefficients.
 
-With the direction cosines u of the field in the axes of the aircraft, which a vector magnetometer gives, and the
-strength B that the scalar magnetometer reads, the field of the aircraft adds
+The terms of Leach [2]_ for the model of Tolles and Lawson [1]_. With the direction cosines u of the field in the axes
+of the aircraft, which a vector magnetometer gives, and the strength B that the scalar magnetometer reads, the
+field of the aircraft adds
 
     Σ pᵢ uᵢ + B/50 µT (Σ aᵢⱼ uᵢ uⱼ + Σ eᵢⱼ uᵢ u̇ⱼ)
 
 p is the permanent field, a the induced and e the eddy-current part. Σ uᵢ² is 1 and Σ uᵢ u̇ᵢ is 0, so that azz and ezz
-cannot be seen beside the others and are zero here: 3 + 5 + 8 terms.
+cannot be seen beside the others and are zero here: 3 + 5 + 8 terms. The second order is that of [3]_.
 
 Both sides are compared between 0.1 and 0.9 Hz, where manoeuvres are and the ground below is not. Runs without gaps,
-each without its straight line, are taken apart into cosines, and those of the band are the equations (band-spectrum
-regression): noise of any colour is independent there, so that the covariance needs no model of it. A ridge in units of
-the spread of each term, chosen by cross-validation over half minutes, holds what the manoeuvres hardly show.
+each without its straight line, are taken apart into cosines, and those of the band are the equations [4]_: noise of any
+colour is independent there, so that the covariance needs no model of it. A ridge in units of the spread of each term,
+chosen by cross-validation over half minutes, holds what the manoeuvres hardly show.
 
 >>> from flinders.simulate import calibration_flight
 >>> flight = calibration_flight(seed=1)
