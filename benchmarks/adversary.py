@@ -10,6 +10,8 @@ A fit is *wrong* where its worst level heading is off by more than 1° and by mo
 claim would give stands in brackets: the same count over errors drawn from the covariance that the fit claims.
 *Ratio* is the true over the claimed worst level heading error, of good fits: 1.2 in the median and 2.1 at 90 % where
 the claim is true. *Cautious* is the share of fits that are not good although they are within half the target.
+
+``--felt`` records an accelerometer, too, and counts the fits that are called `attitude-dependent`.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Final
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
 SEED: Final = 19_770_905
 STRENGTH_UT, DIP_DEG, TARGET_DEG = 48.0, 60.0, 1.0
 NOISE_UT: Final = 0.2
+GRAVITY: Final = 9.81
 RATE_HZ: Final = 50.0
 FINE: Final = 4
 """Steps of the path between two readings, so that an axis can be late by less than one."""
@@ -425,6 +428,13 @@ def recorded(seed: int, of: Sensor, effect: Effect, path: Path, *, place: int = 
     return Samples.of(rows, unit="uT", time=path.time[::FINE] if effect.is_timed else None)
 
 
+def felt(samples: Samples, seed: int, path: Path) -> Samples:
+    """The same with an accelerometer, which feels how the hand moves, and has noise of 0.05 m/s²."""
+    moved = np.gradient(np.gradient(path.places, path.time, axis=0), path.time, axis=0) - [0.0, 0.0, GRAVITY]
+    force = np.einsum("mji,mj->mi", path.attitudes, moved)[::FINE]
+    return replace(samples, acceleration=force + 0.05 * stream(seed, "felt").standard_normal(force.shape))
+
+
 def stream(seed: int, what: str) -> Generator:
     """Random numbers of a trial, the same for the same thing whatever else is drawn."""
     return np.random.default_rng([SEED, seed, *what.encode()])
@@ -495,6 +505,14 @@ def tried(case: tuple[str, str, int], *, elsewhere: bool = False) -> Trial:
     return Trial(fit.verdict, codes, fit.conditions, fit.heading_error_deg.worst, true, probability(fit))
 
 
+def is_named(case: tuple[str, str, int]) -> bool:
+    """Whether a fit to a recording with an accelerometer is called `attitude-dependent`."""
+    name, path, seed = case
+    turned = PATHS[path](stream(seed, "path 0"))
+    fit = fitted(felt(recorded(seed, sensor(stream(seed, "sensor")), EFFECTS[name], turned), seed, turned))
+    return fit is not None and any(finding.code == "attitude-dependent" for finding in fit.findings)
+
+
 HEAD: Final = (
     "| effect | good, limited, refused | wrong (expected) | ratio 50 / 90 % | cautious | unconditional | first |\n"
     "|---|---|---|---|---:|---:|---|"
@@ -527,11 +545,26 @@ def table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: 
     yield HEAD
     with ProcessPoolExecutor(processes) as pool:
         for name in effects:
-            cases = [(name, path, seed) for path, seed in product(paths, range(-(-trials // len(paths))))]
+            cases = cases_of(name, paths, trials)
             yield row(name, list(pool.map(tried, cases, chunksize=4)))
             if not EFFECTS[name].seen:
                 again = pool.map(partial(tried, elsewhere=True), cases, chunksize=4)
                 yield row(f"{name}; recorded elsewhere too", list(again))
+
+
+def cases_of(name: str, paths: Sequence[str], trials: int) -> list[tuple[str, str, int]]:
+    """An effect on each path, with so many seeds in all."""
+    return [(name, path, seed) for path, seed in product(paths, range(-(-trials // len(paths))))]
+
+
+def felt_table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
+    """How many recordings of each effect, with an accelerometer, are called `attitude-dependent`, path by path."""
+    yield "| effect | recordings | " + " | ".join(paths) + " |\n|---|---:|" + "---:|" * len(paths)
+    with ProcessPoolExecutor(processes) as pool:
+        for name in effects:
+            cases = cases_of(name, paths, trials)
+            named = np.reshape(list(pool.map(is_named, cases, chunksize=4)), (len(paths), -1)).sum(axis=1)
+            yield f"| {name} | {len(cases)} | " + " | ".join(map(str, named)) + " |"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -541,8 +574,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--effects", nargs="+", default=list(EFFECTS), choices=EFFECTS, metavar="EFFECT")
     parser.add_argument("--paths", nargs="+", default=list(PATHS), choices=PATHS, metavar="PATH")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--felt", action="store_true", help="with an accelerometer: what follows the attitude")
     chosen = parser.parse_args(arguments)
-    for line in table(chosen.effects, chosen.paths, chosen.trials, chosen.processes):
+    for line in (felt_table if chosen.felt else table)(chosen.effects, chosen.paths, chosen.trials, chosen.processes):
         print(line, flush=True)
 
 

@@ -396,7 +396,7 @@ def correlated(segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> 
         return share * residuals.scatter(residuals.variance()), Correlation(0.0, 1.0, 0.0), residuals
     autocovariance = residuals.autocovariance()
     time = time_of(autocovariance)
-    sphere = _Sphere(directions, cells_of(directions), ellipsoid)
+    sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
     direction = sphere.distortion(residuals.distances, apart=3 * len(autocovariance), time=time)
     scatter: Floats = np.zeros((9, 9))
     if direction > 0.0:
@@ -419,12 +419,15 @@ class _Sphere:
     Parameters
     ----------
     directions : (N, 3) float
-    cells : (N,) int
+    axes : (3, 3) float
+        In which the cells are, in rows.
     ellipsoid : Ellipsoid
     """
 
-    def __init__(self, directions: Floats, cells: NDArray[np.int64], ellipsoid: Ellipsoid) -> None:
+    def __init__(self, directions: Floats, axes: Floats, ellipsoid: Ellipsoid) -> None:
+        cells = cells_of(directions @ axes.T)
         self.cells: NDArray[np.int64] = cells
+        self._axes = axes
         counts = np.bincount(cells, minlength=len(CELLS)).astype(float)
         self.seen = np.flatnonzero(counts)
         self.counts = counts[self.seen]
@@ -440,7 +443,8 @@ class _Sphere:
 
     @cached_property
     def _kernel(self) -> Floats:
-        return _kernel(self._middles, self.jacobian, magnitude.information(CELLS, self._ellipsoid))
+        centres: Floats = CELLS @ self._axes
+        return _kernel(self._middles, self.jacobian, centres, magnitude.information(centres, self._ellipsoid))
 
     def distortion(self, residuals: Floats, *, apart: int, time: float) -> float:
         """Standard deviation of what residuals of one direction have in common at different times; 0 where unproven.
@@ -493,13 +497,20 @@ class _Sphere:
         return variance
 
 
-def _kernel(middles: Floats, jacobian: Floats, everywhere: Floats) -> Floats:
+def _principal_axes(directions: Floats) -> Floats:
+    """(3, 3) principal axes of directions in rows, to the side of their third moments: they turn with the readings."""
+    axes = np.linalg.eigh(directions.T @ directions)[1]
+    axes = axes * np.where(np.sum((directions @ axes) ** 3, axis=0) < 0.0, -1.0, 1.0)
+    return axes.T
+
+
+def _kernel(middles: Floats, jacobian: Floats, centres: Floats, everywhere: Floats) -> Floats:
     """(K, K) covariance of a smooth function on the sphere, less what an ellipsoid fitted all around absorbs."""
     inside = _alike(middles, middles)
-    across = _alike(middles, CELLS)
+    across = _alike(middles, centres)
     absorbed = jacobian @ np.linalg.solve(everywhere.T @ everywhere, everywhere.T)
     mixed = absorbed @ across.T
-    kernel: Floats = inside - mixed - mixed.T + absorbed @ _alike(CELLS, CELLS) @ absorbed.T
+    kernel: Floats = inside - mixed - mixed.T + absorbed @ _alike(centres, centres) @ absorbed.T
     return kernel
 
 

@@ -41,8 +41,8 @@ class Bench:
         self.board, self.program = board, program
         self.visitor = Visitor(browser, program)
 
-    def page(self) -> Page:
-        return self.visitor.page()
+    def page(self, *, draws: bool = False) -> Page:
+        return self.visitor.page(draws=draws)
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def is_near(offset: object, within: float) -> bool:
 def test_a_good_board_becomes_good_and_its_calibration_is_true(
     bench: Bench, tmp_path: Path, lines: list[bytes]
 ) -> None:
-    page = bench.page()
+    page = bench.page(draws=True)
     expect(page.locator("#empty-lead")).to_have_text("Waiting for readings")
     until(page, "flinders.store.state.source.link === 'waiting'")  # nothing has come for three seconds
     expect(page.locator(".status")).to_have_attribute("data-phase", "waiting")

@@ -31,7 +31,7 @@ def visitor(browser: Browser, tmp_path: Path, request: pytest.FixtureRequest) ->
 
 @pytest.mark.parametrize("visitor", [10], indirect=True)
 def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Path) -> None:
-    page = visitor.page()
+    page = visitor.page(draws=True)
     expect(page.locator(".status")).to_have_attribute("data-phase", "collecting")
     expect(page.locator("#source-name")).to_have_text("simulation")
     until(page, "flinders.store.state.readings > 20 && flinders.store.points.count > 20")

@@ -27,7 +27,7 @@ def test_a_state_of_the_page_is_for_everybody(browser: Browser, axe: str, tmp_pa
         visitor = Visitor(browser, program)
         for size, scheme in (("1280", "light"), ("phone", "dark")):
             options: dict[str, Any] = {"color_scheme": scheme, **SIZES[size]}
-            page = visitor.page(**options)
+            page = visitor.page(draws=True, **options)
             until(page, state.ready)
             for key in state.keys:
                 page.keyboard.press(key)

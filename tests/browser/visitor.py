@@ -16,7 +16,7 @@ class Visitor:
     """A person with a browser: opens pages, and remembers what they complain of and whom they ask.
 
     A page without options stays open for the next test, which finds it as at first: loaded anew, its storage empty.
-    Nothing moves on a page that is not told to: without a graphics card each picture takes its time.
+    Without a graphics card pictures take their time: nothing moves, and no sphere is drawn, unless a test asks for it.
     """
 
     def __init__(self, browser: Browser, program: Program) -> None:
@@ -27,22 +27,24 @@ class Visitor:
         self.strangers: list[str] = []
         self.requests = 0
 
-    def context(self, **options: Any) -> BrowserContext:
-        """A browser of its own: its own storage, size, and colours."""
+    def context(self, *, draws: bool = False, **options: Any) -> BrowserContext:
+        """A browser of its own: its own storage, size, and colours; `draws` the sphere."""
         options = {"viewport": DESK, "color_scheme": "dark", "reduced_motion": "reduce", **options}
         context = self.browser.new_context(accept_downloads=True, **options)
         context.set_default_timeout(UNTIL_MS)
         context.route(re.compile(f"^(?!{re.escape(self.program.address)}|blob:|data:)"), self._refuse)
+        if not draws:
+            context.route(f"{self.program.address}static/views/scene.js", self._without_sphere)
         context.on("request", self._count)
         context.on("console", self._listen)
         context.on("weberror", lambda error: self.complaints.append(str(error.error)))
         self.contexts.append(context)
         return context
 
-    def page(self, context: BrowserContext | None = None, **options: Any) -> Page:
+    def page(self, context: BrowserContext | None = None, *, draws: bool = False, **options: Any) -> Page:
         """Open the page, or load the plain one anew, and wait until it has heard from the program."""
-        if context or options:
-            page = (context or self.context(**options)).new_page()
+        if context or draws or options:
+            page = (context or self.context(draws=draws, **options)).new_page()
         else:
             page = self.plain = self.plain or self.context().new_page()
         if page.url == self.program.address:
@@ -77,6 +79,9 @@ class Visitor:
             context.close()
         self.contexts.clear()
         self.plain = None
+
+    def _without_sphere(self, route: Route) -> None:
+        route.fulfill(content_type="text/javascript", body="throw new Error('this test needs no sphere');")
 
     def _refuse(self, route: Route) -> None:
         self.strangers.append(route.request.url)

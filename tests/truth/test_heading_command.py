@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +22,7 @@ from flinders.core.units import Unit
 from flinders.fitting.calibrate import fit
 from flinders.fitting.result import Fit
 from flinders.geometry.angles import folded
+from flinders.geometry.ellipsoid import symmetric
 from flinders.heading.attitude import magnetic_heading_deg
 from flinders.heading.compass import Compass
 from flinders.heading.error_propagation import deviation_covariance
@@ -598,19 +601,39 @@ def test_the_command_gives_what_the_library_gives(home: Path) -> None:
     assert_headings(ended, found)
 
 
-def test_the_bias_of_the_accelerometer_that_the_calibration_found_is_taken_off(home: Path) -> None:
-    """In m/s² or in shares of gravity: what it reads too much tilts the vertical no longer."""
+def test_the_scatter_of_the_dip_contains_what_gains_of_an_accelerometer_do_to_headings() -> None:
+    """Gains off by 2 % and axes from square by a degree, 1 σ, of a compass that tilts by up to 35°."""
+    ratios, rng = [], np.random.default_rng(1)
+    for seed in range(20):
+        recording = simulate.tumble(seed=seed, motion="tilted", n=400, sensor=simulate.Sensor(), noise=0.05)
+        assert recording.attitudes is not None
+        force = -9.81 * recording.attitudes[:, 2]
+        off = rng.normal(0.0, [0.02] * 3 + [0.0087] * 3)
+        samples = replace(recording.samples, acceleration=force @ (np.eye(3) + symmetric(off)))
+        headings = Compass(Calibration.identity(field_strength=50.0, raw=samples.unit)).read(samples)
+        apart = folded(headings.magnetic_deg - magnetic_heading_deg(samples.field, force))
+        dip_deg, scatter_deg = headings.frames.dip_deg
+        ratios.append(float(np.std(apart)) / (scatter_deg * math.tan(math.radians(dip_deg))))
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.2)
+    assert max(ratios) < 1.5
+
+
+def test_what_the_calibration_found_wrong_with_the_accelerometer_is_taken_off(home: Path) -> None:
+    """In m/s² or in shares of gravity: its bias, its gains and its skewed axes tilt the vertical no longer."""
     headings = np.arange(0.0, 360.0, 1.0)
     body = turned(headings, 6.0, -12.0)
-    bias = np.array([0.3, -0.2, 0.1])
+    bias, gains = np.array([0.3, -0.2, 0.1]), np.array([[1.02, 0.01, 0.0], [0.01, 0.98, 0.0], [0.0, 0.0, 1.0]])
     calibration = Calibration(np.eye(3), np.zeros(3), 50.0, raw=Unit.of("uT"))
-    fitted = Fitted(method="likelihood", samples=360, beside=beside_record(acceleration_bias=bias))
+    beside = beside_record(acceleration_bias=bias, acceleration_matrix=np.linalg.inv(gains))
+    fitted = Fitted(method="likelihood", samples=360, beside=beside)
     for gravity in (9.80665, 1.0):
-        force = body @ np.array([0.0, 0.0, -gravity])
+        force = body @ np.array([0.0, 0.0, -gravity]) @ gains
         samples = Samples.of(body @ FIELD, unit="uT", acceleration=force + bias * gravity / 9.80665)
         loaded = Fit.from_document(calibration.to_document(fit=fitted))
-        assert loaded.aiding is not None
-        compass = Compass(loaded.calibration, acceleration_bias=loaded.aiding.acceleration_bias, gravity=gravity)
+        aiding = loaded.aiding
+        assert aiding is not None
+        off, matrix = aiding.acceleration_bias, aiding.acceleration_matrix
+        compass = Compass(loaded.calibration, gravity=gravity, acceleration_bias=off, acceleration_matrix=matrix)
         apart = folded(compass.read(samples).magnetic_deg - headings)
         assert np.abs(apart).max() < 0.01
         assert np.abs(folded(Compass(calibration).read(samples).magnetic_deg - headings)).max() > 1.0

@@ -657,7 +657,8 @@ def test_a_session_is_named_by_its_time_and_never_over_another(tmp_path: Path) -
 
 def test_edits_that_a_crash_has_cut_are_passed_over() -> None:
     done = Edits(excluded=((1.0, 2.0),), goal="attitude")
-    assert Edits.within([done.line(), done.line()[:30], "# flinders live: {}x"]) == done
+    wrong = done.line().replace('"site":null', '"site":{"inclination_deg":200}')
+    assert Edits.within([done.line(), done.line()[:30], "# flinders live: {}x", wrong]) == done
 
 
 def test_all_is_let_go_of_in_the_end(tmp_path: Path) -> None:

@@ -321,9 +321,11 @@ ELSEWHERE: Final = {
     "test_filters.py": ("filtered",),
     "test_two_axis.py": ("composed",),
     "test_nonlinearity.py": ("nonlinear-axis",),
+    "test_attitude_dependence.py": ("attitude-dependent",),
     "test_axis_lag.py": ("axis-lag",),
     "test_shrinkage.py": ("corrected-before",),
     "test_refresh.py": ("soft-iron-changed", "poses-contradict"),
+    "test_survey.py": ("pointing-error", "shots-contradict"),
     "test_disturbances.py": (
         "disturbance", "disturbance-unmodelled", "disturbance-constant", "disturbance-collinear-attitude",
         "disturbances-collinear", "disturbance-uncertain",

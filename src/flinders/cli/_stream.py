@@ -313,10 +313,12 @@ def open_log(
             say(f"{opened.source}: the log says where and when: {site}; used, unless --at says otherwise")
     declination = declination_deg if site is None else site.declination_deg
     is_level = accelerometer.is_level
-    bias = None if is_level or fit.aiding is None else fit.aiding.acceleration_bias
-    if bias is not None:
-        say(f"{bias_words(bias)}, by {calibration}: removed")
-    compass = Compass(fit.calibration, LEVEL if is_level else formula, turned, declination, acceleration_bias=bias)
+    compass = Compass(fit.calibration, LEVEL if is_level else formula, turned, declination)
+    if not is_level and fit.aiding is not None and fit.aiding.acceleration_bias is not None:
+        bias, matrix = fit.aiding.acceleration_bias, fit.aiding.acceleration_matrix
+        gains = "" if matrix is None else ", and its gains and angles between its axes"
+        say(f"{bias_words(bias)}, by {calibration}: removed{gains}")
+        compass = replace(compass, acceleration_bias=bias, acceleration_matrix=matrix)
     return HeadingLog(fit, opened, compass, Preparation.of(compensator, by), site, dip_deg)
 
 

@@ -337,7 +337,8 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     if np.count_nonzero(known) < FEWEST_ATTITUDES:
         return None
     if "tilt" not in reference.aiding:
-        reference = solve(samples, (*(aid for aid in reference.aiding if aid == "rate"), "tilt"))
+        terms = (*(aid for aid in reference.aiding if aid == "rate"), "tilt")
+        reference = solve(samples, terms, near=reference, is_rough=True)
     matrices, field = matrices[known], samples.field[known]
     turned = _from_the_middle(matrices, reference.corrected(field))
     off = float(np.rad2deg(np.std(turned)))

@@ -213,6 +213,7 @@ def solve(
     acceleration_gain: float = GAIN_SIGMA,
     near: Aided | None = None,
     shape: KnownShape | None = None,
+    is_rough: bool = False,
 ) -> Aided:
     """Fit all that a recording holds.
 
@@ -250,6 +251,8 @@ def solve(
         Another fit to the same readings, with the same disturbances: tried before any other start.
     shape : KnownShape, optional
         Of an earlier calibration of this sensor, instead of `spread`.
+    is_rough : bool
+        Whether a fraction of a standard deviation does not matter, as for a check: few steps are taken.
 
     Raises
     ------
@@ -266,7 +269,7 @@ def solve(
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
     accelerometer = _accelerometer(samples, terms, acceleration_bias, acceleration_gain)
     put = _Prepared(
-        samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, accelerometer, shape
+        samples, tuple(terms), site, disturbances, rotation, spread, window_s, delay, accelerometer, shape, is_rough
     )  # fmt: skip
     aided = _solved(put, gyro_scale, start, near).finished()
     off = float(np.abs(aided.parameters.gyro_scale).max())
@@ -310,12 +313,14 @@ class _Prepared(NamedTuple):
     delay: bool
     accelerometer: AccelerometerPrior | None
     shape: KnownShape | None = None
+    is_rough: bool = False
 
     def problem(self, gyro_scale: float) -> JointProblem:
         """Put the readings in groups."""
         return JointProblem.of(
             self.samples, self.terms, self.site, self.disturbances, self.rotation, self.spread, self.window_s,
             delay=self.delay, gyro_scale=gyro_scale, accelerometer=self.accelerometer, shape=self.shape,
+            is_rough=self.is_rough,
         )  # fmt: skip
 
 

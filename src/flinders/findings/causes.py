@@ -42,7 +42,8 @@ CAUSES: Final = (
     Cause("alternating", "limits", ("heading-error", "noise", "field-changed", "few-samples", *OF_RESIDUALS)),
     Cause("soft-iron-changed", "limits", ("heading-error",)),
     Cause("saturated", "limits", ("nonlinear-axis", "structure")),
-    Cause("disturbance-unmodelled", "limits", ("noise", "field-changed", *OF_RESIDUALS)),
+    Cause("disturbance-unmodelled", "limits", ("attitude-dependent", "noise", "field-changed", *OF_RESIDUALS)),
+    Cause("attitude-dependent", "limits", ("noise", *OF_RESIDUALS)),
     Cause(
         "noise",
         "refuses",

@@ -442,6 +442,33 @@ ROWS: Final = (
         remedy="Let the calibration follow it, or record without it.",
     ),
     CatalogueRow(
+        code="attitude-dependent",
+        subject="fit",
+        grades="limits",
+        number=(
+            "what a disturbance that follows the attitude, by a recorded accelerometer, makes of a level heading where "
+            "it is largest, degrees; without what hides in offset and soft iron"
+        ),
+        limit="half the target",
+        action=(
+            "record the current and calibrate `--with` it; fasten what is loose; or record far from iron and compare"
+        ),
+        rule=Rule("attitude_dependent_deg", (Grade("limits", 0.5, "target_deg"),)),
+        said=(
+            "readings are disturbed in step with the attitude, by {attitude_dependent_deg}° of heading and by what "
+            "hides in offset and soft iron: a current follows the attitude, a magnetic part is loose, or iron is close;"
+            " record the current and calibrate with it, fasten the part, or record elsewhere"
+        ),
+        arguments="disturbances=",
+        options="--with",
+        plain=(
+            "The compass is disturbed in step with how it is tilted, by {angle} of heading or more: by a current, by a"
+            " magnetic part that moves, or by iron close by."
+        ),
+        remedy="Switch the load off or record its current, fasten what is loose, and record again away from iron.",
+        alarm=True,
+    ),
+    CatalogueRow(
         code="tilt-error",
         subject="fit",
         grades="limits",

@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import UNSET
 
 from flinders.core.calibration_file import beside_record
+from flinders.geometry.ellipsoid import symmetric
 from flinders.likelihood.dip import GRAVITY
 
 if TYPE_CHECKING:
@@ -63,6 +64,8 @@ class Aiding:
         Of its rotation vector, in body axes.
     gyro_bias, gyro_bias_sigma : (3,) float, optional, rad/s
     acceleration_bias, acceleration_bias_sigma : (3,) float, optional, m/s²
+    acceleration_matrix : (3, 3) float, optional
+        Gains and non-orthogonality of the accelerometer: the specific force is this times what it reads, less its bias.
     delay_s, delay_sigma_s : float, optional
         By how much the magnetometer is behind the gyro.
     dip_deg, dip_sigma_deg : float, optional
@@ -79,6 +82,7 @@ class Aiding:
     gyro_bias_sigma: Floats | None = None
     acceleration_bias: Floats | None = None
     acceleration_bias_sigma: Floats | None = None
+    acceleration_matrix: Floats | None = None
     delay_s: float | None = None
     delay_sigma_s: float | None = None
     dip_deg: float | None = None
@@ -112,6 +116,7 @@ class Aiding:
             gyro_bias_sigma=gyro,
             acceleration_bias=None if accelerometer is None else GRAVITY * at.accelerometer[:3],
             acceleration_bias_sigma=None if accelerometer is None else GRAVITY * accelerometer[:3],
+            acceleration_matrix=None if accelerometer is None else np.eye(3) + symmetric(at.accelerometer[3:]),
             delay_s=None if delay is None else at.delay,
             delay_sigma_s=None if delay is None else float(np.sqrt(delay[0, 0])),
             dip_deg=None if height is None else float(np.rad2deg(np.arcsin(np.clip(height, -1.0, 1.0)))),
@@ -127,6 +132,9 @@ class Aiding:
             rotation_covariance=_array(record.rotation_covariance),
             acceleration_bias=_array(record.acceleration_bias),
             acceleration_bias_sigma=_array(record.acceleration_bias_sigma),
+            acceleration_matrix=_array(record.acceleration_matrix),
+            dip_deg=None if record.dip_deg is UNSET else record.dip_deg,
+            dip_sigma_deg=None if record.dip_sigma_deg is UNSET else record.dip_sigma_deg,
         )
 
     def to_record(self) -> BesideRecord | UnsetType:
@@ -135,12 +143,16 @@ class Aiding:
             rotation_covariance=self.rotation_covariance,
             acceleration_bias=self.acceleration_bias,
             acceleration_bias_sigma=self.acceleration_bias_sigma,
+            acceleration_matrix=self.acceleration_matrix,
+            dip_deg=self.dip_deg,
+            dip_sigma_deg=self.dip_sigma_deg,
         )
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""
         biases = ("gyro_bias", "gyro_bias_sigma", "acceleration_bias", "acceleration_bias_sigma")
-        arrays = {name: getattr(self, name) for name in ("rotation", "rotation_covariance", *biases)}
+        matrices = ("rotation", "rotation_covariance", "acceleration_matrix")
+        arrays = {name: getattr(self, name) for name in (*matrices, *biases)}
         return {
             "each": [dataclasses.asdict(aid) for aid in self.each],
             **{name: None if value is None else value.tolist() for name, value in arrays.items()},

@@ -305,6 +305,8 @@ class _Table:
 NOT_ASKED: Final = dict.fromkeys(
     (
         "alignment_deg",
+        "attitude_dependent_deg",  # of a fleet the accelerometer is not read
+        "tilt_error_deg",
         "apart_deg",
         "apart_by_chance",
         "apart_beyond_claim_deg",
@@ -502,7 +504,6 @@ def _changes(records: Records, disturbed: Iterator[tuple[int, Samples]]) -> dict
         "drift_by_chance": records["drift_by_chance"],
         "drift": np.linalg.norm(records["drift_offset"], axis=1),
         "unmodelled_deg": unmodelled_deg,
-        "tilt_error_deg": np.full(len(records), np.nan),  # of a fleet the accelerometer is not read
     }
 
 

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from flinders.core.samples import Recording
+    from flinders.diagnostics.attitude_dependence import AttitudeDependence
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.soft_iron import Refreshed
     from flinders.diagnostics.systematic import AxisLag, Drift, Nonlinearity
@@ -635,6 +636,18 @@ def _unmodelled(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> Unmo
     return unmodelled_of(samples, estimate.ellipsoid, dip_deg=dip_deg, time=time, limit=estimate.rejected_beyond)
 
 
+def _attitude_dependence(estimate: Estimate, evidence: _Evidence, dip_deg: float) -> AttitudeDependence | None:
+    """Test whether something moves the readings of one recording in memory with the attitude: no white residuals."""
+    samples, correlation = evidence.readings.recording, estimate.correlation
+    if estimate.plane or estimate.unobserved or (correlation is not None and correlation.is_white):
+        return None
+    if not isinstance(samples, Samples) or samples.acceleration is None:
+        return None
+    from flinders.diagnostics.attitude_dependence import attitude_dependence_of
+
+    return attitude_dependence_of(samples, estimate.ellipsoid, dip_deg=dip_deg, limit=estimate.rejected_beyond)
+
+
 def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evidence) -> float:
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
     samples, aiding = evidence.readings.recording, evidence.aiding
@@ -729,6 +742,7 @@ def _diagnosed(result: Fit, estimate: Estimate, final: Estimate, evidence: _Evid
         drift=_with_halves(_drift(estimate, evidence, dip), estimate, readings, request),
         axis_swap=_axis_swap(estimate, readings),
         unmodelled=_unmodelled(estimate, evidence, dip),
+        attitude_dependence=_attitude_dependence(estimate, evidence, dip),
         tilt_error_deg=_tilt_error_deg(final, result.calibration, evidence),
     )
 

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Provenance, SourceFile
+    from flinders.diagnostics.attitude_dependence import AttitudeDependence
     from flinders.diagnostics.axis_swap import AxisSwap
     from flinders.diagnostics.repeatability import Repeats
     from flinders.diagnostics.soft_iron import Refreshed
@@ -192,6 +193,8 @@ class Fit(Outcome):
         Where the readings tell that axes slipped in mid-recording.
     unmodelled : Unmodelled, optional
         A disturbance that was recorded, moves the readings, and is not followed.
+    attitude_dependence : AttitudeDependence, optional
+        A disturbance that follows the attitude, as an accelerometer shows.
     tilt_error_deg : float
         What the tilt by an accelerometer adds to a heading, where one was recorded at rest and nothing corrects it;
         else not a number.
@@ -252,6 +255,7 @@ class Fit(Outcome):
     conditions: tuple[Condition, ...] = ()
     axis_swap: AxisSwap | None = None
     unmodelled: Unmodelled | None = None
+    attitude_dependence: AttitudeDependence | None = None
     tilt_error_deg: float = math.nan
     repeats: Repeats | None = None
     is_shrunk: bool = False

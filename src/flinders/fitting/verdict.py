@@ -268,7 +268,7 @@ def _inflation(fit: Fit, extent: float) -> float:
 
 def _changes(fit: Fit) -> dict[str, float]:
     """What changed: within a recording, from one recording to the next, from one reading to the next."""
-    drift, swap, unmodelled = fit.drift, fit.axis_swap, fit.unmodelled
+    drift, swap, unmodelled, dependence = fit.drift, fit.axis_swap, fit.unmodelled, fit.attitude_dependence
     return {
         **_apart(fit.repeats, fit.target_deg),
         "drift_deg": math.nan if drift is None else drift.heading_deg,
@@ -277,6 +277,7 @@ def _changes(fit: Fit) -> dict[str, float]:
         "drift": math.nan if drift is None else math.hypot(*drift.offset),
         "swap_gain": math.nan if swap is None else swap.gain,
         "unmodelled_deg": math.nan if unmodelled is None else unmodelled.heading_deg,
+        "attitude_dependent_deg": math.nan if dependence is None else dependence.heading_deg,
         "tilt_error_deg": fit.tilt_error_deg,
         **_alternation(fit),
     }

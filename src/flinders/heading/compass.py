@@ -77,6 +77,7 @@ class Compass:
     declination_deg: float | None = None  # added to magnetic headings it gives true ones
     gravity: float | None = None  # length of the acceleration at rest, in its own unit; else the median of each block
     acceleration_bias: Floats | None = None  # (3,) m/s², read too much in the calibration's axes, and removed
+    acceleration_matrix: Floats | None = None  # (3, 3) by which what is left is multiplied
 
     def __post_init__(self) -> None:
         """Refuse a name that is none."""
@@ -103,7 +104,7 @@ class Compass:
                 f"no accelerometer among the columns of {samples.source}: the heading of a tilted sensor needs one; "
                 "name its columns with acceleration=, or say level=True if the sensor never tilts"
             )
-        force = self._unbiased(self.acceleration_axes.apply(samples.acceleration))
+        force = self._specific_force(self.acceleration_axes.apply(samples.acceleration))
         magnetic = FORMULAS[self.formula](corrected, force)
         roll, pitch = roll_pitch_deg(force)
         frames = Frames.of(corrected, force, gravity=self.gravity)
@@ -113,15 +114,15 @@ class Compass:
             max(present - frames.readings, 0),
         )  # fmt: skip
 
-    def _unbiased(self, force: Floats) -> Floats:
-        """Take the bias of the accelerometer off (N, 3)."""
-        if self.acceleration_bias is None:
-            return force
-        gravity = self.gravity
-        if gravity is None:
-            gravity = usual_length(force) or 0.0
-        unbiased: Floats = force - self.acceleration_bias * (gravity / STANDARD_GRAVITY)
-        return unbiased
+    def _specific_force(self, read: Floats) -> Floats:
+        """(N, 3) what the accelerometer reads, less its bias, by its matrix."""
+        if self.acceleration_bias is not None:
+            gravity = self.gravity
+            if gravity is None:
+                gravity = usual_length(read) or 0.0
+            read = read - self.acceleration_bias * (gravity / STANDARD_GRAVITY)
+        force: Floats = read if self.acceleration_matrix is None else read @ self.acceleration_matrix.T
+        return force
 
     def _true(self, magnetic: Floats) -> Floats | None:
         """True headings, where the declination is known."""

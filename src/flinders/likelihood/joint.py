@@ -83,6 +83,8 @@ class JointProblem:
         Between two readings of a window.
     accelerometer : AccelerometerPrior, optional
         Where it brings verticals.
+    is_rough : bool
+        A check asks for no more steps than a long recording takes.
     """
 
     groups: tuple[ObservationGroup, ...]
@@ -93,6 +95,7 @@ class JointProblem:
     disturbances: Disturbances | None
     interval: float
     accelerometer: AccelerometerPrior | None = None
+    is_rough: bool = False
     tolerance: ClassVar[float] = NO_WORSE
 
     @classmethod
@@ -110,6 +113,7 @@ class JointProblem:
         gyro_scale: float = SCALE_SIGMA,
         accelerometer: AccelerometerPrior | None = None,
         shape: KnownShape | None = None,
+        is_rough: bool = False,
     ) -> Self:
         """Put the readings in groups, and lay out what is to be found."""
         if disturbances is not None and disturbances.constant:
@@ -134,7 +138,7 @@ class JointProblem:
             gyro_scale=gyro_scale, gyro_turn=gyro_scale,
         )  # fmt: skip
         chunks = tuple(chunk for group in groups for chunk in group.chunks())
-        return cls(chunks, layout, terms, site, before, disturbances, interval, accelerometer)
+        return cls(chunks, layout, terms, site, before, disturbances, interval, accelerometer, is_rough)
 
     @property
     def readings(self) -> int:
@@ -148,8 +152,8 @@ class JointProblem:
 
     @property
     def is_long(self) -> bool:
-        """There are so many readings that a step costs more than what is left to gain by it."""
-        return self.readings >= MANY
+        """There are so many readings that a step costs more than what is left to gain by it, or little is asked for."""
+        return self.is_rough or self.readings >= MANY
 
     def thinned(self, readings: int) -> Self:
         """The same with about so many readings, spread over the recording."""

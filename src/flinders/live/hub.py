@@ -86,7 +86,7 @@ class Hub:
         self.name = secrets.token_hex(4)
         self._clock, self._start = clock, clock()
         self._feed_thread = FeedThread(supply.feed)
-        self._edits = Edits.of(session)
+        self._edits = supply.edits
         self._fits: set[asyncio.Task[None]] = set()
         self._final: Finished | None = None
         self._finishing = asyncio.Lock()

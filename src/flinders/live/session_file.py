@@ -5,7 +5,7 @@ session that was ended by a crash goes on as it was:
 
 >>> done = Edits(excluded=((3.0, 5.5),), target_deg=0.5)
 >>> print(done.line(), end="")
-# flinders live: {"excluded":[[3.0,5.5]],"begun_s":null,"target_deg":0.5,"dip_deg":null,"goal":"heading"}
+# flinders live: {"excluded":[[3.0,5.5]],"begun_s":null,"target_deg":0.5,"dip_deg":null,"goal":"heading","site":null}
 >>> Edits.within(["0.1,1,2,3", done.line()]) == done
 True
 
@@ -28,8 +28,8 @@ import numpy as np
 from flinders.core.files import reason
 from flinders.core.samples import Wrapped, frame_of
 from flinders.core.units import Unit
-from flinders.errors import OutputError, counted
-from flinders.likelihood.site_field import recorded_site
+from flinders.errors import OutputError, UsageError, counted
+from flinders.likelihood.site_field import Site, recorded_site
 from flinders.live.buffer import Exclusions, ReadingBuffer, Timeline, rows_of
 from flinders.live.messages import SourceState
 from flinders.live.recorder import Patient, Resumed, ToFile
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
     from flinders.core.axes import Axes
     from flinders.core.samples import Recording, Samples
-    from flinders.likelihood.site_field import Site
     from flinders.live.buffer import Span
     from flinders.live.feeds import Feed
     from flinders.live.messages import Kind
@@ -51,6 +50,58 @@ if TYPE_CHECKING:
 
 FOLDER: Final = "flinders-sessions"
 SIGN: Final = "# flinders live: "
+
+
+class Edits(msgspec.Struct, frozen=True, kw_only=True):
+    """What a person did in a session, and the site of its log; readings up to `begun_s` were left behind."""
+
+    excluded: tuple[tuple[float, float], ...] = ()
+    begun_s: float | None = None
+    target_deg: float = 1.0
+    dip_deg: float | None = None
+    goal: Literal["heading", "attitude"] = "heading"
+    site: Site | None = None
+
+    @classmethod
+    def of(cls, session: LiveSession) -> Edits:
+        """What was done in a session so far, on the readings of the sensor."""
+        live = session.live
+        return cls(
+            excluded=live.excluded,
+            begun_s=live.begun_s,
+            target_deg=session.target_deg,
+            dip_deg=session.dip_deg,
+            goal=session.goal,
+            site=live.site,
+        )
+
+    def line(self) -> str:
+        """Write it as a comment."""
+        return f"{SIGN}{msgspec.json.encode(self).decode()}\n"
+
+    @classmethod
+    def within(cls, lines: Iterable[str]) -> Edits:
+        """What the last such comment says; one that a crash has cut is passed over."""
+        edits = cls()
+        for line in lines:
+            if line.startswith(SIGN):
+                with contextlib.suppress(msgspec.DecodeError, UsageError):
+                    edits = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
+        return edits
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Edits:
+        """What the file of a session says; `OutputError` where it cannot be read."""
+        try:
+            with Path(path).open(encoding="utf-8", errors="replace") as file:
+                return cls.within(file)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
+
+    @property
+    def left_out(self) -> tuple[Span, ...]:
+        """All spans that a calibration does without."""
+        return self.excluded if self.begun_s is None else ((-np.inf, self.begun_s), *self.excluded)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +131,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Supply:
-    """A source that is recorded: `feed` writes what it gives into `sink`, the file at `path`; the rest as `Source`."""
+    """A source that is recorded: `feed` writes into `sink`, the file at `path`; `edits` stand there already."""
 
     feed: Feed
     sink: Sink
@@ -88,6 +139,7 @@ class Supply:
     axes: Axes
     board: ByteSource | None = None
     reading: dict[str, Any] = field(default_factory=dict)
+    edits: Edits = field(default_factory=Edits)
 
 
 @contextlib.contextmanager
@@ -112,7 +164,7 @@ def begun(
     reading = {**source.reading, "axes": str(axes)}
     with contextlib.closing(Patient(ToFile(path, resume=resume is not None), say)) as sink:
         session = LiveSession(
-            live=Series(axes=axes, site=source.site),
+            live=Series(axes=axes, site=source.site or edits.site),
             target_deg=edits.target_deg,
             dip_deg=edits.dip_deg,
             goal=edits.goal,
@@ -124,7 +176,7 @@ def begun(
             say(f"{path}: goes on after {counted(session.live.buffer.total, 'reading')}")
         feed = source.start(sink, resumed=resumed)
         session = replace(session, source=SourceState(feed.name, source.kind, "waiting", ""))
-        yield Supply(feed, sink, path, axes, source.board, reading), session
+        yield Supply(feed, sink, path, axes, source.board, reading, edits), session
 
 
 def _continued(session: LiveSession, path: Path, edits: Edits, reading: dict[str, Any]) -> LiveSession:
@@ -134,56 +186,6 @@ def _continued(session: LiveSession, path: Path, edits: Edits, reading: dict[str
     exclusions, begun_s = Exclusions(edits.excluded), edits.begun_s
     live = replace(session.live, buffer=series.buffer, unit=series.unit, exclusions=exclusions, begun_s=begun_s, key=1)
     return replace(session, live=live, keys=1, timeline=timeline)
-
-
-class Edits(msgspec.Struct, frozen=True, kw_only=True):
-    """What a person did in a session; what came up to `begun_s` was left behind."""
-
-    excluded: tuple[tuple[float, float], ...] = ()
-    begun_s: float | None = None
-    target_deg: float = 1.0
-    dip_deg: float | None = None
-    goal: Literal["heading", "attitude"] = "heading"
-
-    @classmethod
-    def of(cls, session: LiveSession) -> Edits:
-        """What was done in a session so far, on the readings of the sensor."""
-        live = session.live
-        return cls(
-            excluded=live.excluded,
-            begun_s=live.begun_s,
-            target_deg=session.target_deg,
-            dip_deg=session.dip_deg,
-            goal=session.goal,
-        )
-
-    def line(self) -> str:
-        """Write it as a comment."""
-        return f"{SIGN}{msgspec.json.encode(self).decode()}\n"
-
-    @classmethod
-    def within(cls, lines: Iterable[str]) -> Edits:
-        """What the last such comment says; one that a crash has cut is passed over."""
-        edits = cls()
-        for line in lines:
-            if line.startswith(SIGN):
-                with contextlib.suppress(msgspec.DecodeError):
-                    edits = msgspec.json.decode(line.removeprefix(SIGN), type=cls)
-        return edits
-
-    @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Edits:
-        """What the file of a session says; `OutputError` where it cannot be read."""
-        try:
-            with Path(path).open(encoding="utf-8", errors="replace") as file:
-                return cls.within(file)
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be continued: {reason(error)}") from None
-
-    @property
-    def left_out(self) -> tuple[Span, ...]:
-        """All spans that a calibration does without."""
-        return self.excluded if self.begun_s is None else ((-np.inf, self.begun_s), *self.excluded)
 
 
 def default_path(now: datetime, folder: str = FOLDER) -> Path:

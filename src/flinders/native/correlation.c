@@ -60,7 +60,7 @@ static void gather_stretches(const fl_kernels *kernels, const fl_view *view, con
     if (!view->rejected && !room->parts) gather_all(kernels, view, &fit->surface, every, length, room, out);
     else gather_used(kernels, view, &fit->surface, every, length, room, out);
     out->begins[out->stretches] = out->n;
-    kernels->cells(out->directions, out->directions + FL_LOOKED, out->directions + 2 * FL_LOOKED, out->n, out->cells);
+    fl_sort_by_direction(kernels, out);
     for (size_t i = 0; i < out->n; i++) out->distances[i] = out->rows[10 * i + 9];
 }
 

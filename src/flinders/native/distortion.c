@@ -49,6 +49,43 @@ static int counts_once(const fl_residuals *residuals, size_t i)
     return !residuals->weights || residuals->weights[i] > 0;
 }
 
+/* Principal axes of the directions, in rows, to the side of their third moments: they turn with the readings. */
+static void principal_axes(const fl_residuals *residuals, real axes[3][3])
+{
+    const real *x = residuals->directions, *y = x + FL_LOOKED, *z = y + FL_LOOKED;
+    real moments[9] = {0}, values[3];
+    for (size_t i = 0; i < residuals->n; i++) {
+        moments[0] += x[i] * x[i], moments[1] += x[i] * y[i], moments[2] += x[i] * z[i];
+        moments[4] += y[i] * y[i], moments[5] += y[i] * z[i], moments[8] += z[i] * z[i];
+    }
+    moments[3] = moments[1], moments[6] = moments[2], moments[7] = moments[5];
+    fl_eigen(moments, 3, values);
+    for (int k = 0; k < 3; k++) {
+        real third = 0;
+        for (size_t i = 0; i < residuals->n; i++) {
+            const real along = moments[k] * x[i] + moments[3 + k] * y[i] + moments[6 + k] * z[i];
+            third += along * along * along;
+        }
+        for (int axis = 0; axis < 3; axis++) axes[k][axis] = third < 0 ? -moments[3 * axis + k] : moments[3 * axis + k];
+    }
+}
+
+/* Sort residuals into cells of the sphere that turn with the readings: what is decided does not depend on the sensor's
+ * axes. */
+void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals)
+{
+    real(*const axes)[3] = residuals->axes;
+    principal_axes(residuals, axes);
+    for (size_t begin = 0; begin < residuals->n; begin += FL_BLOCK) {
+        real block[3][FL_BLOCK];
+        const size_t n = residuals->n - begin < FL_BLOCK ? residuals->n - begin : FL_BLOCK;
+        const real *x = residuals->directions + begin, *y = x + FL_LOOKED, *z = y + FL_LOOKED;
+        for (size_t i = 0; i < n; i++)
+            for (int k = 0; k < 3; k++) block[k][i] = axes[k][0] * x[i] + axes[k][1] * y[i] + axes[k][2] * z[i];
+        kernels->cells(block[0], block[1], block[2], n, residuals->cells + begin);
+    }
+}
+
 /* Count readings and residuals by direction: the middle of the readings of each cell. */
 static void count_cells(const fl_residuals *residuals, const fl_surface *surface, sphere *on)
 {
@@ -94,12 +131,20 @@ static void between_visits(const fl_residuals *residuals, const sphere *on, size
     }
 }
 
+/* Middles of the cells, in the sensor's axes. */
+static void centres_of_cells(const fl_residuals *residuals, real centres[CELLS][3])
+{
+    real cells[CELLS][3];
+    fl_sphere_centres(cells);
+    fl_multiply(cells[0], residuals->axes[0], CELLS, 3, 3, centres[0]);
+}
+
 /* Covariance of a smooth function, less what an ellipsoid fitted all around absorbs. */
-static void fill_kernel(const fl_surface *surface, sphere *on)
+static void fill_kernel(const fl_residuals *residuals, const fl_surface *surface, sphere *on)
 {
     real centres[CELLS][3], everywhere[CELLS][9], normal[81] = {0}, inverse[81], absorb[CELLS][9], half[CELLS][9];
     real across[CELLS][9], both[81] = {0};
-    fl_sphere_centres(centres);
+    centres_of_cells(residuals, centres);
     for (int c = 0; c < CELLS; c++) {
         fl_jacobian(surface, centres[c], everywhere[c]);
         for (int i = 0; i < 9; i++)
@@ -211,7 +256,7 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_c
     }
     const real noise = square / count * time;
     if (!(found > PROVEN * noise * fl_sqrt(2 * weight))) return 0;
-    fill_kernel(surface, &on);
+    fill_kernel(residuals, surface, &on);
     left_over(&on, variance);
     for (int k = 0; k < on.n; k++) expected += pairs[k] * variance[k] / on.counts[k];
     if (!(expected > 0)) return 0;

@@ -62,7 +62,7 @@ static int explains(const fl_kernels *kernels, const fl_view *view, const fl_sur
 {
     fl_residuals left;
     fl_gather_axes(kernels, view, surface, room, &left);
-    kernels->cells(left.directions, left.directions + FL_LOOKED, left.directions + 2 * FL_LOOKED, left.n, left.cells);
+    fl_sort_by_direction(kernels, &left);
     const real before = fl_common_variance(&left, surface);
     kernels->take_off(left.rows + FL_LAGS_OF_AXES, left.stride, left.n, WIDTH, solution, left.distances);
     return fl_common_variance(&left, surface) < (1 - EXPLAINED) * before;

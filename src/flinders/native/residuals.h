@@ -21,7 +21,8 @@ typedef struct {
     real *distances; /* (n,) less what is explained */
     real *weights;   /* (n,) 1, 0 for a reading that is another one again; NULL where all count; set by fl_distortion */
     real *directions; /* (3, FL_LOOKED) */
-    uint32_t *cells; /* (n,) of the sphere */
+    uint32_t *cells; /* (n,) of the sphere; filled by fl_sort_by_direction */
+    real axes[3][3]; /* in which these cells are, in rows; filled by fl_sort_by_direction */
     uint32_t *places; /* (n,) rows of the readings; filled by fl_gather_evenly */
 } fl_residuals;
 
@@ -38,6 +39,7 @@ real fl_time_of(const real *autocovariance, int lags);
 void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals, const real *white,
                         const real *autocovariance, int lags, real *scatter);
 real fl_creep(fl_blocks *blocks, const real scatter[81]);
+void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals);
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real time,
                    const fl_room *room, real scatter[81]);
 real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface);
