@@ -210,7 +210,7 @@ def _on_m4(program: Path | None, stored: Floats, single: Any, *, is_ut: bool) ->
 def costs(folder: Path, seed: int = 1) -> list[dict[str, Any]]:
     """Sizes and instructions for each processor, of a simulated tumble with outliers; 300 readings of it are stored."""
     rows = []
-    tumble = simulate.tumble(seed=seed, n=1000, outliers=0.02).samples.field
+    tumble = simulate.tumble(seed=seed, n=500, outliers=0.02).samples.field
     for target in BOARDS:
         program = build(target, folder)
         outcome = run(target, program, tumble)
