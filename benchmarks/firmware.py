@@ -250,7 +250,7 @@ def print_summary(rows: list[dict[str, Any]]) -> None:
     given = [row for row in rows if row["verdicts"][0] < SEVERITIES.index("refuses")]
     ratios = np.sort([row["claim_of_library"] for row in given])
     alike = sum(row["verdicts"][0] == row["verdicts"][1] for row in given)
-    solves = [row["per_solve"] for row in rows]
+    solves = [row["per_solve"] for row in given]
     beyond = sum(row["apart_deg"] > BOUND * row["claim_deg"] for row in given)
     print(
         f"\n{len(rows)} recordings, {len(given)} that the board does not refuse, of these:\n"
@@ -262,7 +262,8 @@ def print_summary(rows: list[dict[str, Any]]) -> None:
         f"verdicts alike {alike}\n"
         f"off the fit of all readings by more than {BOUND} claims: {beyond}\n"
         f"Cortex-M4F: off this machine by at most {max(row['m4_ut'] for row in given):.4f} µT, instructions of a "
-        f"solve: median {np.median(solves):,.0f}, at most {max(solves):,.0f}"
+        f"solve: median {np.median(solves):,.0f}, nine of ten below {np.quantile(solves, 0.9):,.0f}, at most "
+        f"{max(solves):,.0f}, refused ones {max(row['per_solve'] for row in rows):,.0f}"
     )
 
 

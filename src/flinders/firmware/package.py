@@ -44,7 +44,6 @@ CONFIGURATION: Final = """\
 NAME: Final = "Flinders"
 VERSION: Final = version("flinders")
 AUTHORS: Final = "The Flinders developers"
-HOME: Final = "https://pypi.org/project/flinders/"
 SENTENCE: Final = "Calibrates a magnetometer on the board, and says what heading error to expect."
 PARAGRAPH: Final = "Maximum-likelihood fit of offset and soft iron, verdict, and how to hold the sensor next."
 
@@ -115,7 +114,7 @@ def _properties() -> str:
         "sentence": SENTENCE,
         "paragraph": PARAGRAPH,
         "category": "Sensors",
-        "url": HOME,
+        "url": "",  # the project has none, and the field has to be there
         "architectures": "*",
         "includes": "flinders_board.h",
     }
@@ -131,7 +130,6 @@ def _manifest() -> str:
         "keywords": ["magnetometer", "compass", "calibration", "hard iron", "soft iron"],
         "authors": [{"name": AUTHORS, "maintainer": True}],
         "license": "BSD-3-Clause",
-        "homepage": HOME,
         "headers": "flinders_board.h",
         "frameworks": "*",
         "platforms": "*",

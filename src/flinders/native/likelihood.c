@@ -8,11 +8,7 @@ enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 
 #define LONGEST_STEP ((real)0.3)  /* of the radius */
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
-#ifdef FLINDERS_FLOAT
-#define SETTLED_BUT_FOR_ONE ((real)1e-4) /* rounding makes steps of 1e-5 */
-#else
 #define SETTLED_BUT_FOR_ONE ((real)1e-5) /* the corrected equation is solved by one more step anyway */
-#endif
 #define NO_WORSE ((real)0.01)     /* in χ² */
 #define SHORTEST_AXIS ((real)1e-4) /* of the longest */
 #define SENSE ((real)10)          /* spreads within which the centre and the size lie */
