@@ -27,6 +27,7 @@ import numpy as np
 import pyarrow
 from distributed import Client
 from pyarrow import parquet
+from tests.waiting import running_in, wait_until
 
 from flinders import simulate
 from flinders.fleet.dataset import Options
@@ -72,7 +73,9 @@ def started(source: str, out: Path, after: int, *words: str) -> subprocess.Popen
     """The program, once so many partitions are done."""
     out.unlink(missing_ok=True)
     command = [sys.executable, "-m", "flinders", "fleet", source, "--out", str(out), *words]
-    program = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    program = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     parts = Path(f"{out}.parts")
     while program.poll() is None and len(list(parts.glob("part-*"))) < after:
         time.sleep(0.001)
@@ -83,9 +86,14 @@ def program_killed(source: str, out: Path, after: int) -> str:
     """Kill the program once so many partitions are done, and resume."""
     program = started(source, out, after, "--workers", "2")
     program.kill()
+    begun = time.monotonic()
     program.wait()
+    wait_until(lambda: not running_in(program.pid))
+    seconds = time.monotonic() - begun
     told = run(source, out, Options(), workers=2, resume=True)
-    return f"program killed, {told.resumed} of {told.partitions} partitions stayed"
+    return (
+        f"program killed, its workers ended in {seconds:.1f} s, {told.resumed} of {told.partitions} partitions stayed"
+    )
 
 
 class Cluster:

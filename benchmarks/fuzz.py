@@ -1,6 +1,6 @@
 """Fuzzer: samples of every format and wire, mutated and read in forked children with limits of time and memory.
 
-    uv run python -m benchmarks.fuzz [--inputs 100000] [--seed 1] [--target page] [--into FOLDER] [--of FILE ...]
+    uv run python -m benchmarks.fuzz [--inputs 100000] [--seed 1] [--target page|fleet] [--into FOLDER] [--of FILE ...]
 
 An input is a sample with one to four mutations, and follows from seed and number alone. Whatever does not end in a
 result or an error of Flinders is a finding: another exception, a warning, the end of the child, more than `MOST_CPU_S`
@@ -34,8 +34,12 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from flinders.arrays import Floats
+
 MOST_CPU_S: Final = 10
 MOST_GROWTH_MB: Final = 300
+LONGEST_WAIT_S: Final = 600
+"""Seconds after which an input ends its child that takes no CPU: on a loaded machine ten take minutes."""
 ADDRESS_SPACE: Final = 16 << 30
 """Bytes that a child may reserve: what goes beyond is a MemoryError, and no danger to the machine."""
 BATCH: Final = 100
@@ -44,6 +48,8 @@ LONGEST: Final = 600
 """Characters of a message."""
 LARGEST: Final = 300_000
 """Bytes of a file that are taken: a log has millions, and hundreds of its copies are to be read in seconds."""
+FLEET: Final = "fleet-"
+"""Before the kinds of tables of many units."""
 WORDS: Final = tuple(
     struct.pack(f"{order}{kind}", value)
     for order in "<>"
@@ -112,6 +118,19 @@ def _write_samples(folder: Path, rows: int) -> None:
     }
     for name, content in others.items():
         (folder / name).write_bytes(content)
+    _write_fleets(folder, field)
+
+
+def _write_fleets(folder: Path, field: Floats) -> None:
+    """Write tables of two units in several row groups and record batches."""
+    import pyarrow
+    from pyarrow import ipc, parquet
+
+    axes = dict(zip(("mx_mG", "my_mG", "mz_mG"), field.T, strict=True))
+    table = pyarrow.table({"unit": np.repeat(["A17", "B02"], len(field) // 2), **axes})
+    parquet.write_table(table, folder / f"{FLEET}parquet", row_group_size=len(field) // 4)
+    with ipc.new_file(folder / f"{FLEET}arrow", table.schema) as writer:
+        writer.write_table(table, max_chunksize=len(field) // 4)
 
 
 def _packets(tlog: bytes) -> Iterator[bytes]:
@@ -206,6 +225,17 @@ def read_file(content: bytes, folder: Path, _: str) -> None:
         instrument.describe()
 
 
+def calibrate_fleet(content: bytes, folder: Path, kind: str) -> None:
+    """Make the table of a fleet of one file."""
+    from flinders.fleet.dataset import Options
+    from flinders.fleet.job import run as calibrate
+
+    fleet = folder / "fleet"
+    fleet.mkdir(exist_ok=True)
+    (fleet / f"units.{kind.removeprefix(FLEET)}").write_bytes(content)
+    calibrate(str(fleet / "units.*"), folder / "out.parquet", Options(), workers=0, force=True)
+
+
 def read_live(content: bytes, _: Path, kind: str) -> None:
     """Take what comes over a wire, as lines or as MAVLink."""
     if kind == "live-mavlink":
@@ -272,16 +302,24 @@ if TYPE_CHECKING:
 
 def reader_of(kind: str, target: str) -> Callable[[bytes, Path, str], None]:
     """What reads an input."""
-    if target == "page":
-        return ask_page
+    if target != "readers":
+        return ask_page if target == "page" else calibrate_fleet
     return read_live if kind.startswith("live-") else read_file
+
+
+def is_for(kind: str, target: str) -> bool:
+    """Whether a sample is of use to a target."""
+    if target == "fleet":
+        return kind.startswith(FLEET)
+    return target == "readers" or not kind.startswith("live-")
 
 
 def outcome(given: Input, folder: Path, target: str) -> str:
     """Read an input: empty where all is well, else what went wrong."""
     from flinders.errors import FlindersError
 
-    begun, peak = time.process_time(), _peak_mb()
+    begun, memory = time.process_time(), _memory_mb("VmRSS")
+    Path("/proc/self/clear_refs").write_text("5")  # the peak is that of this input
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         try:
@@ -294,7 +332,7 @@ def outcome(given: Input, folder: Path, target: str) -> str:
             return f"{type(error).__name__}: {str(error)[:200]} in {_place(error)}"
     if ours := [each for each in warned if "flinders" in each.filename]:
         return f"warning: {ours[0].message} in {Path(ours[0].filename).name}:{ours[0].lineno}"
-    if _peak_mb() - peak > MOST_GROWTH_MB:
+    if _memory_mb("VmHWM") - memory > MOST_GROWTH_MB:
         return "more memory than it may take"
     if time.process_time() - begun > MOST_CPU_S:
         return "more time than it may take"
@@ -307,8 +345,10 @@ def _place(error: BaseException) -> str:
     return " ".join(f"{Path(frame.filename).name}:{frame.lineno}" for frame in frames)
 
 
-def _peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+def _memory_mb(name: str) -> float:
+    """Memory of this process now (VmRSS) or at its peak (VmHWM)."""
+    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    return int(next(line.split()[1] for line in lines if line.startswith(name))) / 1024
 
 
 # ------------------------------------------------------------------------------------------------------------ children
@@ -342,7 +382,7 @@ def _serve(inputs: Sequence[Input], target: str, writing: int) -> None:
         os.dup2(silence.fileno(), 2)
         for given in inputs:
             signal.setitimer(signal.ITIMER_PROF, MOST_CPU_S)  # ends the child
-            signal.alarm(6 * MOST_CPU_S)  # and where it waits for something that does not come
+            signal.alarm(LONGEST_WAIT_S)  # and where it waits for something that does not come
             words = outcome(given, Path(folder), target)
             os.write(writing, json.dumps(words).encode() + b"\n")
 
@@ -356,6 +396,7 @@ def findings(kinds: Mapping[str, bytes], target: str, seed: int, numbers: range)
             if words:
                 yield Finding(start, given, words)
             start += 1
+        print(f"{start:,} inputs", file=sys.stderr, end="\r", flush=True)
 
 
 def minimised(finding: Finding, target: str, tries: int = 300) -> Finding:
@@ -401,7 +442,7 @@ def run(inputs: int, seed: int, target: str, into: Path | None = None, of: Seque
     preload()
     with tempfile.TemporaryDirectory() as folder:
         kinds = {path.name: path.read_bytes()[:LARGEST] for path in of} or samples(Path(folder))
-    kinds = {name: content for name, content in kinds.items() if target != "page" or not name.startswith("live-")}
+    kinds = {name: content for name, content in kinds.items() if is_for(name, target)}
     counts: Counter[str] = Counter()
     for finding in findings(kinds, target, seed, range(inputs)):
         likeness = f"{finding.input.kind}: {_kind(finding.words)}"
@@ -420,7 +461,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--inputs", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--target", choices=("readers", "page"), default="readers")
+    parser.add_argument("--target", choices=("readers", "page", "fleet"), default="readers")
     parser.add_argument("--into", type=Path)
     parser.add_argument("--of", type=Path, nargs="*", default=(), help="files to mutate, in place of the samples")
     options = parser.parse_args(arguments)

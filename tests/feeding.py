@@ -1,7 +1,10 @@
-"""Feeds in tests: ask until there is enough, and put together what came."""
+"""Feeds in tests: a board that sends, what was recorded of it, and readings asked for until there are enough."""
 
 from __future__ import annotations
 
+import contextlib
+import socket
+import threading
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -9,11 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from tests.waiting import PATIENCE_S
 
+from flinders import simulate
 from flinders.core.samples import COLUMNS, Samples
 from flinders.live.feeds import FeedEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from flinders.live.feeds import Feed
 
@@ -39,3 +44,44 @@ def asked(feed: Feed, until: Callable[[Samples, list[FeedEvent]], bool]) -> tupl
         elif found is not None:
             blocks.append(found)
     return joined(blocks), events
+
+
+def free_port() -> int:
+    """A port that no program gets without asking for it, so that it stays free while nobody listens there."""
+    numbers = np.random.default_rng()
+    for port in numbers.integers(20_000, 30_000, 100).tolist():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return int(port)
+    raise OSError("no free port from 20,000 to 30,000")
+
+
+class UdpBoard(threading.Thread):
+    """A board that sends a line every two milliseconds over UDP, whether or not anybody listens."""
+
+    def __init__(self, port: int, count: int = 5000) -> None:
+        super().__init__(daemon=True)
+        field = simulate.tumble(seed=1, n=max(count, 5000)).samples.field[:count]
+        self.lines = [",".join(f"{value:.3f}" for value in row) for row in field]
+        self.sent: list[tuple[float, str]] = []
+        self._port, self._is_over = port, threading.Event()
+
+    def run(self) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+            for line in self.lines:
+                if self._is_over.wait(0.002):
+                    return
+                with contextlib.suppress(ConnectionError):
+                    wire.sendto(f"{line}\n".encode(), ("127.0.0.1", self._port))
+                self.sent.append((time.monotonic(), line))
+
+    def stop(self) -> None:
+        self._is_over.set()
+        self.join()
+
+
+def recorded(path: Path) -> list[str]:
+    """The field of each row, as it was sent; none where there is no file yet."""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    rows = [line for line in text.splitlines() if line[:1].isdigit()]
+    return [row.partition(",")[2] for row in rows]

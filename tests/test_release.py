@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
 import sys
+import tomllib
 import zipfile
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -81,3 +86,26 @@ def test_the_headers_of_a_library_are_read(tmp_path: Path) -> None:
     library = wheels.read_library(build.library())
     assert library.exports == EXPORTS
     assert "libm.so.6" in library.libraries or sys.platform != "linux"
+
+
+@pytest.mark.skipif(
+    shutil.which("uv") is None or not (wheels.ROOT / "uv.lock").exists(), reason="uv writes it, of what it has resolved"
+)
+def test_the_bill_of_materials_names_every_dependency_with_its_hashes(tmp_path: Path) -> None:
+    wheels.write_bill_of_materials(tmp_path)
+    bill = json.loads((tmp_path / "flinders.cdx.json").read_text(encoding="utf-8"))
+    assert (bill["bomFormat"], bill["specVersion"]) == ("CycloneDX", "1.5")
+    assert bill["metadata"]["component"]["name"] == "flinders"
+    parts = bill["components"]
+    project = tomllib.loads((wheels.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    asked = {name_of(each) for each in chain(project["dependencies"], *project["optional-dependencies"].values())}
+    assert asked - {"flinders"} <= {part["name"] for part in parts}
+    assert not {"pytest", "ruff", "mypy"} & {part["name"] for part in parts}
+    hashes = [file["hashes"][0]["alg"] for part in parts for file in part["externalReferences"]]
+    assert set(hashes) == {"SHA-256"}
+    assert len(hashes) >= len(parts)
+
+
+def name_of(dependency: str) -> str:
+    """The name in ``pyarrow>=16; python_version > '3'``."""
+    return re.split(r"[^\w-]", dependency, maxsplit=1)[0].lower()

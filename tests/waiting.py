@@ -6,8 +6,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
 import pytest
@@ -27,6 +29,16 @@ def wait_until(is_so: Callable[[], object], why: Callable[[], object] = lambda: 
         if time.monotonic() > end:
             pytest.fail(f"still not so after {PATIENCE_S:.0f} s: {why()}")
         time.sleep(LOOK_S)
+
+
+def running_in(session: int) -> list[str]:
+    """Processes of a session that have not ended, by their lines in ``/proc``: number, name, state, parent …"""
+    lines = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):  # it has ended since
+            lines.append(path.read_text(encoding="utf-8"))
+    cells = {line: line.rpartition(")")[2].split() for line in lines}
+    return [line for line, (state, _, _, own, *_) in cells.items() if int(own) == session and state not in "ZX"]
 
 
 class Heartbeat(threading.Thread):

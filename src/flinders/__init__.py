@@ -31,14 +31,17 @@ if TYPE_CHECKING:
     from flinders.errors import FitError as FitError
     from flinders.errors import FlindersError as FlindersError
     from flinders.findings import Finding as Finding
+    from flinders.fitting.aeromagnetic import tolles_lawson as tolles_lawson
     from flinders.fitting.calibrate import fit as fit
     from flinders.fitting.refreshing import refresh as refresh
     from flinders.fitting.result import Fit as Fit
+    from flinders.fitting.survey import fit_survey as fit_survey
     from flinders.fleet import fit_many as fit_many
     from flinders.live.guided import Session as Session
     from flinders.readers import open_log as open_log
     from flinders.readers import open_recording as open_recording
     from flinders.readers import read as read
+    from flinders.readers import read_shots as read_shots
     from flinders.summary.summary import Summary as Summary
 
 _HOMES: Final = {
@@ -59,12 +62,15 @@ _HOMES: Final = {
     "fit": "fitting.calibrate",
     "fit_many": "fleet",
     "fit_multi": "comparison.multi_sensor",
+    "fit_survey": "fitting.survey",
     "merge": "comparison.merging",
     "open_log": "readers",
     "open_recording": "readers",
     "read": "readers",
+    "read_shots": "readers",
     "refresh": "fitting.refreshing",
     "simulate": "simulate",
+    "tolles_lawson": "fitting.aeromagnetic",
     "units": "core.units",
 }
 """Public names and the module each lives in; a module of that name is the thing itself."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.boats import Boat, nmea0183_of, octagon
 from tests.golden.sessions import session
 
 from flinders import simulate
@@ -82,3 +83,23 @@ def test_a_swing_of_five_headings_says_that_nothing_tells_how_good_it_is(tmp_pat
     assert "A                  -0.0430°   compass turned" in shown
     assert " 225.0°      3.1° W           221.9° " in shown
     assert "! five coefficients go through any five headings: nothing tells how good they" in shown
+
+
+CORRECTION = "compass,magnetic\n3,359\n85,91\n170,178\n265,267\n"
+CHECK = "compass,magnetic\n316,317\n358,0\n42,47\n89,93\n134,135\n177,179\n220,225\n269,273\n"
+"""Worksheet 1 of UK CAA CAP 562."""
+
+
+def test_a_swing_by_a_rule(tmp_path: Path, golden: Golden) -> None:
+    (tmp_path / "correction.csv").write_text(CORRECTION, encoding="utf-8")
+    (tmp_path / "check.csv").write_text(CHECK, encoding="utf-8")
+    golden("cli/swing-checklist.txt", session("flinders swing --standard ac43.13-1b"))
+    golden("cli/swing-compensate.txt", session("flinders swing correction.csv --compensate"))
+    line = "flinders swing check.csv --standard ac43.13-1b --before correction.csv --certificate card.html"
+    golden("cli/swing-standard.txt", session(line))
+
+
+def test_a_swing_of_a_boat(tmp_path: Path, golden: Golden) -> None:
+    boat = Boat.sail(octagon(), np.random.default_rng(11), current=0.4 - 0.2j)
+    (tmp_path / "boat.nmea").write_text("\n".join(nmea0183_of(boat)), encoding="utf-8")
+    golden("cli/swing-boat.txt", session("flinders swing boat.nmea --reference course --step 45 --target 3"))

@@ -20,7 +20,7 @@ from flinders import simulate
 from flinders.cli import main
 from flinders.geometry.angles import folded
 from flinders.heading.deviation import fit
-from flinders.report.heading_pages import card
+from flinders.report.swing_pages import card
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,6 +16,7 @@ from tests.golden.sessions import ROOT, assert_sessions_are_real, session
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.targets import registry
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
@@ -53,6 +54,13 @@ def test_each_target(row: Target, golden: Golden) -> None:
 
 def test_soft_iron_that_has_no_room(golden: Golden) -> None:
     golden("cli/target-refused.txt", session("flinders export --to betaflight counts.json -o mag.txt", code=4))
+
+
+def test_a_rotation_becomes_the_mounting(golden: Golden) -> None:
+    turned = euler(3.0, -8.0, 40.0) @ np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
+    found = Calibration(turned, np.array([-69.8, 68.9, -5.6]), 49.4, rotation="estimated", raw=Unit.of("G"))
+    found.save("turned.json")
+    golden("cli/mounting.txt", session("flinders export --to px4-shell --mounting YAW_270 turned.json"))
 
 
 def test_there_and_back(golden: Golden) -> None:

@@ -22,7 +22,7 @@ from flinders.heading.smoothing import Filter, filtered
 from flinders.readers._resample import LONGEST_TURN, AttitudeSeries
 from flinders.simulate.motions import posed
 from flinders.simulate.table import write_csv
-from flinders.targets._autopilot import euler
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import re
 import struct
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -29,8 +28,9 @@ from flinders.geometry import quaternions
 from flinders.readers import _fmt, dataflash
 from flinders.readers._source import File, find, on_disk
 from flinders.readers.dataflash import READERS, open_dataflash
-from flinders.targets import ExportOptions, ardupilot, registry
-from flinders.targets._autopilot import euler, parse
+from flinders.targets import ardupilot
+from flinders.targets._autopilot import parse
+from flinders.targets._mounting import euler
 from flinders.targets.ardupilot import BY_CURRENT, ORIENTATIONS
 from flinders.targets.ardupilot import ArduPilotParameters as Parameters
 
@@ -137,7 +137,8 @@ def test_a_calibration_in_the_axes_of_the_sensor_is_turned_with_its_mounting(ori
 def test_names_in_both_schemes() -> None:
     given = calibration(np.diag([1.1, 1.0, 0.9]), [10, 0, 0])
     found = replace(Parameters.of(given, compass=3), motor=np.array([1.0, 2.0, 3.0]), motor_by=BY_CURRENT)
-    classic, numbered = dict(found.rows()), dict(found.rows("COMPASS2_OFS_X"))
+    classic = dict(found.rows())
+    numbered = {ardupilot.spellings(name)[1]: value for name, value in classic.items()}
     assert list(classic) == [
         "COMPASS_OFS3_X", "COMPASS_OFS3_Y", "COMPASS_OFS3_Z", "COMPASS_DIA3_X", "COMPASS_DIA3_Y", "COMPASS_DIA3_Z",
         "COMPASS_ODI3_X", "COMPASS_ODI3_Y", "COMPASS_ODI3_Z", "COMPASS_SCALE3",
@@ -182,14 +183,6 @@ def test_values_that_the_vehicle_does_not_take_are_named(matrix: Floats, name: s
     wanted = caught.value.evidence["wanted"]
     assert isinstance(wanted, dict)
     assert name in wanted
-
-
-def test_a_calibration_that_turns_is_refused_with_its_angle() -> None:
-    turn = euler(0, 0, 3)
-    with pytest.raises(NotExportable, match=r"turns readings by 3\.0°"):
-        Parameters.of(calibration(turn @ np.diag([1.1, 1.0, 0.9]), rotation="estimated"))
-    slight = euler(0, 0, 0.01) @ np.diag([1.1, 1.0, 0.9])
-    assert dict(Parameters.of(calibration(slight, rotation="estimated")).rows())["COMPASS_DIA_X"] == pytest.approx(1.1)
 
 
 def test_counts_and_compasses_that_there_are_not() -> None:
@@ -756,6 +749,7 @@ def test_three_compasses_of_a_quadcopter_and_what_was_in_force(recordings: Calla
     assert [(one.name, one.readings, one.unit.name) for one in log.instruments] == [
         ("MAG", 2384, "mG"), ("MAG2", 2384, "mG"), ("MAG3", 2383, "mG"),
     ]  # fmt: skip
+    assert [one.mounting for one in log.instruments] == [(90.0, 68.8, -66.7), None, None]  # the others are internal
     stored = {
         "MAG": ([-97.79, 118.11, 213.18], [0.995731, 1.008149, 1.002741], [0.018288, -0.002727, -0.004213]),
         "MAG2": ([-141.84, -67.99, -255.97], [0.950696, 1.050159, 1.006841], [-0.017186, 0.017152, -0.011334]),
@@ -819,20 +813,3 @@ def _roll_and_pitch(attitude: Floats) -> tuple[Floats, Floats]:
     """Degrees, from where the vehicle has down."""
     x, y, z = quaternions.rotated(quaternions.inverse(attitude), np.array([0.0, 0.0, 1.0])).T
     return np.rad2deg(np.arctan2(y, z)), np.rad2deg(np.arctan2(-x, np.hypot(y, z)))
-
-
-def test_a_rotation_left_out_comes_with_the_parameters_for_a_corrected_mounting() -> None:
-    turned = euler(4.0, -9.0, 30.0)
-    plain = np.diag([1.1, 1.0, 0.95])
-    found = Calibration(turned @ plain, np.array([10.0, -20.0, 5.0]), 50.0, rotation="estimated", raw=Unit.of("mG"))
-    with pytest.raises(NotExportable, match="lossy=True"):
-        registry()["ardupilot"].render(found)
-    export = registry()["ardupilot"].render(found, asked=ExportOptions(lossy=True))
-    (note,) = (note for note in export.fields["notes"] if note.startswith("left out"))
-    assert "roll 4.00°, pitch −9.00°, yaw 30.00°" in note
-    raw = np.random.default_rng(1).normal(scale=400.0, size=(20, 3))
-    now = Parameters.read(export.fields["values"])
-    npt.assert_allclose(now.apply(raw) @ turned.T, found.apply(raw / 10.0) * 10.0, atol=0.02)
-    told = dict(re.findall(r"(COMPASS_\w+) (-?[\d.e-]+)", note.partition("below: ")[2]))
-    then = Parameters.read({name: float(value) for name, value in told.items()})
-    npt.assert_allclose(then.apply(raw @ turned.T), found.apply(raw / 10.0) * 10.0, atol=0.02)

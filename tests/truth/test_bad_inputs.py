@@ -190,7 +190,7 @@ ODD: dict[str, Odd] = {
     "arguments the wrong way round": Odd(
         USAGE, "it comes first: flinders apply calibration.json odd.csv", words="apply odd.csv calibration.json"
     ),
-    "two recordings": Odd(UNREADABLE, "need a calibration file", words="apply odd.csv good.csv"),
+    "two recordings": Odd(USAGE, "odd.csv is a recording, calibrate it first", words="apply odd.csv good.csv"),
     "two calibrations": Odd(UNREADABLE, "calibration", words="apply calibration.json calibration.json"),
     "a calibration cut short": Odd(UNREADABLE, "cut short", b'{"flinders": "calibr', "apply odd.csv good.csv"),
     "a calibration of the future": Odd(

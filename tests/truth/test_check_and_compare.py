@@ -23,7 +23,7 @@ from flinders.cli import main
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.report.comparison_pages import of_comparison
-from flinders.targets._autopilot import euler
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from flinders.simulate import Sensor
@@ -264,7 +264,15 @@ def test_the_dip_has_the_sign_that_the_recording_shows() -> None:
         ("compare monday.json", 2, "missing argument"),
         ("compare monday.json tuesday.csv", 2, "tuesday.csv is a recording: flinders check monday.json tuesday.csv"),
         ("compare tuesday.csv monday.json", 2, "tuesday.csv is a recording: flinders check monday.json tuesday.csv"),
-        ("compare tuesday.csv monday.csv", 5, "tuesday.csv: cannot be read as JSON"),
+        ("compare tuesday.csv monday.csv", 2, "tuesday.csv is a recording, calibrate it first"),
+        ("check tuesday.csv monday.csv", 2, "tuesday.csv is a recording, calibrate it first"),
+        (
+            "refresh --previous tuesday.csv monday.json",
+            2,
+            "it comes first: flinders refresh --previous monday.json",
+        ),
+        ("refresh --previous tuesday.csv monday.csv", 2, "tuesday.csv is a recording, calibrate it first"),
+        ("two-axis tuesday.csv --after monday.csv", 2, "monday.csv is a recording, calibrate it first"),
         ("compare monday.json nix.json", 5, "nix.json: cannot be read"),
         ("compare monday.json -", 5, "cannot be read"),
         ("compare monday.json counts.json", 2, "counts.json for counts"),

@@ -247,6 +247,7 @@ READING = {
     "refresh": "refresh --previous calibration.json print.txt",
     "report": "report calibration.json print.txt -o out.html",
     "swing": "swing calibration.json print.txt --level",
+    "tolles-lawson": "tolles-lawson print.txt",
     "two-axis": "two-axis print.txt",
 }
 

@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
-import numpy as np
-import pytest
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import numpy.testing as npt
+import pytest
+from pyarrow import csv, parquet
+
+from flinders import fit, open_recording, simulate
+from flinders.errors import UsageError
 from flinders.live.transcript import escaped
 from flinders.readers._columns import _cut_digits
 from flinders.readers._layout import _with_sensors, ranges
 from flinders.readers._likeness import ColumnGroup, advice, likeness
-from flinders.readers._names import Meaning, kind_of_chip, label, meaning, no_readings, sensor_name, tells_nothing
+from flinders.readers._names import (
+    Meaning,
+    kind_of_chip,
+    label,
+    meaning,
+    no_readings,
+    polarities,
+    sensor_name,
+    tells_nothing,
+)
 from flinders.readers._tokenizer import cut, decimal, like, names_of, pattern_of
 from flinders.readers.dialects.json_records import flat
 from flinders.readers.dialects.wrapped import STAMP, seconds_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def test_columns_of_single_motors_are_recognised() -> None:
@@ -144,3 +162,63 @@ def test_keys_inside_objects_get_dots() -> None:
 def test_escaped_bytes_can_be_restored() -> None:
     assert escaped(b"\xff\x00 42 \\") == "\\xff\\x00 42 \\\\"
     assert escaped(b"\xff\x00 42 \\").encode().decode("unicode_escape").encode("latin-1") == b"\xff\x00 42 \\"
+
+
+# pairs of readings after a set and a reset pulse
+
+OWN_UT = np.array([150.0, -80.0, 40.0])
+
+
+def pairs(folder: Path, *, named: str = "mag_{axis}_{pulse}_uT", sign: float = -1.0) -> Path:
+    """A tumble of a sensor that flips its field with each pulse, and has an own offset that creeps by 20 µT."""
+    tumble = simulate.tumble(seed=3, n=1500)
+    time = tumble.samples.time
+    assert time is not None
+    own = OWN_UT + np.linspace(0.0, 20.0, 1500)[:, np.newaxis]
+    noise = 0.5 * np.random.default_rng(1).normal(size=(1500, 3))
+    header = ["t_s", *(named.format(axis=axis, pulse=pulse) for pulse in ("set", "reset") for axis in "xyz")]
+    rows = np.hstack([time[:, np.newaxis], own + tumble.samples.field, own + sign * tumble.samples.field])
+    rows[:, 4:] += noise
+    path = folder / "pairs.csv"
+    np.savetxt(path, rows, delimiter=",", header=",".join(header), comments="", fmt="%.3f")
+    return path
+
+
+@pytest.mark.parametrize("named", ["mag_{axis}_{pulse}_uT", "{axis}_{pulse}", "{pulse}_{axis}", "m{axis}_{pulse}"])
+def test_set_and_reset_cancel_the_sensors_own_offset(named: str, tmp_path: Path) -> None:
+    path = pairs(tmp_path, named=named)
+    recording: Any = open_recording(path, unit="uT")
+    assert "less" in recording.describe()
+    assert "the sensor's own offset, (set + reset) / 2, was 151, -79, 41 at the beginning" in recording.describe()
+    found, truth = fit(path, unit="uT"), simulate.tumble(seed=3, n=1500).sensor
+    assert found.verdict == "good"
+    npt.assert_allclose(found.calibration.offset, truth.offset, atol=0.2)
+
+
+def test_a_table_of_pairs_is_read_as_its_text(tmp_path: Path) -> None:
+    path = pairs(tmp_path)
+    parquet.write_table(csv.read_csv(path), tmp_path / "pairs.parquet")
+    text, table = (
+        np.concatenate([block.field for block in open_recording(each).blocks()])
+        for each in (path, tmp_path / "pairs.parquet")
+    )
+    npt.assert_allclose(table, text, atol=1e-9)
+
+
+def test_pairs_that_are_alike_are_no_pairs(tmp_path: Path) -> None:
+    recording: Any = open_recording(pairs(tmp_path, sign=1.0))
+    said = recording.describe()
+    assert "less" not in said
+    assert "left out mag_x_reset_uT, mag_y_reset_uT, mag_z_reset_uT (follows mag_x_set_uT, " in said
+
+
+def test_corrected_pairs_get_columns_of_their_own(tmp_path: Path) -> None:
+    recording: Any = open_recording(pairs(tmp_path))
+    with pytest.raises(UsageError, match=r"in pairs \(mag_x_set_uT, mag_x_reset_uT\).*--add"):
+        next(recording.corrected_lines(lambda field: field))
+    header = next(recording.corrected_lines(lambda field: field, add=True))
+    assert header.rstrip().endswith("mag_x_set_uT_cal,mag_y_set_uT_cal,mag_z_set_uT_cal")
+
+
+def test_a_set_without_its_reset_is_a_name_like_any_other() -> None:
+    assert polarities(["mag_x_set", "mag_y_set", "reset", "setpoint", "offset_x"]) == {}

@@ -24,7 +24,7 @@ from flinders.errors import ArrayError, AxesError, DocumentError, UnitError, Usa
 from flinders.fitting.aiding import Aiding
 from flinders.fitting.result import Fit
 from flinders.summary.pooling import chance_of
-from flinders.targets._autopilot import euler
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from pathlib import Path

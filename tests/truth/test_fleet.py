@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.flight_log import dataflash
-from tests.waiting import wait_until
+from tests.waiting import running_in, wait_until
 
 import flinders
 from flinders import simulate
@@ -190,6 +190,19 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
     told = run(str(logs), tmp_path / "out.parquet", Options(), workers=0, resume=True)
     assert told.resumed > 0
     assert (tmp_path / "out.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_workers_end_with_their_driver(logs: Path, tmp_path: Path, number: signal.Signals) -> None:
+    """However it ends; the server that they are started from ends, too."""
+    command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]
+    parts = tmp_path / "out.parquet.parts"
+    with subprocess.Popen([*command, "--workers", "2"], stderr=subprocess.DEVNULL, start_new_session=True) as driver:
+        wait_until(lambda: len(running_in(driver.pid)) >= 4 or driver.poll() is not None)
+        wait_until(lambda: list(parts.glob("part-*.arrow")) or driver.poll() is not None)
+        driver.send_signal(number)
+    wait_until(lambda: not running_in(driver.pid), lambda: running_in(driver.pid))
 
 
 def test_parts_that_a_power_cut_has_spoilt_are_done_again(logs: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput, UsageError
-from flinders.fleet import UnitResults, fit_many, plan, worker
+from flinders.fleet import UnitResults, fit_many, footer, plan, worker
 from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
 from flinders.fleet.plan import plan_of
@@ -26,6 +27,8 @@ pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import ipc, parquet  # noqa: E402 - after it is known to be there
 
 READINGS = 150
+BYTES = (b"\0", b"\x7f", b"\xff", b"\x1c", b"\x19")
+"""What a damaged byte of a footer may be: an end, lengths, a struct, a list."""
 FIELDS = [simulate.tumble(seed=seed, n=READINGS, motion="uniform").samples.field for seed in range(6)]
 
 
@@ -124,6 +127,57 @@ def test_rows_whose_units_cannot_be_read_are_a_row_of_their_file(folder: Path, *
     assert found["U2"] == found["U3"] == found["U4"] == GOOD
     assert found["U0"] == ((READINGS, "unreadable") if statistics else GOOD)
     assert ("U1" in found) == statistics
+
+
+def test_sizes_that_contradict_the_schema_are_a_row_of_their_table(folder: Path) -> None:
+    """pyarrow ends the program where it is asked for the metadata of such a column."""
+    for unit in range(2):
+        parquet.write_table(table(unit), folder / f"{unit}.parquet")
+    content = (folder / "0.parquet").read_bytes()
+    levels, more = b"\x26\x00\xac\x02", b"\x36\x00\x2c\x02"  # 0 and 150 values of two levels; three of 0, 22 and 1
+    assert content.count(levels) == 5
+    (folder / "0.parquet").write_bytes(content.replace(levels, more))
+    assert told(rows_of(folder)) == {"U0": (READINGS, "unreadable"), "U1": GOOD}
+
+
+@pytest.mark.parametrize(
+    ("units", "name", "options"),
+    [
+        (["A17", "B02", "C05", "C05"], "unit", {}),
+        (["A17", "B02", "C05", "C05"], "a_long_name_of_a_column_" * 12, {"compression": "zstd"}),
+        (["A17", None, "C05", "C05"], "unit", {"use_dictionary": False}),
+        ([b"A17", b"\xff", b"C05", b"C05"], "unit", {}),
+        ([-7, 300, 12, 12], "serial", {}),
+        (["\x19\x18\x04unit", "B02", "C05", "C05"], "unit", {"write_statistics": False}),
+    ],
+)
+def test_extents_are_those_of_pyarrow(folder: Path, units: list[Any], name: str, options: dict[str, Any]) -> None:
+    columns = {"unit.part": ["x"] * 4, name: units, "z": [{"unit": "y"}] * 4}
+    parquet.write_table(pyarrow.table(columns), folder / "a.parquet", row_group_size=2, **options)
+    metadata = parquet.read_metadata(folder / "a.parquet")
+    stated = [metadata.row_group(group).column(1).statistics for group in range(2)]
+    known = [None if each is None or each.null_count else (each.min_raw, each.max_raw) for each in stated]
+    assert footer.extents(metadata, name) == [
+        ends and tuple(end.to_bytes(8, "little", signed=True) if isinstance(end, int) else end for end in ends)
+        for ends in known
+    ]
+
+
+def test_extents_of_a_broken_footer_are_known_or_not_and_no_exception(tmp_path: Path) -> None:
+    parquet.write_table(table(0).select(["unit"]), tmp_path / "a.parquet")
+    footer_file = tmp_path / "footer"
+    parquet.read_metadata(tmp_path / "a.parquet").write_metadata_file(footer_file)
+    whole = footer_file.read_bytes()
+
+    def states(content: bytes) -> list[footer.Extent | None]:
+        written = SimpleNamespace(num_row_groups=1, write_metadata_file=lambda sink: sink.write(content))
+        return footer.extents(written, "unit")
+
+    changed = [states(whole[:place] + byte + whole[place + 1 :]) for place in range(len(whole)) for byte in BYTES]
+    cut = [states(whole[:place]) for place in range(len(whole))]
+    assert states(whole) == [(b"U0", b"U0")]
+    assert {len(ends) for ends in changed + cut} == {1}
+    assert [None] in changed
 
 
 def test_a_table_without_a_footer_is_a_row_among_other_tables(folder: Path) -> None:

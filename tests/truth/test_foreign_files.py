@@ -186,7 +186,11 @@ def write_over_it(path: Path) -> None:
     os.utime(path, ns=(0, 0))
 
 
-@pytest.mark.parametrize("change", [replace_it, write_over_it])
+def write_over_it_with_more(path: Path) -> None:
+    path.write_text(TEXT.replace("1", "2") + "1,2,3\n")
+
+
+@pytest.mark.parametrize("change", [replace_it, write_over_it, write_over_it_with_more])
 def test_a_file_that_is_another_one_by_the_end_is_refused(change: Callable[[Path], None], tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(TEXT)

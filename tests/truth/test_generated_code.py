@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import numpy as np
@@ -13,12 +15,16 @@ import pytest
 from tests.npm import package
 from tests.trials import nightly
 
-from flinders import simulate
+from flinders import fit, simulate
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import UsageError
+from flinders.fitting.export import export_fit
+from flinders.fitting.gates import gates_of
+from flinders.fitting.result import Fit
 from flinders.targets import ExportOptions, find
+from flinders.targets._gates import Gates
 from flinders.targets.code import Q15, Q31, FixedPoint, FixedPointFormat
 
 if TYPE_CHECKING:
@@ -236,6 +242,131 @@ const micropython = await loadMicroPython({ stdout: (line) => console.log(line),
 micropython.runPython(readFileSync(process.argv[3], "ascii"));
 """
 """Runs a file under MicroPython, which node can: Debian has no micropython since its twelfth release."""
+
+
+# limits by which a disturbed reading is told
+
+GATES = Gates(strength_limit=2.5, dip_deg=-61.0, dip_limit_deg=4.0)
+GATED_MAIN = """
+#include <stdio.h>
+int main(void) {{
+    double r[6];
+    while (scanf("%lf %lf %lf %lf %lf %lf", r, r + 1, r + 2, r + 3, r + 4, r + 5) == 6) {{
+        float v[6];
+        int i;
+        for (i = 0; i < 6; i++) v[i] = (float)r[i];
+        printf("%d %d\\n", (int){strength}, (int){dip});
+    }}
+    return 0;
+}}
+"""
+
+
+def near_the_limits() -> Floats:
+    """(N, 6) corrected readings and what an accelerometer reads, around the limits of `GATES`, and one that is none."""
+    rng = np.random.default_rng(2)
+    up = simulate.uniform(rng, 2000)
+    across = np.cross(up, simulate.uniform(rng, 2000))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    dip = np.deg2rad(-61.0 + rng.uniform(-8.0, 8.0, 2000))[:, np.newaxis]
+    field = (49.4 + rng.uniform(-5.0, 5.0, 2000))[:, np.newaxis] * (np.cos(dip) * across - np.sin(dip) * up)
+    return np.vstack([np.hstack([field, 9.8 * up]), np.full(6, np.nan)])
+
+
+def gated(name: str, called: str | None = None) -> str:
+    return find(name).render(given(), asked=ExportOptions(name=called, gates=GATES)).text
+
+
+def expected_gates(readings: Floats) -> Floats:
+    """(N, 2) whether strength and dip are off, by the angles themselves."""
+    field, up = readings[:, :3], readings[:, 3:]
+    length = np.linalg.norm(field, axis=1)
+    dip_deg = -np.rad2deg(np.arcsin(np.sum(field * up, axis=1) / (length * np.linalg.norm(up, axis=1))))
+    within = np.stack([np.abs(length - 49.4) <= 2.5, np.abs(dip_deg + 61.0) <= 4.0], axis=1)
+    return 1.0 - within
+
+
+@pytest.mark.parametrize(
+    ("name", "compiler", "strength", "dip"),
+    [
+        ("c", C99, "mast_strength_is_off(v)", "mast_dip_is_off(v, v + 3)"),
+        ("c", CPP, "mast_strength_is_off(v)", "mast_dip_is_off(v, v + 3)"),
+        (
+            "arduino", CPP, "mast_strengthIsOff(v[0], v[1], v[2])",
+            "mast_dipIsOff(v[0], v[1], v[2], v[3], v[4], v[5])",
+        ),
+    ],
+)  # fmt: skip
+def test_compiled_limits_tell_readings_apart(
+    name: str, compiler: tuple[str, ...], strength: str, dip: str, tmp_path: Path
+) -> None:
+    readings = near_the_limits()
+    out = built(tmp_path, gated(name, "mast") + GATED_MAIN.format(strength=strength, dip=dip), compiler, readings)
+    npt.assert_array_equal(out, expected_gates(readings))
+    assert 0.3 < out.mean() < 0.7
+
+
+def test_limits_in_python_tell_readings_apart() -> None:
+    module: dict[str, Any] = {}
+    exec(gated("micropython"), module)
+    readings = near_the_limits()
+    out = [[module["strength_is_off"](row[:3]), module["dip_is_off"](row[:3], row[3:])] for row in readings.tolist()]
+    npt.assert_array_equal(out, expected_gates(readings))
+
+
+@pytest.mark.parametrize("limits", [(-88.0, -90.0), (88.0, 90.0)])
+def test_a_dip_next_to_the_poles_has_one_limit(limits: tuple[float, float]) -> None:
+    dip, pole = limits
+    low, high = Gates(1.0, dip, 4.0).signed_squares
+    assert low < np.sin(np.deg2rad(pole)) < high
+    assert (low, high)[dip > 0] in (-4.0, 4.0)
+
+
+def clean(tumble: simulate.Simulated, rng: np.random.Generator, count: int) -> tuple[Floats, Floats]:
+    """New readings of a simulated sensor, all over, and a vertical of each that is good to 1° about each axis."""
+    up = simulate.uniform(rng, count)
+    across = np.cross(up, simulate.uniform(rng, count))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    dip = np.deg2rad(tumble.dip_deg)
+    field = tumble.field_strength * (np.cos(dip) * across - np.sin(dip) * up)
+    leaning = up + np.deg2rad(1.0) * rng.normal(size=(count, 3))
+    raw = field @ tumble.sensor.matrix.T + tumble.sensor.offset + tumble.sensor.noise * rng.normal(size=(count, 3))
+    return raw, leaning / np.linalg.norm(leaning, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("trials", [3, nightly(20)])
+def test_a_clean_reading_is_beyond_its_limits_as_seldom_as_is_said(trials: int) -> None:
+    """Calibrations of 3,000 readings, and 100,000 new ones of the same sensor: at most once in 10,000."""
+    beyond = np.zeros(2)
+    for seed in range(trials):
+        tumble = simulate.tumble(seed=seed)
+        found = fit(tumble.samples, aiding=("dip",))
+        gates = gates_of(found)
+        assert gates is not None
+        raw, up = clean(tumble, np.random.default_rng(1000 + seed), 100_000)
+        corrected = found.calibration.apply(raw)
+        length = np.linalg.norm(corrected, axis=1)
+        dip_deg = -np.rad2deg(np.arcsin(np.sum(corrected * up, axis=1) / length))
+        beyond[0] += np.count_nonzero(np.abs(length - found.calibration.field_strength) > gates.strength_limit)
+        beyond[1] += np.count_nonzero(np.abs(dip_deg - gates.dip_deg) > gates.dip_limit_deg)
+    most = 1e-4 * 100_000 * trials
+    assert np.all(beyond <= most + 3 * np.sqrt(most))
+    assert np.all(beyond > 0)  # they are no wider than they need to be
+
+
+@pytest.mark.parametrize("noise", [math.nan, 60.0])
+def test_a_fit_that_knows_too_little_gives_no_limits(noise: float) -> None:
+    found = fit(simulate.tumble(seed=1, n=500).samples)
+    assert gates_of(replace(found, noise=noise)) is None
+
+
+def test_the_limits_of_a_file_are_those_of_its_fit(tmp_path: Path) -> None:
+    found = fit(simulate.tumble(seed=1).samples, aiding=("dip",))
+    found.save(tmp_path / "cal.json")
+    (file, _), (direct, _) = export_fit(Fit.load(tmp_path / "cal.json"), find("c")), export_fit(found, find("c"))
+    assert file.fields["values"]["strength_limit"] == pytest.approx(direct.fields["values"]["strength_limit"], rel=1e-6)
+    assert file.fields["values"]["dip_limit_deg"] == pytest.approx(direct.fields["values"]["dip_limit_deg"], rel=1e-6)
+    assert any("at most once in 10,000 times" in note for note in file.fields["notes"])
 
 
 def no_node(why: str) -> NoReturn:

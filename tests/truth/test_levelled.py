@@ -12,7 +12,7 @@ import flinders
 from flinders.comparison.level_plane import Levelled, compare_turned
 from flinders.core.samples import Samples
 from flinders.fitting.result import Fit
-from flinders.targets._autopilot import euler
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from tests.trials import Choose

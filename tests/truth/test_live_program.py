@@ -13,7 +13,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 import time
 import urllib.error
 import urllib.request
@@ -23,11 +22,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.feeding import UdpBoard, free_port, recorded
 from tests.flight_log import dataflash
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
-from flinders import simulate
 from flinders.core.calibration_file import loads
 
 if TYPE_CHECKING:
@@ -124,47 +123,6 @@ def start(nursery: subprocess.Popen[str], tmp_path: Path) -> Iterator[Start]:
         program.signal(signal.SIGKILL)
 
 
-def free_port() -> int:
-    """A port that no program gets without asking for it, so that it stays free while nobody listens there."""
-    numbers = np.random.default_rng()
-    for port in numbers.integers(20_000, 30_000, 100).tolist():
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
-            probe.bind(("127.0.0.1", port))
-            return int(port)
-    raise OSError("no free port from 20,000 to 30,000")
-
-
-class Board(threading.Thread):
-    """A board that sends a line every two milliseconds over UDP, whether or not anybody listens."""
-
-    def __init__(self, port: int, count: int = 5000) -> None:
-        super().__init__(daemon=True)
-        field = simulate.tumble(seed=1, n=max(count, 5000)).samples.field[:count]
-        self.lines = [",".join(f"{value:.3f}" for value in row) for row in field]
-        self.sent: list[tuple[float, str]] = []
-        self._port, self._is_over = port, threading.Event()
-
-    def run(self) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
-            for line in self.lines:
-                if self._is_over.wait(0.002):
-                    return
-                with contextlib.suppress(ConnectionError):
-                    wire.sendto(f"{line}\n".encode(), ("127.0.0.1", self._port))
-                self.sent.append((time.monotonic(), line))
-
-    def stop(self) -> None:
-        self._is_over.set()
-        self.join()
-
-
-def recorded(path: Path) -> list[str]:
-    """The field of each row, as it was sent; none where there is no file yet."""
-    text = path.read_text(encoding="utf-8") if path.exists() else ""
-    rows = [line for line in text.splitlines() if line[:1].isdigit()]
-    return [row.partition(",")[2] for row in rows]
-
-
 def wait_for_more(program: Program, session: Path) -> None:
     """Wait until a program that runs has recorded something."""
     before = len(recorded(session))
@@ -176,7 +134,7 @@ def test_killed_ten_times_at_random_moments_it_loses_at_most_a_second_and_goes_o
     rng = np.random.default_rng(7)
     session, port = tmp_path / "session.csv", free_port()
     words = ["--udp", str(port), "--unit", "uT"]
-    board = Board(port, 60_000)
+    board = UdpBoard(port, 60_000)
     board.start()
     lost = []
     with Heartbeat() as heartbeat:
@@ -368,7 +326,7 @@ def test_a_page_that_stalls_delays_nobody_and_gets_all_points_when_it_wakes(star
     session, port = tmp_path / "session.csv", free_port()
     program = start("--udp", str(port), "--unit", "uT", "-o", str(session))
     stalled, awake = Page(program.address, stalls=True), Page(program.address)
-    board = Board(port, 1000)
+    board = UdpBoard(port, 1000)
     with Heartbeat() as heartbeat:
         board.start()
         while awake.until("state")["readings"] < 1000:

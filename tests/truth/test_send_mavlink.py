@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.trials import nightly
+from tests.truth.test_mountings import anyhow, right_angles
 from tests.waiting import PATIENCE_S, wait_until
 
 from flinders.cli import main
@@ -33,11 +36,14 @@ from flinders.live.mavlink_parameters import ParameterPlan
 from flinders.live.transports import Udp
 from flinders.targets import ardupilot, px4
 from flinders.targets._autopilot import parse
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from click.testing import Result
+
+    from flinders.arrays import Floats
 
 dialect = pytest.importorskip("pymavlink.dialects.v20.common")
 
@@ -55,7 +61,8 @@ class Autopilot:
     `ignores` are parameters it keeps as they are; `answers_wrongly` it takes and reports as another value;
     `late` seconds pass before it answers; `falls_silent` after so many settings, for `away` seconds; `arms` after so
     many; `loses` a share of all packets, each way; `whole` are parameters that it says are whole numbers; `rounds` to
-    so many decimals; `crowded` are components that have something to say on the same system.
+    so many decimals; `crowded` are components that have something to say on the same system; `mounted` are the
+    parameters that say how its compasses are mounted.
     """
 
     def __init__(
@@ -79,12 +86,14 @@ class Autopilot:
         whole: tuple[str, ...] = (),
         rounds: int | None = None,
         crowded: tuple[int, ...] = (),
+        mounted: dict[str, float] | None = None,
     ) -> None:
         self.kind, self.armed, self.ignores, self.answers_wrongly = kind, armed, ignores, answers_wrongly
         self.away, self.whole, self.rounds, self.crowded = away, whole, rounds, crowded
         self.loses, self._luck = loses, np.random.default_rng(0)
         self.late, self.falls_silent, self.arms, self.old, self.drops = late, falls_silent, arms, old, drops
         self.values = px4_values(device) if kind == mavlink.PX4 else ardupilot_values(device, scheme)
+        self.values |= mounted or {}
         self.before = dict(self.values)
         self.sets: list[tuple[str, float]] = []
         self._due: list[tuple[float, str]] = []
@@ -156,6 +165,8 @@ class Autopilot:
             return
         if kind == "PARAM_SET":
             value = message.param_value
+            if name.endswith("_ROT"):
+                value = float(struct.unpack("<i", struct.pack("<f", value))[0])
             self.sets.append((name, value))
             if name not in self.ignores:
                 held = np.float32(value).item()
@@ -166,8 +177,10 @@ class Autopilot:
         value, kind = self.values[name], mavlink.REAL32
         if name.endswith("_ID") or "DEV_ID" in name:
             kind = 6
-            if self.kind == mavlink.PX4:
-                value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
+        if name.endswith("_ROT") or "ORIENT" in name or name == "CUST_ROT_ENABLE":
+            kind = 6 if self.kind == mavlink.PX4 else 2
+        if kind == 6 and self.kind == mavlink.PX4:
+            value = struct.unpack("<f", struct.pack("<i", int(value)))[0]
         if name in self.whole:
             kind = 4
         if name in self.answers_wrongly and self.sets:
@@ -499,6 +512,137 @@ def test_a_calibration_goes_to_the_compass_of_its_log(
     assert told in ended.output
 
 
+AS_ARDUPILOT = {
+    **{ardupilot.names("EXTERNAL", one)[0]: 1.0 for one in (1, 2, 3)},
+    **{ardupilot.names("ORIENT", one)[0]: 2.0 for one in (1, 2, 3)},
+    **{f"CUST_ROT{slot}_{axis}": 0.0 for slot in (1, 2) for axis in ("ROLL", "PITCH", "YAW")},
+    "CUST_ROT_ENABLE": 0.0, "AHRS_ORIENTATION": 0.0,
+}  # fmt: skip
+AS_PX4 = {f"CAL_MAG0_{axis}": 0.0 for axis in ("ROLL", "PITCH", "YAW")} | {"CAL_MAG0_ROT": 2.0}
+YAW_90 = euler(0, 0, 90)
+
+
+def turning(truth: Floats, *, after: bool, now: Floats = YAW_90) -> Calibration:
+    """What a fit finds of a compass that is mounted by `truth` where the vehicle has it mounted by `now`."""
+    plain = found()
+    if after:
+        return replace(
+            plain, matrix=truth @ plain.matrix @ now.T, offset=now @ plain.offset, frame="vehicle",
+            rotation="estimated",
+        )  # fmt: skip
+    return replace(plain, matrix=now.T @ truth @ plain.matrix, rotation="estimated")
+
+
+@pytest.mark.parametrize("kind", [mavlink.ARDUPILOT, mavlink.PX4])
+@pytest.mark.parametrize("truth", [euler(180, 0, 90), euler(4.0, -7.0, 99.0)], ids=["by number", "by angles"])
+def test_a_rotation_is_sent_as_the_mounting_and_sent_again_changes_nothing(kind: int, truth: Floats) -> None:
+    is_px4 = kind == mavlink.PX4
+    calibration = turning(truth, after=not is_px4)
+    compass, mounted = (0, AS_PX4) if is_px4 else (1, AS_ARDUPILOT)
+    read = px4.Px4Parameters.read if is_px4 else ardupilot.ArduPilotParameters.read
+    with vehicle(kind=kind, mounted=mounted) as (autopilot, seen):
+        options: dict[str, Any] = {"compass": compass, "device_id": DEVICE, "mounting": YAW_90}
+        plan = ParameterPlan.of(seen, calibration, **options)
+        plan.carry_out()
+        held = read(autopilot.values, compass)
+        assert held.own_mounting is not None
+        np.testing.assert_allclose(held.own_mounting, truth, atol=1e-6)
+        raw = 50.0 * np.random.default_rng(1).normal(size=(20, 3))
+        scale, turned = (100.0, raw / 100.0) if is_px4 else (0.1, 10.0 * raw @ held.own_mounting.T)
+        np.testing.assert_allclose(scale * held.apply(turned), found().apply(raw) @ truth.T, atol=2e-4)
+        assert ParameterPlan.of(seen, calibration, **options).pending == ()
+
+
+@pytest.mark.parametrize("kind", [mavlink.ARDUPILOT, mavlink.PX4])
+@pytest.mark.parametrize("every", [8, nightly(1)])
+def test_one_mounting_after_the_other_is_sent_and_read_back(kind: int, every: int) -> None:
+    """24 rotations by right angles and 100 others, each with a recording under the one before."""
+    is_px4 = kind == mavlink.PX4
+    compass, mounted = (0, AS_PX4) if is_px4 else (1, AS_ARDUPILOT)
+    read = px4.Px4Parameters.read if is_px4 else ardupilot.ArduPilotParameters.read
+    with vehicle(kind=kind, mounted=mounted, falls_silent=10**6, arms=10**6) as (autopilot, seen):
+        for truth in [*right_angles(), *anyhow(100)][::every]:
+            now = read(autopilot.values, compass).own_mounting
+            assert now is not None
+            calibration = turning(truth, after=not is_px4, now=now)
+            ParameterPlan.of(seen, calibration, compass=compass, device_id=DEVICE, mounting=now).carry_out()
+            held = read(autopilot.values, compass)
+            assert held.own_mounting is not None
+            np.testing.assert_allclose(held.own_mounting, truth, atol=1e-6)
+            np.testing.assert_allclose(
+                held.matrix[0], (turned_iron(truth) if not is_px4 else found().matrix)[0], atol=1e-5
+            )
+
+
+def turned_iron(truth: Floats) -> Floats:
+    """(3, 3) what corrects readings that were turned before."""
+    return truth @ found().matrix @ truth.T
+
+
+def test_a_mounting_that_is_not_taken_brings_all_the_old_values_back() -> None:
+    with vehicle(mounted=AS_ARDUPILOT, ignores=("COMPASS_OFS_Y",)) as (autopilot, seen):
+        plan = ParameterPlan.of(seen, turning(euler(4, -7, 99), after=True), compass=1, mounting=YAW_90)
+        with pytest.raises(NotConfirmed, match="holds the values from before again"):
+            plan.carry_out()
+    assert any(name == "COMPASS_ORIENT" for name, _ in autopilot.sets)
+    assert autopilot.values == autopilot.before
+
+
+def test_a_custom_rotation_that_another_sensor_uses_is_left_alone() -> None:
+    used = AS_ARDUPILOT | {"COMPASS_ORIENT2": 101.0}
+    with vehicle(mounted=used) as (_, seen):
+        plan = ParameterPlan.of(seen, turning(euler(4, -7, 99), after=True), compass=1, mounting=YAW_90)
+    values = {change.new.name: change.new.value for change in plan.changes}
+    assert values["COMPASS_ORIENT"] == 102.0
+    assert values["CUST_ROT2_PITCH"] == pytest.approx(-7.0)
+    with vehicle(mounted=used | {"AHRS_ORIENTATION": 102.0}) as (_, seen), pytest.raises(NotSent, match="CUST_ROT2"):
+        ParameterPlan.of(seen, turning(euler(4, -7, 99), after=True), compass=1, mounting=YAW_90)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"COMPASS_ORIENT": 8.0}, "is mounted by roll 180.*, and was by .*yaw 90.* when it was recorded"),
+        ({"COMPASS_EXTERNAL": 0.0}, "has no mounting of its own"),
+        ({"COMPASS_ORIENT": 77.0}, "or one that is not known"),
+    ],
+)
+def test_a_compass_that_is_mounted_otherwise_than_when_recorded_is_refused(
+    changed: dict[str, float], message: str
+) -> None:
+    for truth in (euler(4, -7, 99), YAW_90):  # offsets act after the mounting, also without a rotation
+        with vehicle(mounted=AS_ARDUPILOT | changed) as (autopilot, seen), pytest.raises(NotSent, match=message):
+            ParameterPlan.of(seen, turning(truth, after=True), compass=1, mounting=YAW_90)
+        assert autopilot.sets == []
+
+
+def test_old_firmware_gets_a_mounting_by_number_and_none_by_angles() -> None:
+    old = {"CAL_MAG0_ROT": 2.0}
+    with vehicle(kind=mavlink.PX4, mounted=old, answer=0.02) as (_, seen):
+        options: dict[str, Any] = {"compass": 0, "device_id": DEVICE, "mounting": YAW_90}
+        plan = ParameterPlan.of(seen, turning(euler(180, 0, 90), after=False), **options)
+        assert [change.new.name for change in plan.changes if "ROLL" in change.new.name] == []
+        with pytest.raises(NotSent, match="does not know CAL_MAG0_ROLL"):
+            ParameterPlan.of(seen, turning(euler(4, -7, 99), after=False), **options)
+
+
+def test_a_loss_is_asked_about_on_a_terminal_and_needs_lossy_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    turning(euler(0, 0, 92), after=True).save("turned.json")
+    with at(mounted=AS_ARDUPILOT) as (autopilot, address):
+        words = ("--mavlink", address, "--system", "1", "--compass", "1", "turned.json")
+        refused = send(*words)
+        assert (refused.exit_code, autopilot.sets) == (4, [])
+        assert "--mounting" in refused.stderr
+        assert send(*words, "--lossy", "--dry-run").exit_code == 0
+        monkeypatch.setattr("flinders.cli._output.is_asked", lambda: True)
+        declined = CliRunner().invoke(main, ["send", *words], input="n\n")
+        assert (declined.exit_code, autopilot.sets) == (4, [])
+        assert CliRunner().invoke(main, ["send", *words, "--dry-run"], input="y\n").exit_code == 0
+        ended = send(*words, "--mounting", "2")
+    assert ended.exit_code == 0, ended.output
+    assert autopilot.values["COMPASS_ORIENT"] == 101.0
+
+
 def test_an_autopilot_gets_no_numbers_from_the_other_side_of_its_mounting() -> None:
     with vehicle(kind=mavlink.PX4) as (autopilot, seen):
         with pytest.raises(NotExportable, match="PX4 corrects them before the mounting"):
@@ -510,6 +654,14 @@ def test_an_autopilot_gets_no_numbers_from_the_other_side_of_its_mounting() -> N
     x, y, z = found().offset  # along y, −x and z of the vehicle
     np.testing.assert_allclose([values[f"COMPASS_OFS_{axis}"] for axis in "XYZ"], -10 * np.array([-y, x, z]), rtol=1e-6)
     assert not any("COMPASS_ORIENT" in note for note in plan.notes)
+
+
+def test_what_will_change_is_shown_before_it_does() -> None:
+    with at(ignores=("COMPASS_OFS_X",)) as (autopilot, address):
+        ended = send("--mavlink", address, "--system", "1", "--compass", "1", "cal.json")
+    assert ended.exit_code == 6
+    assert {name for name, _ in autopilot.sets} == {"COMPASS_OFS_X"}  # the first, which it did not take
+    assert "COMPASS_SCALE" in ended.stdout
 
 
 def test_the_command_never_writes_over_old_values() -> None:

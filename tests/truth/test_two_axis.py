@@ -642,7 +642,7 @@ def test_a_turn_that_was_not_made_with_it_loaded_is_refused(
         ("c.json", 2, "c.json is a calibration: give the recording of a turn"),
         ("none.csv", 5, "does not exist"),
         ("turn.csv --after none.json", 5, "no such file"),
-        ("turn.csv --after turn.csv", 5, "need a calibration file"),
+        ("turn.csv --after turn.csv", 2, "turn.csv is a recording, calibrate it first"),
         ("turn.csv --after -", 2, "--after needs a file"),
         ("turn.csv --after c.json", 2, "c.json was made from turn.csv, which cannot have been recorded with it"),
         ("other.csv --after c.json --axes x,-y,-z", 2, "in its axes already"),

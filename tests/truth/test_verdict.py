@@ -325,6 +325,7 @@ ELSEWHERE: Final = {
     "test_axis_lag.py": ("axis-lag",),
     "test_shrinkage.py": ("corrected-before",),
     "test_refresh.py": ("soft-iron-changed", "poses-contradict"),
+    "test_survey.py": ("pointing-error", "shots-contradict"),
     "test_disturbances.py": (
         "disturbance", "disturbance-unmodelled", "disturbance-constant", "disturbance-collinear-attitude",
         "disturbances-collinear", "disturbance-uncertain",

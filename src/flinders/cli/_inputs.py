@@ -139,6 +139,7 @@ def source_file(part: Counted) -> SourceFile:
         autopilot=getattr(recording, "autopilot", None),
         compass=getattr(recording, "compass", None),
         device_id=getattr(recording, "device_id", None),
+        mounting=getattr(recording, "mounting", None),
     )
 
 
@@ -265,8 +266,7 @@ def load(command: str, path: str, recordings: Sequence[str] = ()) -> Fit:
                 raise UsageError(
                     f"{other} is the calibration, it comes first: flinders {command} {other} {path}"
                 ) from None
-        if not recordings and is_recording(path):
-            raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
+        refuse_recording(path)
         raise
 
 
@@ -303,6 +303,12 @@ def is_recording(path: str) -> bool:
         return path != "-" and bool(open_recording(path))
     except FlindersError:
         return False
+
+
+def refuse_recording(path: str) -> None:
+    """Refuse a recording in the place of a calibration."""
+    if is_recording(path):
+        raise UsageError(f"{path} is a recording, calibrate it first: flinders calibrate {path}") from None
 
 
 def refuse_calibrations(paths: Iterable[str]) -> None:

@@ -328,6 +328,20 @@ def as_json(heading: str = OUTPUT) -> Field:
     return flag("--json", "Print the result as JSON on standard output.", heading=heading)
 
 
+def lossy() -> Field:
+    """``--lossy``."""
+    return flag("--lossy", "Do it also where what is left out costs more than 0.5° of heading.")
+
+
+def mounting() -> Field:
+    """``--mounting``."""
+    return member(
+        "--mounting", metavar="MOUNTING",
+        help="How the compass was mounted when it was recorded, as the autopilot has it: a number or name, or "
+        "ROLL,PITCH,YAW in degrees [default: as its log says].",
+    )  # fmt: skip
+
+
 def force(words: str = "Overwrite the output file if it exists.") -> Field:
     """``--force``."""
     return flag("--force", words, heading=OUTPUT)

@@ -13,12 +13,12 @@ import stat
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 
 from flinders.cli._wording import in_options
-from flinders.errors import UsageError, figures
+from flinders.errors import NotExportable, UsageError, figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Recording
     from flinders.fitting.result import Fit
 
+T = TypeVar("T")
 WORTH_A_BAR: Final = 4_000_000
 """Bytes from which on a progress bar is shown."""
 WIDTH, NARROWEST, WIDEST = 80, 60, 100
@@ -398,3 +399,21 @@ def say_beyond(compensator: Compensator) -> dict[str, Any]:
     for finding in findings:
         say(f"! {finding.advice}")
     return {"findings": [finding.as_dict() for finding in findings]}
+
+
+def is_asked() -> bool:
+    """Whether there is a person who can be asked."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def lossy_if_agreed(attempt: Callable[[bool], T], *, lossy: bool) -> T:
+    """Do something without a loss; on a terminal, ask whether to do it with the loss that it is refused for."""
+    try:
+        return attempt(lossy)
+    except NotExportable as refused:
+        if lossy or "heading_deg" not in refused.evidence or not is_asked():
+            raise
+        say(f"! {in_options(str(refused))}")
+        if not click.confirm("Do it all the same?", err=True):
+            raise
+    return attempt(True)

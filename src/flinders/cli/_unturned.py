@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from flinders.cli._inputs import provenance
+from flinders.cli._inputs import load, provenance
 from flinders.cli._output import Outputs, cost_words, print_json, say
 from flinders.cli._program import GOOD, LIMITED
 from flinders.errors import UsageError, figures
@@ -57,14 +57,13 @@ def bench(parts: Sequence[Recording], disturbances: tuple[str, ...], previous: s
     from flinders.core.units import label
     from flinders.errors import NotTurned
     from flinders.estimators.static_bench import described, still
-    from flinders.fitting.result import Fit
 
     result = still(parts, disturbances)
     if result is None or not result.disturbances:
         raise NotTurned(0.0 if result is None else result.noise, " and ".join(disturbances))
     unit = label(parts[0].unit.inside)
     say(described(result, unit))
-    known = Fit.load(previous)
+    known = load("calibrate --previous", previous)
     _refuse_other_axes(known.calibration, parts, previous)
     calibration = result.onto(known.calibration)
     alone = "; it alone running" if len(result.disturbances) > 1 else ""

@@ -19,8 +19,8 @@ from typing import Final
 
 SAME: Final = (
     "acceleration", "acceleration_axes", "as_logged", "axes", "batch_column", "columns", "compass", "field_strength",
-    "force", "level", "lossy", "name", "pattern", "previous", "resume", "scale", "scheduler", "sensor", "topic", "unit",
-    "unit_column",
+    "force", "level", "lossy", "mounting", "name", "pattern", "pointing", "previous", "resume", "scale", "scheduler",
+    "sensor", "topic", "unit", "unit_column",
 )  # fmt: skip
 """Keywords of Python that are options with the same name."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import is_calibration, is_recording, say_exact
+from flinders.cli._inputs import is_calibration, is_recording, refuse_recording, say_exact
 from flinders.cli._output import print_result, say, say_difference
 from flinders.cli._program import GOOD, LIMITED, REFUSED
 from flinders.errors import DocumentError, UsageError
@@ -74,4 +74,5 @@ def _load(path: str, other: str) -> Fit:
     except DocumentError:
         if is_calibration(other) and is_recording(path):
             raise UsageError(f"{path} is a recording: flinders check {other} {path}") from None
+        refuse_recording(path)
         raise

@@ -9,7 +9,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import for_use, provenance
-from flinders.cli._output import Outputs, print_json, say
+from flinders.cli._output import Outputs, lossy_if_agreed, print_json, say
 from flinders.cli.targets import NamingTargets, print_targets
 from flinders.errors import FlindersError, UsageError
 
@@ -32,9 +32,8 @@ class ExportCommand(option.Group):
         "--compass", type=click.IntRange(0, 3), metavar="N",
         help="Which compass it is for: {compasses} [default: the one of the log, else the first].",
     )  # fmt: skip
-    lossy: bool = option.flag(
-        "--lossy", "Write it also where what the target cannot hold costs more than 1° of heading."
-    )
+    mounting: str | None = option.mounting()
+    lossy: bool = option.lossy()
     name: str | None = option.member(
         "--name", metavar="NAME",
         help="What names in code begin with, for code of two sensors in one program [default: flinders].",
@@ -48,7 +47,7 @@ class ExportCommand(option.Group):
     "export",
     ExportCommand,
     cls=NamingTargets,
-    common=("target", "output", "compass", "listed", "lossy", "name", "force", "as_json"),
+    common=("target", "output", "compass", "mounting", "listed", "lossy", "name", "force", "as_json"),
     short_help="Write a calibration for what uses it.",
     epilog="""\b
 Example:
@@ -85,7 +84,12 @@ def command(options: ExportCommand) -> None:
     outputs = Outputs.of(("the text", path), force=options.force, as_json=options.as_json and not is_fields)
     outputs.check([options.calibration])
     fit = for_use("export --to TARGET", options.calibration)
-    export, notes = export_fit(fit, target, compass=options.compass, lossy=options.lossy, name=options.name)
+    export, notes = lossy_if_agreed(
+        lambda lossy: export_fit(
+            fit, target, compass=options.compass, lossy=lossy, mounting=options.mounting, name=options.name
+        ),
+        lossy=options.lossy,
+    )
     if not is_fields:
         outputs.write(export.content, path)
     if options.as_json:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import stated_site
+from flinders.cli._inputs import load, stated_site
 from flinders.cli._output import print_json, say
 from flinders.errors import OutputError, UsageError
 
@@ -242,9 +242,7 @@ def command(options: Live) -> None:
 
 def _chosen(options: Live) -> dict[str, Any]:
     """What was typed of a session: it goes before what the file of an earlier one says."""
-    from flinders.fitting.result import Fit
-
-    previous = None if options.previous is None else Fit.load(options.previous)
+    previous = None if options.previous is None else load("live --previous", options.previous)
     chosen = {"target_deg": options.target_deg, "dip_deg": options.dip_deg, "previous": previous}
     return {name: value for name, value in chosen.items() if value is not None}
 

@@ -44,6 +44,18 @@ class Refresh(option.Group):
         "--magnetic-heading", heading=option.SITE, metavar="DEG,…",
         help="The same from magnetic north; with --dip or --at.",
     )  # fmt: skip
+    is_course: bool = option.flag(
+        "--course", "Take the headings from the courses over ground of RECORDING, a log with satellite fixes.",
+        heading=option.SITE,
+    )  # fmt: skip
+    slowest: float = option.member(
+        "--min-speed", heading=option.SITE, type=option.positive, default=3.0, show_default=True, metavar="M/S",
+        help="Speed over ground below which a course is not used.",
+    )  # fmt: skip
+    crab_deg: float = option.member(
+        "--crab", heading=option.SITE, type=option.within(0, 45, "degrees from 0 to 45", zero=True), default=2.0,
+        show_default=True, metavar="DEG", help="What wind or current turn the course from the heading, 1 σ.",
+    )  # fmt: skip
     place: str | None = option.same_as(SiteOptions, "place")
     date: str | None = option.same_as(SiteOptions, "date")
     target_deg: float = option.target()
@@ -64,6 +76,7 @@ Example:
   flinders refresh --previous calibration.json wobble.csv -o refreshed.json
   flinders refresh --previous calibration.json wobble.csv --with rate -o refreshed.json
   flinders refresh --previous calibration.json north.csv south.csv --magnetic-heading 0,180 --dip 66
+  flinders refresh --previous calibration.json drive.bin --course -o refreshed.json
 
 \b
 Exit codes:
@@ -78,15 +91,16 @@ def command(options: Refresh) -> int:
     Wobble the vehicle by 30° to all sides for ten seconds, or turn it on level ground, while recording. The soft iron
     of CALIBRATION counts with its uncertainty; where the readings contradict it the verdict says so. Unit and axes
     are those of the calibration file. A vehicle that cannot be turned at all is recorded at rest, at one or more
-    known headings, a RECORDING each (--heading).
+    known headings, a RECORDING each (--heading). A car, boat or wing that points where it goes is driven straight on
+    several headings: the courses in its log are its headings (--course).
     """
     from flinders.core.calibration_file import dumps
     from flinders.report.fit_pages import of_fit
 
     outputs = options.checked_outputs(*options.recordings)
     refuse_twice(options.recordings)
+    previous = load("refresh --previous", options.previous, options.recordings)
     refuse_calibrations(options.recordings)
-    previous = load("refresh --previous", options.previous)
     opened = [_opened(path, previous, options) for path in options.recordings]
     fit = _refreshed(opened, previous, options)
     outputs.write(dumps(fit.to_document(provenance(opened, files=previous.files))), options.output)
@@ -108,6 +122,10 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
     from flinders.fitting.refreshing import refresh
 
     judged = {"target_deg": options.target_deg, **_site(options, opened[0].recording)}
+    if options.is_course:
+        return _on_courses(opened, previous, options, judged)
+    if option.is_typed("slowest") or option.is_typed("crab_deg"):
+        raise UsageError("--min-speed and --crab go with --course: leave them out")
     if options.headings is None and options.magnetic_headings is None:
         if len(opened) > 1:
             raise UsageError("several recordings go with --heading, one for each: give one recording, or the headings")
@@ -116,6 +134,34 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
     if options.names or options.soft_iron_sigma:
         raise UsageError("--with and --soft-iron-sigma go with a recording in motion: leave them out with --heading")
     return refresh_at_headings(opened, previous, _magnetic(options, opened[0].recording), **judged)
+
+
+def _on_courses(opened: list[Counted], previous: Fit, options: Refresh, judged: dict[str, Any]) -> Fit:
+    """Refresh by the courses of one log."""
+    from flinders.core.geomag import recorded_field
+    from flinders.fitting.courses import refresh_on_courses
+
+    recording = opened[0].recording
+    velocity = getattr(recording, "velocity", None)
+    if len(opened) > 1 or options.headings or options.magnetic_headings or options.names or options.soft_iron_sigma:
+        raise UsageError("--course takes one log, without --heading, --magnetic-heading, --with and --soft-iron-sigma")
+    if velocity is None:
+        raise UsageError(
+            f"{recording.source} has no speed and course by satellites: give a log of PX4 or ArduPilot with them, or "
+            "record poses at known headings (--heading)"
+        )
+    place = recorded_field(recording) if options.place is None else site_of(options.place, options.date)
+    if place is None:
+        raise UsageError("courses are true: they need the declination of the place, give --at and --date")
+    return refresh_on_courses(
+        opened[0],
+        previous,
+        velocity,
+        declination_deg=place.declination_deg,
+        slowest=options.slowest,
+        crab_deg=options.crab_deg,
+        **judged,
+    )
 
 
 def _magnetic(options: Refresh, recording: object) -> list[float]:

@@ -10,7 +10,7 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import for_use
-from flinders.cli._output import print_json, say
+from flinders.cli._output import lossy_if_agreed, print_json, say
 from flinders.cli._program import stopping
 from flinders.errors import NotConfirmed, OutputError, OutputExists, UsageError, counted
 
@@ -44,6 +44,8 @@ class Send(option.Group):
     system: int | None = option.member(
         "--system", type=click.IntRange(1, 255), metavar="N", help="Which vehicle, where several are on the link."
     )
+    mounting: str | None = option.mounting()
+    lossy: bool = option.lossy()
     backup: str | None = option.member(
         "--backup", metavar="FILE",
         help="Where the vehicle's values from before go [default: compass-before-TIME.param(s)].",
@@ -63,7 +65,8 @@ class Send(option.Group):
                 "udp:127.0.0.1:14550"
             )
         of_vehicles = {
-            "--compass": self.compass, "--device-id": self.device_id, "--system": self.system, "--backup": self.backup
+            "--compass": self.compass, "--device-id": self.device_id, "--system": self.system,
+            "--mounting": self.mounting, "--backup": self.backup,
         }  # fmt: skip
         wrong = [name for name, value in of_vehicles.items() if value is not None]
         if self.port is not None and wrong:
@@ -74,7 +77,7 @@ class Send(option.Group):
     "send",
     Send,
     common=("port", "mavlink", "baud", "compass", "dry_run"),
-    headings={"Vehicle": ("device_id", "system", "backup")},
+    headings={"Vehicle": ("device_id", "system", "mounting", "lossy", "backup")},
     short_help="Send a calibration to a board or vehicle.",
     epilog="""\b
 Example:
@@ -93,8 +96,9 @@ def command(options: Send) -> None:
     """Send CALIBRATION to a board over a serial port, or to an ArduPilot or PX4 vehicle over MAVLink.
 
     A board gets the packet that MotionCal sends, and has to echo its values. Of a vehicle the compass parameters
-    are set, each with read-back; the values from before are saved first, and put back where anything fails. An
-    armed vehicle is refused, and so is one whose compass has another device id than the calibration is for.
+    are set, each with read-back; the values from before are saved first, and put back where anything fails. A
+    rotation of the calibration is set as the compass's new mounting. An armed vehicle is refused, and so is one
+    whose compass has another device id or mounting than the calibration is for.
     """
     options.check()
     fit = for_use("send", options.calibration)
@@ -116,12 +120,15 @@ def _to_board(fit: Fit, port: str, options: Send) -> None:
     """Send MotionCal's packet and wait for the echo."""
     from flinders.live import motioncal
     from flinders.live.transports import Serial
-    from flinders.targets import find
+    from flinders.targets import ExportOptions, find
     from flinders.targets.motioncal import MotionCalPacket
 
+    export = lossy_if_agreed(
+        lambda lossy: find("motioncal").render(fit.calibration, asked=ExportOptions(lossy=lossy)), lossy=options.lossy
+    )
     packet, axes = MotionCalPacket.of(fit.calibration), fit.calibration.axes
     for warning in (
-        *find("motioncal").render(fit.calibration).warnings,
+        *export.warnings,
         *[f"it acts in the sensor's own axes: go on mapping them to {axes} afterwards"] * (not axes.is_identity),
         "the packet also sets the offsets of accelerometer and gyroscope, to 0, as MotionCal does",
     ):
@@ -170,7 +177,7 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
     say(f"{vehicle.name}, {'ARMED' if vehicle.armed else 'disarmed'}")
     plan = _plan(fit, vehicle, options)
     if options.dry_run or not plan.pending:
-        _show(plan, as_json=options.as_json, backup=None)
+        _show(plan, as_json=options.as_json)
         say(
             "nothing was changed" if plan.pending else f"{vehicle.name} holds these values already: nothing was changed"
         )
@@ -180,8 +187,11 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
     _refuse_backup(path)
     write_text(plan.backup(), path)
     say(f"the values from before are in {path}")
+    if not options.as_json:
+        click.echo(str(plan))
     _carry_out(plan, path)
-    _show(plan, as_json=options.as_json, backup=path)
+    if options.as_json:
+        print_json({**plan.as_dict(), "backup": path, "sent": True})
     say(
         f"{vehicle.name}: compass {plan.compass} holds the calibration, all {len(plan.changes)} values read back. "
         "Restart the vehicle, and check a known bearing before it moves"
@@ -190,21 +200,26 @@ def _to_vehicle(fit: Fit, link: ByteSource, options: Send) -> None:
 
 def _plan(fit: Fit, vehicle: Vehicle, options: Send) -> ParameterPlan:
     """What would change, for the compass that is named or that the log knows; says what there is to know."""
-    from flinders.fitting.export import known_numbers, only_number
+    from flinders.fitting.export import known_numbers, mounting_of, only_number
     from flinders.live.mavlink import PX4
     from flinders.live.mavlink_parameters import ParameterPlan
     from flinders.targets import find
 
     target = "px4" if vehicle.autopilot == PX4 else "ardupilot"
-    warnings = find(target).render(fit.calibration).warnings
+    mounting = mounting_of(fit, find(target), options.mounting)
     compass, device_id = options.compass, options.device_id
     if device_id is None:
         known = known_numbers(fit, target, "device_id")
         device_id = only_number(fit, known, "the compasses with device id", "--device-id")
     if device_id is None and compass is None:
         compass = only_number(fit, known_numbers(fit, target, "compass"), "compass", "--compass")
-    plan = ParameterPlan.of(vehicle, fit.calibration, compass=compass, device_id=device_id)
-    for note in (*plan.notes, *warnings):
+    plan = lossy_if_agreed(
+        lambda lossy: ParameterPlan.of(
+            vehicle, fit.calibration, compass=compass, device_id=device_id, mounting=mounting, lossy=lossy
+        ),
+        lossy=options.lossy,
+    )
+    for note in plan.notes:
         say(f"! {note}")
     return plan
 
@@ -236,11 +251,11 @@ def _carry_out(plan: ParameterPlan, path: str) -> None:
             raise click.Abort from None
 
 
-def _show(plan: ParameterPlan, *, as_json: bool, backup: str | None) -> None:
-    """Print each parameter, before and after; `backup` has the old values of one that was carried out."""
+def _show(plan: ParameterPlan, *, as_json: bool) -> None:
+    """Print each parameter of a plan that is not carried out, before and after."""
     if as_json:
-        print_json({**plan.as_dict(), "backup": backup, "sent": backup is not None})
+        print_json({**plan.as_dict(), "backup": None, "sent": False})
         return
     click.echo(str(plan))
-    if backup is None and plan.pending:
+    if plan.pending:
         click.echo(f"{counted(len(plan.pending), 'value')} would change")

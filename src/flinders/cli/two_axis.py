@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, agree, is_calibration, made_from, provenance, saying_what_was_skipped
+from flinders.cli._inputs import Counted, agree, is_calibration, load, made_from, provenance, saying_what_was_skipped
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
@@ -123,10 +123,10 @@ def command(options: TwoAxis) -> int:
     """
     from flinders.comparison.composition import composed, refuse_unloaded
     from flinders.core.calibration_file import dumps
-    from flinders.fitting.result import Fit, Refused
+    from flinders.fitting.result import Refused
 
     options.check()
-    first = None if options.after is None else Fit.load(options.after)
+    first = None if options.after is None else load("two-axis --after", options.after)
     dip_deg = options.judgement.dip_deg if first is None else options.dip_after(first)
     with progress("reading") as watch:
         source = Counted(_opened(options, first, watch))

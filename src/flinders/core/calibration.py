@@ -439,6 +439,7 @@ class Calibration(Value):
         *,
         compass: int | None = None,
         name: str | None = None,
+        mounting: str | None = None,
         lossy: bool = False,
         force: bool = False,
     ) -> str:
@@ -454,8 +455,11 @@ class Calibration(Value):
             Which one of an autopilot, as it counts; by default its first.
         name : str, optional
             What names in code begin with, for code of two sensors in one program.
+        mounting : str, optional
+            How the compass was mounted when it was recorded, as the autopilot has it (``"8"``, ``"CW270FLIP"``,
+            ``"0,180,90"``): a rotation of the calibration is written with the numbers as its new mounting.
         lossy : bool
-            Write it also where what the target cannot hold costs more than 1° of heading.
+            Write it also where what the target cannot hold costs more than 0.5° of heading.
         force : bool
             Write over a file that is there.
 
@@ -467,7 +471,7 @@ class Calibration(Value):
         Raises
         ------
         UsageError
-            For a target that is not known, or a compass or name that it does not take.
+            For a target that is not known, or a compass, mounting or name that it does not take.
         NotExportable, UnitError
             Where the target cannot hold the calibration.
         OutputExists, OutputError
@@ -482,7 +486,9 @@ class Calibration(Value):
         # targets are above this package, and found by name, as those of plugins are
         targets = import_module("flinders.targets")
         row = targets.taking(target, compass=compass, code_name=name)
-        export = row.render(self, asked=targets.ExportOptions(compass=compass, lossy=lossy, name=name))
+        turned = None if mounting is None else targets.mounting_table(row).read(mounting)
+        asked = targets.ExportOptions(compass=compass, lossy=lossy, name=name, mounting=turned)
+        export = row.render(self, asked=asked)
         if path is not None:
             write = write_text if export.data is None else write_bytes
             write(export.content, path, force=force)

@@ -145,11 +145,14 @@ class BesideRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     acceleration_bias_sigma: Triple | UnsetType = UNSET  #: (3,), m/s²
     #: (3, 3): the specific force is this times what the accelerometer reads, less its bias
     acceleration_matrix: tuple[Triple, Triple, Triple] | UnsetType = UNSET
+    dip_deg: float | UnsetType = UNSET  #: dip of the field against the vertical that was recorded, and 1 σ of that
+    dip_sigma_deg: NotNegative | UnsetType = UNSET
 
 
-def beside_record(**columns: Floats | None) -> BesideRecord | UnsetType:
+def beside_record(**columns: Floats | float | None) -> BesideRecord | UnsetType:
     """Keep what was found, by the names of `BesideRecord`; nothing where nothing was, or no number came out."""
-    known = {name: value.tolist() for name, value in columns.items() if value is not None}
+    given = {name: value for name, value in columns.items() if value is not None}
+    known = {name: value if isinstance(value, float) else value.tolist() for name, value in given.items()}
     finite = {name: value for name, value in known.items() if not any(gaps(value))}
     return msgspec.convert(finite, BesideRecord) if finite else UNSET
 
@@ -196,6 +199,8 @@ class SourceFile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, 
     autopilot: Literal["ardupilot", "px4"] | None = None  #: whose compass it was
     compass: Annotated[int, Meta(ge=0, le=3)] | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
     device_id: Count | None = None  #: its device id there
+    #: roll, pitch and yaw in degrees: how it was mounted then, vehicle = R_z(yaw) R_y(pitch) R_x(roll) sensor
+    mounting: Triple | None = None
 
 
 class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -206,6 +211,15 @@ class Provenance(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     files: tuple[SourceFile, ...] = ()
 
 
+class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a survey instrument has beside its magnetometer: both sensors correct into axes of the instrument."""
+
+    accelerometer: Correction  #: of readings that point down, in their own unit, called counts
+    #: where each of its axes comes from, such as ``x,-y,-z``
+    acceleration_axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
+    pointing: Literal["x", "y", "z"] = "x"  #: axis of the laser
+
+
 class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="calibration"):
     """A calibration file of Flinders."""
 
@@ -214,6 +228,7 @@ class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, ta
     raw: Recorded
     fit: Fitted | None = None
     provenance: Provenance | None = None
+    survey: SurveyRecord | UnsetType = UNSET  #: where it is a survey instrument's
 
 
 def read(path: str | os.PathLike[str]) -> Document:

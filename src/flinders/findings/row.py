@@ -35,7 +35,7 @@ Verdict = Literal["good", "limited", "refused"]
 
 Condition = Literal["same-soft-iron", "uniform-field", "constant-iron"]
 """What a good verdict may rest on."""
-Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors"]
+Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors", "survey"]
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
 """What each severity makes of a fit, the most severe first."""

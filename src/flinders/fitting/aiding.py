@@ -133,6 +133,8 @@ class Aiding:
             acceleration_bias=_array(record.acceleration_bias),
             acceleration_bias_sigma=_array(record.acceleration_bias_sigma),
             acceleration_matrix=_array(record.acceleration_matrix),
+            dip_deg=None if record.dip_deg is UNSET else record.dip_deg,
+            dip_sigma_deg=None if record.dip_sigma_deg is UNSET else record.dip_sigma_deg,
         )
 
     def to_record(self) -> BesideRecord | UnsetType:
@@ -142,6 +144,8 @@ class Aiding:
             acceleration_bias=self.acceleration_bias,
             acceleration_bias_sigma=self.acceleration_bias_sigma,
             acceleration_matrix=self.acceleration_matrix,
+            dip_deg=self.dip_deg,
+            dip_sigma_deg=self.dip_sigma_deg,
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -10,15 +10,25 @@ import math
 from typing import TYPE_CHECKING
 
 from flinders.errors import NotExportable, UsageError
-from flinders.targets import ExportOptions
+from flinders.fitting.gates import gates_of
+from flinders.targets import ExportOptions, mounting_table
+from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
+    from flinders.arrays import Floats
     from flinders.fitting.result import Fit
     from flinders.targets import Export, Target
+    from flinders.targets._mounting import Angles
 
 
 def export_fit(
-    fit: Fit, target: Target, *, compass: int | None = None, lossy: bool = False, name: str | None = None
+    fit: Fit,
+    target: Target,
+    *,
+    compass: int | None = None,
+    lossy: bool = False,
+    mounting: str | None = None,
+    name: str | None = None,
 ) -> tuple[Export, list[str]]:
     """Write a fit for a target.
 
@@ -28,6 +38,8 @@ def export_fit(
     target : Target
     compass : int, optional
         Which one of the vehicle; by default the one that its readings came from.
+    mounting : str, optional
+        How the compass was mounted when it was recorded, as the target has it; by default as its logs say.
     lossy, name
         As for `flinders.targets.ExportOptions`.
 
@@ -47,7 +59,9 @@ def export_fit(
     if target.compasses:
         refuse_on_top(fit, target.name)
     number, notes = _compass_of(fit, target, compass)
-    asked = ExportOptions(compass=number, lossy=lossy, name=name)
+    asked = ExportOptions(
+        compass=number, lossy=lossy, name=name, mounting=mounting_of(fit, target, mounting), gates=gates_of(fit)
+    )
     return target.render(fit.calibration, about=[*origin_lines(fit), *notes], asked=asked), notes
 
 
@@ -70,6 +84,25 @@ def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
     """The ``compass`` or ``device_id`` of each file of an autopilot that a fit was made from, where it is known."""
     values = (getattr(file, attribute) for file in fit.files if file.autopilot == autopilot)
     return {value for value in values if value is not None}
+
+
+def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
+    """(3, 3) how the compass was mounted when it was recorded; None where neither the words nor the logs say.
+
+    Raises
+    ------
+    UsageError
+        For words that the target does not know, or a target without mountings.
+    """
+    if words is not None:
+        return mounting_table(target).read(words)
+    known = known_mountings(fit, target.family)
+    return euler(*known.pop()) if len(known) == 1 else None
+
+
+def known_mountings(fit: Fit, autopilot: str) -> set[Angles]:
+    """Roll, pitch and yaw of the compass in each log of an autopilot that a fit was made from, where it is known."""
+    return {file.mounting for file in fit.files if file.autopilot == autopilot and file.mounting is not None}
 
 
 def only_number(fit: Fit, known: set[int], what: str, option: str) -> int | None:

@@ -71,11 +71,15 @@ STILL_DEG: Final = 5.0
 
 @dataclass(frozen=True, slots=True)
 class PoseSigmas:
-    """What a pose may be off by, 1 σ, in degrees: its heading, the tilt about each level axis, the dip of the site."""
+    """What a pose may be off by, 1 σ, in degrees: its heading, the tilt about each level axis, the dip of the site.
+
+    `crab_deg` is of an error a sin h + b cos h of all headings together, as steady wind makes it of courses.
+    """
 
     heading_deg: float = 1.0
     tilt_deg: float = 1.0
     dip_deg: float = 1.0
+    crab_deg: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what is no angle."""
@@ -84,6 +88,8 @@ class PoseSigmas:
                 raise UsageError(
                     f"{name.replace('_', ' ')} sigma is {getattr(self, name):g}: need more than 0, up to 45"
                 )
+        if not 0.0 <= self.crab_deg <= 45.0:
+            raise UsageError(f"crab deg sigma is {self.crab_deg:g}: need 0 to 45")
 
 
 SIGMAS: Final = PoseSigmas()
@@ -163,6 +169,12 @@ def _accepted(fit: Fit, chance: float) -> Fit:
     return replace(fit, conditions=CONDITIONS_OF_POSES) if fit.verdict == "good" else fit
 
 
+def is_still(field: Floats, shape: Floats) -> bool:
+    """Whether (N, 3) readings stay near their mean, as those of a vehicle that is not turned."""
+    off = np.linalg.norm(np.linalg.solve(shape, (field - field.mean(axis=0)).T), axis=0)
+    return math.degrees(float(np.median(off))) <= STILL_DEG
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
     """What was read while a vehicle stood still.
@@ -194,8 +206,7 @@ class Pose:
         if len(samples) == 0:
             raise UsageError(f"{samples.source} has no reading: record the pose for some seconds")
         mean = samples.field.mean(axis=0)
-        off = np.linalg.norm(np.linalg.solve(shape, (samples.field - mean).T), axis=0)
-        if math.degrees(float(np.median(off))) > STILL_DEG:
+        if not is_still(samples.field, shape):
             raise UsageError(
                 f"{samples.source}: the vehicle was moved while the pose was recorded, or the field is not steady: "
                 "record each pose at rest"
@@ -246,9 +257,9 @@ class _Equations:
         shape: Floats,
         rotation: Floats,
     ) -> Self:
-        """Linearise about the known shape; the error of the dip is common to all poses."""
+        """Linearise about the known shape; errors of the dip, and by crab, are common to all poses."""
         size = 3 * len(poses)
-        design, dips, covariance = np.empty((size, 9)), np.empty(size), np.zeros((size, size))
+        design, dips, turns, covariance = np.empty((size, 9)), np.empty(size), np.empty(size), np.zeros((size, size))
         own = np.square(np.radians([sigmas.heading_deg, sigmas.tilt_deg, sigmas.tilt_deg]))
         for place, (pose, heading) in enumerate(zip(poses, headings, strict=True)):
             rows = slice(3 * place, 3 * place + 3)
@@ -256,9 +267,12 @@ class _Equations:
             design[rows] = gathered(np.eye(3), np.tile((rotation.T @ seen)[:, np.newaxis], 3))
             dips[rows], *others = (shape @ rotation.T @ moved).T
             errors = np.column_stack(others)
+            turns[rows] = errors[:, 0]
             noise = pose.noise_of_mean**2 + np.square(FINEST_SHAPE) * np.trace(shape) ** 2
             covariance[rows, rows] = errors * own @ errors.T + noise * np.eye(3)
         covariance += np.radians(sigmas.dip_deg) ** 2 * np.outer(dips, dips)
+        around = np.repeat(headings, 3)
+        covariance += np.radians(sigmas.crab_deg) ** 2 * np.cos(around[:, np.newaxis] - around) * np.outer(turns, turns)
         return cls(design, np.concatenate([pose.mean for pose in poses]), covariance)
 
     def solved(self, entries: Floats, prior: Floats) -> tuple[Floats, Floats, Floats, float]:

@@ -28,14 +28,14 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, UsageError, reading
-from flinders.fleet import storage
+from flinders.fleet import footer, storage
 from flinders.fleet.results import needs_arrow
 from flinders.readers import Choice
 from flinders.readers._columns import asked_columns
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table
-from flinders.readers.parquet import places_of, refuse_packed_groups, rows_of_batches, table_of, values_of
+from flinders.readers.parquet import TEXTS, places_of, refuse_packed_groups, rows_of_batches, table_of, values_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -175,24 +175,22 @@ def _parquet(name: str, where: Any, size: int, options: Options) -> TableFile:  
         yield from file.iter_batches(rows, row_groups=list(wanted), columns=columns, use_threads=False)
 
     def extents(column: str) -> list[tuple[str, str] | None]:
-        leaves = [metadata.schema.column(place).path for place in range(len(metadata.schema))]
-        if column not in leaves:
-            return [None] * len(groups)
-        place = leaves.index(column)
-        return [_extent(metadata.row_group(group).column(place).statistics) for group in range(len(groups))]
+        kind = file.schema_arrow.field(column).type
+        return [_extent(ends, kind) for ends in footer.extents(metadata, column)]
 
     return TableFile(name, "Parquet", file.schema_arrow, groups, batches, extents)
 
 
-def _extent(statistics: Any) -> tuple[str, str] | None:  # noqa: ANN401
-    """Least and greatest text of a row group; None if it is not known, or numbers would sort differently."""
-    if statistics is None or not statistics.has_min_max or statistics.null_count:
+def _extent(ends: footer.Extent | None, kind: Any) -> tuple[str, str] | None:  # noqa: ANN401
+    """Least and greatest text of a row group; None if it is not known, or values would sort differently."""
+    types = needs_arrow().types
+    kind = kind.value_type if types.is_dictionary(kind) else kind
+    is_integer, is_text = types.is_integer(kind), str(kind) in TEXTS
+    if ends is None or not (is_integer or is_text or "binary" in str(kind)):
         return None
-    ends = statistics.min, statistics.max
-    if isinstance(ends[0], bool | float) or not isinstance(ends[0], str | bytes | int):
-        return None  # as texts they would sort differently
-    least, greatest = map(text_of, ends)
-    is_known = least <= greatest if isinstance(ends[0], str) else least == greatest
+    is_signed = types.is_signed_integer(kind)
+    least, greatest = (text_of(int.from_bytes(end, "little", signed=is_signed) if is_integer else end) for end in ends)
+    is_known = least <= greatest if is_text else least == greatest
     return (least, greatest) if is_known else None
 
 
@@ -615,7 +613,7 @@ def _dictionary(batch: Any, column: str) -> tuple[list[str], NDArray[np.int64]]:
     places = array.indices
     if places.null_count:
         places, texts = places.fill_null(len(texts)), [*texts, ""]
-    return texts, places.to_numpy(zero_copy_only=False)
+    return texts, np.asarray(np.from_dlpack(places), dtype=np.int64)
 
 
 def _texts(array: Any) -> Any:  # noqa: ANN401

@@ -153,7 +153,7 @@ def read_recordings(table: KeyedTable, part: FileSlice, rows: RowFilter) -> Reco
         values = values[:, np.argsort(every, kind="stable")]
         runs = Runs(*np.unique(every, return_counts=True))
     ends = np.cumsum(runs.lengths)
-    field = [columns.cells.index(cell) for cell in columns.field.cells]
+    field = [columns.cells.index(cell) for cell in sorted(columns.needed)]
     with np.errstate(over="ignore", invalid="ignore"):
         is_whole = all(np.isfinite(values[row].sum()) for row in field)  # a sum is finite if all its terms are
     usable = np.isfinite(values[field]).all(axis=0) if not is_whole else np.ones(1, dtype=bool)

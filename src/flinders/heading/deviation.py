@@ -16,7 +16,7 @@ array([ 1. , 12. ,  8. ,  5. ,  1.5])
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -143,6 +143,18 @@ class Deviation:
         if len(places) != 8 or not near.all() or len(set(places.tolist())) != 8:
             return None
         return eight_points(self.observed_deg[np.argsort(places)])
+
+    def widened(self, covariance: ArrayLike) -> Deviation:
+        """The curve with an error added that is common to all its headings: (5, 5) degrees² of A to E.
+
+        Such an error is not in the residuals: that of the base, by which all known headings are off, is one of A.
+        A curve of which no uncertainty is known keeps none.
+        """
+        return (
+            self
+            if self.covariance is None
+            else replace(self, covariance=self.covariance + floats(covariance, "covariance"))
+        )
 
     def card(self, step_deg: float = CARD_STEP_DEG) -> tuple[Floats, Floats, Floats | None]:
         """Headings by compass, deviations and their 1 σ, all round in steps.
@@ -294,6 +306,13 @@ def fit(compass_deg: ArrayLike, deviation_deg: ArrayLike, *, sigma_deg: ArrayLik
         residual,
         None if sigma_deg is None else square,
     )
+
+
+def common_error(sigma_deg: float) -> Floats:
+    """(5, 5) degrees² of A to E that an error adds by which all known headings are off together: it is one of A."""
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    covariance[0, 0] = sigma_deg**2
+    return covariance
 
 
 def eight_points(deviation_deg: ArrayLike) -> Floats:

@@ -14,7 +14,8 @@ residuals, by a step of Fisher's scoring for components of variance after each s
 `bias_corrected` takes off the mean gradient that noise makes on the sphere of directions.
 
 A problem brings its groups, its prior, and how it weighs residuals: `flinders.likelihood.joint` for a magnetometer and
-aiding sensors, `flinders.likelihood.sensors` for several magnetometers on one body.
+aiding sensors, `flinders.likelihood.sensors` for several magnetometers on one body, `flinders.likelihood.pointing` for
+a survey instrument.
 
 Source: J. Nocedal, S. J. Wright, *Numerical Optimization* (2006) §10.3; B. Triggs et al., *Bundle Adjustment* (2000)
 §6.1, for the Schur complement; R. I. Jennrich, M. D. Schluchter, Biometrics 42 (1986), for the scoring.

@@ -17,20 +17,29 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+import struct
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from flinders.errors import LinkError, NotConfirmed, NotSent, UsageError
 from flinders.live.mavlink import ARDUPILOT, AUTOPILOTS, KINDS, PX4, Parameter, Vehicle, same
-from flinders.targets import ardupilot, px4
-from flinders.targets._target import refuse_mounted
+from flinders.targets import ExportOptions, ardupilot, find, px4
+from flinders.targets._mounting import MOST_TURN_DEG, apart_deg, in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from flinders.arrays import Floats
     from flinders.core.calibration import Calibration
+    from flinders.targets._autopilot import CompassParameters
 
+TARGETS: Final = {ARDUPILOT: "ardupilot", PX4: "px4"}
+PARAMETERS: Final[Mapping[int, type[CompassParameters]]] = {
+    ARDUPILOT: ardupilot.ArduPilotParameters,
+    PX4: px4.Px4Parameters,
+}
+MOUNTING_TRIES: Final = 3  # How often a parameter is asked for that old firmware does not have
 COMPASSES: Final = {ARDUPILOT: ardupilot.COMPASSES, PX4: px4.COMPASSES}  # How they number them
 READS: Final = 4  # How often a value is read back that is not the one that was set
 BACK_S: Final = 30.0  # Seconds that a lost vehicle is waited for, to put the values from before back
@@ -79,7 +88,14 @@ class ParameterPlan:
 
     @classmethod
     def of(
-        cls, vehicle: Vehicle, calibration: Calibration, *, compass: int | None = None, device_id: int | None = None
+        cls,
+        vehicle: Vehicle,
+        calibration: Calibration,
+        *,
+        compass: int | None = None,
+        device_id: int | None = None,
+        mounting: Floats | None = None,
+        lossy: bool = False,
     ) -> Self:
         """Ask the vehicle what it holds, and see that it may be changed.
 
@@ -93,11 +109,17 @@ class ParameterPlan:
             As the vehicle counts: ArduPilot 1 to 3, PX4 0 to 3; without it the one with the device id, or the first.
         device_id : int, optional
             Of the compass that is meant; without it the one that the calibration's sensor names, if it does.
+        mounting : (3, 3) float, optional
+            How the compass was mounted when it was recorded, vehicle = R sensor: with it a rotation of the calibration
+            goes into the mounting.
+        lossy : bool
+            Send also what leaves out more than 0.5° of heading.
 
         Raises
         ------
         NotSent
-            Where the vehicle is armed, has no such compass or another one, or lacks parameters.
+            Where the vehicle is armed, has no such compass or another one, lacks parameters, or its compass is mounted
+            otherwise than when it was recorded.
         UnitError, NotExportable
             Where the parameters cannot hold the calibration, or for PX4 it is in the axes of the vehicle.
         LinkError
@@ -110,10 +132,18 @@ class ParameterPlan:
         )
         scheme, present = _device_id(vehicle, number)
         known = vehicle.autopilot == ARDUPILOT and calibration.frame == "vehicle"
-        notes = (*[AXES[vehicle.autopilot]] * (not known), *_refuse_another(vehicle, number, present, wanted))
+        asked = ExportOptions(compass=number, lossy=lossy, mounting=mounting)
+        export = find(TARGETS[vehicle.autopilot]).render(calibration, asked=asked)
+        wanted_values = _in_place(vehicle, number, mounting, export.fields["values"])
+        notes = (
+            *[AXES[vehicle.autopilot]] * (not known),
+            *_refuse_another(vehicle, number, present, wanted),
+            *export.warnings,
+            *(note for note in export.fields["notes"] if "left out" in note or "is written with the numbers" in note),
+        )
         changes = []
-        for names, value in _wanted(vehicle.autopilot, calibration, number):
-            old = _held(vehicle, names[scheme], value)
+        for name, value in wanted_values.items():
+            old = _held(vehicle, _spellings(vehicle.autopilot, name)[scheme], value)
             changes.append(ParameterChange(old, replace(old, value=value)))
         return cls(vehicle, number, present, tuple(changes), notes)
 
@@ -227,14 +257,77 @@ def device_of(calibration: Calibration) -> int | None:
     return int(match[1]) if match else None
 
 
-def _wanted(autopilot: int, calibration: Calibration, compass: int) -> list[tuple[Sequence[str], float]]:
-    """Names, one for each scheme, and values of the parameters of a compass."""
-    if autopilot == PX4:
-        refuse_mounted(calibration, who="PX4")
-        return [((name,), value) for name, value in px4.Px4Parameters.of(calibration, compass=compass).rows()]
-    parameters = ardupilot.ArduPilotParameters.of(ardupilot.in_vehicle_axes(calibration), compass=compass)
-    rows = zip(parameters.rows("COMPASS_OFS2_X"), parameters.rows("COMPASS2_OFS_X"), strict=True)
-    return [((name, other), value) for (name, value), (other, _) in rows]
+def _spellings(autopilot: int, name: str) -> tuple[str, ...]:
+    """A name in each scheme."""
+    return (name,) if autopilot == PX4 else ardupilot.spellings(name)
+
+
+def _in_place(
+    vehicle: Vehicle, compass: int, mounting: Floats | None, values: Mapping[str, float]
+) -> Mapping[str, float]:
+    """The values, where the compass is mounted as it was when it was recorded, or as they say."""
+    kind = PARAMETERS[vehicle.autopilot]
+    names = [name for name in values if name in kind.mounting_names(compass)]
+    if mounting is None or not (names or vehicle.autopilot == ARDUPILOT):
+        return values
+    present = _mounting_now(vehicle, compass)
+    now = kind.read(present, compass).own_mounting
+    if now is None:
+        raise NotSent(
+            f"compass {compass} of {vehicle.name} has no mounting of its own, or one that is not known, and it had one "
+            "when it was recorded, nothing was changed: only an external compass has one; record anew"
+        )
+    values = _without_missing(values, present) if vehicle.autopilot == PX4 else _free_custom(vehicle, compass, values)
+    new = kind.read({**present, **values}, compass).own_mounting if names else mounting
+    if new is None or min(apart_deg(now, mounting), apart_deg(now, new)) > MOST_TURN_DEG:
+        raise NotSent(
+            f"compass {compass} of {vehicle.name} is mounted by {in_words(now)}, and was by {in_words(mounting)} when "
+            "it was recorded, nothing was changed: record anew, or set the mounting as it was"
+        )
+    return values
+
+
+def _mounting_now(vehicle: Vehicle, compass: int) -> dict[str, float]:
+    """The parameters that say how a compass is mounted."""
+    present = _present(vehicle, PARAMETERS[vehicle.autopilot].mounting_names(compass))
+    orientation = present.get(ardupilot.names("ORIENT", compass)[0], 0.0)
+    return {**present, **_present(vehicle, ardupilot.custom_names(int(orientation)))}
+
+
+def _present(vehicle: Vehicle, names: Iterable[str]) -> dict[str, float]:
+    """The parameters of these names that a vehicle has, by the names of the first scheme."""
+    present = {}
+    for name in names:
+        parameter = vehicle.get(*_spellings(vehicle.autopilot, name), tries=MOUNTING_TRIES)
+        if parameter is not None:
+            present[name] = parameter.value
+    return present
+
+
+def _without_missing(values: Mapping[str, float], present: Mapping[str, float]) -> dict[str, float]:
+    """The values without angles of 0 that old firmware does not know."""
+    return {
+        name: value
+        for name, value in values.items()
+        if value != 0.0 or name in present or not name.endswith(px4.ANGLES)
+    }
+
+
+def _free_custom(vehicle: Vehicle, compass: int, values: Mapping[str, float]) -> Mapping[str, float]:
+    """Values with the second custom rotation of ArduPilot where something else on board uses the first."""
+    if "CUST_ROT_ENABLE" not in values:
+        return values
+    others = ["AHRS_ORIENTATION", *(ardupilot.names("ORIENT", one)[0] for one in ardupilot.COMPASSES if one != compass)]
+    used = set(_present(vehicle, others).values())
+    free = next((number for number in ardupilot.CUSTOM if number not in used), None)
+    if free is None:
+        raise NotSent(
+            f"{vehicle.name} uses CUST_ROT1 and CUST_ROT2 for other sensors, nothing was changed: set one of these to "
+            "a mounting by number, or send with lossy=True and without mounting="
+        )
+    own = ardupilot.names("ORIENT", compass)[0]
+    renamed = {name.replace("CUST_ROT1", ardupilot.CUSTOM[free]): value for name, value in values.items()}
+    return {**renamed, own: float(free)}
 
 
 def _held(vehicle: Vehicle, name: str, value: float) -> Parameter:
@@ -245,13 +338,22 @@ def _held(vehicle: Vehicle, name: str, value: float) -> Parameter:
             f"{vehicle.name} does not know {name}, nothing was changed: its firmware is older than this parameter, or "
             "keeps compass numbers otherwise; update it, or set what it has by hand (flinders export)"
         )
-    if old.kind in KINDS:
+    if old.kind in KINDS and not _fits(value, old.kind):
         raise NotSent(
             f"{vehicle.name} keeps {name} as a whole number (MAV_PARAM_TYPE {old.kind}), which cannot hold "
             f"{_spelled(value)}, nothing was changed: its firmware is not one that is known here; set the values by "
             "hand (flinders export)"
         )
     return old
+
+
+def _fits(value: float, kind: int) -> bool:
+    """Whether a whole number of a MAV_PARAM_TYPE can be the value."""
+    try:
+        struct.pack(KINDS[kind], int(value))
+    except struct.error:
+        return False
+    return float(value).is_integer()
 
 
 def _identity(autopilot: int, compass: int) -> Sequence[str]:

@@ -34,6 +34,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.plugins import plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
+from flinders.core.shots import Shots
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._frame import is_frame, open_frame
@@ -42,12 +43,14 @@ from flinders.readers._names import FIRST, Choice
 from flinders.readers._source import File, Progress, Reader, Source, find, foreign_kind, on_disk
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers.ros import METADATA, is_bag_folder
+from flinders.readers.shots import instrument_shots
 from flinders.readers.text import TextRecording, open_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
+    from flinders.core.shots import Pointing
     from flinders.readers._columns import Columns
 
 __all__ = [
@@ -66,6 +69,7 @@ __all__ = [
     "open_recording",
     "open_table",
     "read",
+    "read_shots",
 ]
 
 AnyPath: TypeAlias = "str | os.PathLike[str]"
@@ -325,6 +329,38 @@ class _Options:
     flat: str | None = None
 
 
+def read_shots(
+    path: str | os.PathLike[str],
+    *,
+    axes: str = "x,y,z",
+    acceleration_axes: str | None = None,
+    pointing: Pointing | None = None,
+) -> Shots:
+    """Read the shots of a survey instrument: of TopoDroid, mag-cal or a SAP6, else each reading of a recording.
+
+    Parameters
+    ----------
+    path : str or path
+    axes : str
+        Where each axis of the instrument, right-handed, comes from in the magnetometer, such as ``x,y,-z``.
+    acceleration_axes : str, optional
+        The same of the accelerometer; by default as `axes`.
+    pointing : str, optional
+        Axis of the laser, x, y or z; by default y for files of mag-cal, else x.
+
+    Raises
+    ------
+    InputError
+        For what is not there or cannot be read, and for a recording of a magnetometer alone.
+    """
+    if path == "-":
+        raise UsageError("shots are looked at twice: name a file, not standard input")
+    turned = Axes.of(axes)
+    of_gravity = turned if acceleration_axes is None else Axes.of(acceleration_axes)
+    shots = instrument_shots(path, axes=turned, acceleration_axes=of_gravity, pointing=pointing)
+    return Shots.of(read(path), turned, of_gravity, pointing or "x") if shots is None else shots
+
+
 def is_source(source: object) -> bool:
     """Whether `open_recording` takes it as one recording: a path, an open file, or a table in memory."""
     return isinstance(source, (str, os.PathLike)) or hasattr(source, "read") or is_frame(source)
@@ -441,7 +477,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     beginning = np.nan if options.span.is_all else _beginning(log)
     of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
     of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
-    of_log |= {"position": log.position, "begun": log.begun}
+    of_log |= {"position": log.position, "begun": log.begun, "velocity": log.velocity}
     return replace(log, instruments=tuple(replace(instrument, **of_log) for instrument in log.instruments))
 
 

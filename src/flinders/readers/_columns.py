@@ -16,7 +16,7 @@ import numpy as np
 
 from flinders.core.samples import COLUMNS, Samples
 from flinders.core.units import COUNTS, Unit
-from flinders.errors import NoMagnetometer, UnitError, UsageError, did_you_mean
+from flinders.errors import NoMagnetometer, UnitError, UsageError, did_you_mean, figures
 from flinders.geometry import quaternions
 from flinders.readers._likeness import advice, ascends, groups
 from flinders.readers._names import (
@@ -44,8 +44,11 @@ from flinders.readers._names import (
     meaning,
     numbered,
     passed_over,
+    polarities,
     tells_nothing,
+    unit_of_strength,
     vectors,
+    without_set,
 )
 from flinders.readers._resample import shares
 from flinders.readers._tokenizer import listed
@@ -72,6 +75,7 @@ NANOSECONDS: Final = re.compile(r"(.*?)(?:n|nano)(secs?)\b(.*)", re.IGNORECASE)
 """The column behind the one of whole seconds, as messages of ROS have both."""
 LONG: Final = 1e8  # seconds after which a time is taken to count from 1970 and not from the start of the recording
 
+TURNED: Final = 3.0  # times that set plus reset spreads wider than their difference where both have one sign
 RAW_NAME: Final = re.compile(r"raw|uncal", re.IGNORECASE)
 """What names of readings have that nobody corrected."""
 
@@ -102,6 +106,10 @@ class Columns:
     magnetometers: tuple[Columns, ...] = ()  # those of each of several magnetometers, in order
     others: tuple[str, ...] = ()  # numbers and names of the other magnetometers, where nobody has said which is meant
     passed_over: tuple[str, ...] = ()  # what is named like a magnetometer and is none of its own, with what it is
+    reset: Column | None = (
+        None  # what a sensor with set and reset pulses read after a reset, where `field` is after a set
+    )
+    own_offset: tuple[float, ...] = ()  # (3,) of such a sensor, in its unit: half of set plus reset, of the first rows
 
     @property
     def time(self) -> Column | None:
@@ -119,12 +127,13 @@ class Columns:
     @property
     def cells(self) -> tuple[int, ...]:
         """All places in a line that are read, in order."""
-        return tuple(sorted({cell for column in (self.field, *self.auxiliary) for cell in column.cells}))
+        columns = (self.field, *self.auxiliary, *filter(None, [self.reset]))
+        return tuple(sorted({cell for column in columns for cell in column.cells}))
 
     @property
     def needed(self) -> frozenset[int]:
-        """Those without which a line cannot be used: the field."""
-        return frozenset(self.field.cells)
+        """Those without which a line cannot be used: the field, in both polarities where there are two."""
+        return frozenset((*self.field.cells, *(self.reset.cells if self.reset else ())))
 
     def with_strength_in(self, unit: Unit) -> Columns:
         """Scale the column of strengths to the unit of the field; without it where the two have nothing in common."""
@@ -150,17 +159,22 @@ class Columns:
         time = f", time in {' and '.join(self.time.names)}" if self.time else ""
         chip = next((word for word in label(self.field.names[0]) if kind_of_chip(word) == FIELD), "")
         known = f" ({chip.upper()} is a magnetometer)" if chip else ""
-        return f"{which}columns {', '.join(self.field.names)}{known} in {unit}{time}"
+        less = f" less {', '.join(self.reset.names)}, halved," if self.reset else ""
+        return f"{which}columns {', '.join(self.field.names)}{less}{known} in {unit}{time}"
 
     def remarks(self) -> list[str]:
         """Say what is left out, which other magnetometers there are, and what is named like one."""
         parts = [f"left out {', '.join(self.left_out)}"] * bool(self.left_out)
+        own = ", ".join(figures(value) for value in self.own_offset)
+        parts += [f"the sensor's own offset, (set + reset) / 2, was {own} at the beginning"] * bool(own)
         parts += [f"also there: {numbered(self.others)} (choose with --sensor)"] * bool(self.others)
         return parts + [f"passed over: {numbered(self.passed_over)}"] * bool(self.passed_over)
 
     def samples(self, values: Floats, *, unit: Unit, axes: Axes, source: str, frame: str = "sensor") -> Samples:
         """Make samples of (N, len(cells)) values: the field, and what stands beside it in the units of `Samples`."""
         field = self.taken(values, self.field)
+        if self.reset is not None:
+            field = (field - self.taken(values, self.reset)) / 2.0
         if len(self.field.cells) == 2:
             level = np.zeros((len(field), 3))
             level[:, self.field.axes] = field
@@ -187,7 +201,48 @@ class Columns:
 def by_name(
     names: Sequence[str], values: Floats, wanted: Sequence[int] = (), units: Sequence[str] = ()
 ) -> Columns | None:
-    """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it."""
+    """Choose columns by a header, its units and the first rows: the first of several magnetometers, with all in it.
+
+    Of pairs as ``mag_x_set`` and ``mag_x_reset`` the difference is read.
+
+    >>> pairs = by_name(["x_set", "y_set", "z_set", "x_reset", "y_reset", "z_reset"], np.array([[9, 1, 5, -5, 3, -1]]))
+    >>> pairs.reset.cells, pairs.own_offset
+    ((3, 4, 5), (2.0, 2.0, 2.0))
+    """
+    pairs = polarities(names)
+    if not pairs or wanted:
+        return _by_name(names, values, wanted, units)
+    plain = ["" if place in pairs.values() else name for place, name in enumerate(names)]
+    chosen = _by_name(
+        [without_set(name) if place in pairs else name for place, name in enumerate(plain)], values, (), units
+    )
+    return chosen and _with_pairs(chosen, names, values, pairs)
+
+
+def _with_pairs(columns: Columns, names: Sequence[str], values: Floats, pairs: Mapping[int, int]) -> Columns:
+    """Columns, and those of each of several magnetometers, with what was read in the other polarity."""
+    several = tuple(_with_pairs(each, names, values, pairs) for each in columns.magnetometers)
+    columns = replace(columns, magnetometers=several)
+    if not set(columns.field.cells) <= set(pairs):
+        return columns
+    reset = _column(FIELD, [pairs[cell] for cell in columns.field.cells], names)
+    field = _column(FIELD, columns.field.cells, names)
+    both = values[np.isfinite(values[:, [*field.cells, *reset.cells]]).all(axis=1)]
+    after, before = both[:, field.cells], both[:, reset.cells]
+    if _spread(after + before) > TURNED * _spread(after - before):
+        turned = f"{', '.join(reset.names)} (follows {', '.join(field.names)}: its sign was turned already)"
+        return replace(columns, field=field, left_out=(*columns.left_out, turned))
+    own = (np.median(after + before, axis=0) / 2.0).tolist() if len(both) else []
+    return replace(columns, field=field, reset=reset, own_offset=tuple(own))
+
+
+def _spread(values: Floats) -> float:
+    """Root of the sum of the variances of (N, 3) values."""
+    return float(np.sqrt(np.sum(np.var(values, axis=0)))) if len(values) else 0.0
+
+
+def _by_name(names: Sequence[str], values: Floats, wanted: Sequence[int], units: Sequence[str]) -> Columns | None:
+    """Choose columns by a header without pairs."""
     meanings = [meaning(name) for name in names]
     for place, unit in enumerate(units[: len(names)]):  # in a row below the header
         if unit and not meanings[place].unit:
@@ -461,6 +516,18 @@ def wanted_acceleration(asked: str, names: Sequence[str], columns: Columns, widt
     return replace(columns, auxiliary=(*others, own))
 
 
+def wanted_strength(asked: str, names: Sequence[str], columns: Columns, width: int) -> Columns:
+    """Take the strength of the field from the column that the user says, if it is not read as the magnetometer."""
+    if not width:
+        raise UsageError(f"scalar {asked!r}: lines differ in length, so that columns cannot be counted")
+    place = _place(asked, [name.strip() for name in names], width)
+    own = _column(STRENGTH, [place], names)
+    if place in columns.field.cells:
+        raise UsageError(f"scalar {asked!r}: {own.names[0]} is read as the vector magnetometer; see columns=")
+    others = tuple(column for column in columns.auxiliary if column.kind != STRENGTH and place not in column.cells)
+    return replace(columns, auxiliary=(*others, replace(own, unit=unit_of_strength(own.names[0]))))
+
+
 def _place(asked: str, names: list[str], width: int) -> int:
     """Look up one column, by its name as it is written, then regardless of case, then by its number."""
     folded = [name.casefold() for name in names]
@@ -471,7 +538,7 @@ def _place(asked: str, names: list[str], width: int) -> int:
         return int(asked) - 1
     there = f"its columns are {listed(names)}" if names else f"it has no header and {width} columns"
     meant = did_you_mean(asked, names)
-    raise UsageError(f"there is no column {asked!r}{meant}: {there}; give three names or numbers from 1 to {width}")
+    raise UsageError(f"there is no column {asked!r}{meant}: {there}; give names or numbers from 1 to {width}")
 
 
 def _by_convention(names: Sequence[str], field: tuple[int, ...]) -> str:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.samples import Samples
     from flinders.core.units import Unit
+    from flinders.readers._resample import TimeSeries
     from flinders.readers._source import Progress, Source
 
 
@@ -100,6 +101,8 @@ class Instrument:
     autopilot: Literal["ardupilot", "px4"] | None = None  #: ``ardupilot`` or ``px4``, where it is a compass of theirs
     compass: int | None = None  #: its number there: ArduPilot's 1 to 3, PX4's 0 to 3
     device_id: int | None = None  #: its device id there
+    #: roll, pitch and yaw in degrees: how it is mounted, where it has a mounting of its own
+    mounting: tuple[float, float, float] | None = None
     as_logged: bool = False
     span: TimeSpan = field(default_factory=TimeSpan)  #: only readings within it are given
     #: s: the time from which the span counts, by the clock of `columns`: the first reading where it is NaN
@@ -110,6 +113,7 @@ class Instrument:
     damage: tuple[str, ...] = ()  #: what of the file could not be read, where it was cut short or is broken
     position: Position | None = None  #: where the log was made
     begun: datetime | None = None  #: and when, UTC
+    velocity: TimeSeries | None = None  #: over ground, north and east, m/s, by satellites and the clock of `columns`
     file: Source | None = None  #: the bytes it was read from, as they lie on the disk
     temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
     #: called once a block with the bytes read so far, by the share of `readings`, and those there are
@@ -171,6 +175,7 @@ class Log:
     instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
     begun: datetime | None = None  #: UTC
+    velocity: TimeSeries | None = None  #: over ground, north and east, m/s, by satellites
     #: what to know about the file, a sentence each: that it was cut short, that its clock jumps
     notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()  #: those of the notes that tell what could not be read

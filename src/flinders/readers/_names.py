@@ -405,6 +405,15 @@ def _is_strength(words: list[str], units: list[str]) -> bool:
     return bool(named & _STRENGTHS or _unit(STRENGTH, units))
 
 
+def unit_of_strength(name: str) -> str:
+    """The unit that the name of a column states for a strength of the field; nothing where it states none.
+
+    >>> unit_of_strength("MAG_4_UNCOMP [nT]"), unit_of_strength("scalar")
+    ('nT', '')
+    """
+    return _unit(STRENGTH, _words(name)[1])
+
+
 def _unit(kind: str, units: list[str]) -> str:
     """Pick the unit that this kind of column can have, in the spelling of `FACTORS` or, for a field, of `Unit`."""
     for unit in units:
@@ -455,6 +464,35 @@ def vectors(names: Sequence[str], meanings: Sequence[Meaning], kind: str) -> lis
             marks = (*label(first), *again)
             made.append(Vector(cells, meanings[cells[0]].rank, marks, name, whole, no_readings(first)))
     return sorted(made, key=lambda vector: min(vector.cells))
+
+
+SET: Final = re.compile(r"_?(?<![a-zA-Z])(?:set|SET)(?![a-zA-Z])_?|_?Set(?![a-z])_?")
+"""What a name has of a reading after a set pulse; that after a reset pulse has ``reset`` in its place."""
+
+
+def polarities(names: Sequence[str]) -> dict[int, int]:
+    """Places of readings after a set pulse, each with that of the same axis after a reset pulse.
+
+    >>> polarities(["t", "mag_x_set", "mag_x_reset", "setpoint_x"]), polarities(["xReset", "xSet"])
+    ({1: 2}, {1: 0})
+    """
+    places = {name.strip().casefold(): place for place, name in enumerate(names)}
+    others = ((place, SET.sub(_reset, name.strip()).casefold()) for place, name in enumerate(names) if SET.search(name))
+    return {place: places[other] for place, other in others if other in places}
+
+
+def without_set(name: str) -> str:
+    """A name without the word of the pulse.
+
+    >>> without_set("mx_set_uT"), without_set("mag_x_set"), without_set("xSet"), without_set("Set X")
+    ('mx_uT', 'mag_x', 'x', ' X')
+    """
+    return SET.sub(lambda match: "_" if len(match[0].strip("_")) == len(match[0]) - 2 else "", name)
+
+
+def _reset(match: re.Match[str]) -> str:
+    """The word of a set pulse as that of a reset."""
+    return re.sub("set", "reset", match[0], flags=re.IGNORECASE)
 
 
 def names_magnetometer(names: Sequence[str]) -> bool:

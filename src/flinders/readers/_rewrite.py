@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
+from itertools import chain
+from operator import ne
 from typing import TYPE_CHECKING, Final
 
+from flinders.core.samples import BLOCK
+from flinders.errors import UsageError
 from flinders.readers._tokenizer import SPACES, quoted, unglued
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from flinders.arrays import Floats
     from flinders.readers._layout import TextLayout
@@ -22,6 +26,11 @@ class Rewriter:
     """Puts numbers into lines, or with `add` after them, and leaves the rest of them alone."""
 
     def __init__(self, layout: TextLayout, *, add: bool) -> None:
+        if layout.columns.reset is not None and not add:
+            raise UsageError(
+                f"readings are in pairs ({layout.columns.field.names[0]}, {layout.columns.reset.names[0]}), and a "
+                "corrected one has no place among them: add columns for it (--add, or add=True)"
+            )
         self._layout, self._add = layout, add
         self._delimiter = layout.grid.delimiter
         mark = re.escape(self._delimiter)
@@ -36,6 +45,32 @@ class Rewriter:
 
     def lines(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
         """Yield these lines with their ends; `field` is (len(rows.lines), 3), in the unit of the recording."""
+        if self._add or len(rows.lines) < lines.count or self._delimiter == SPACES or '"' in lines.text:
+            return self._one_by_one(lines, rows, field)
+        texts = lines.texts
+        blocks = (slice(start, start + BLOCK) for start in range(0, lines.count, BLOCK))
+        return chain.from_iterable(self._replaced(texts[block], field[block]) for block in blocks)
+
+    def _replaced(self, texts: Sequence[str], field: Floats) -> Iterable[str]:
+        """Put numbers into lines that are all readings, column by column where all have the same bare cells."""
+        delimiter, end = self._delimiter, self._layout.newline
+        between = f"{delimiter}\n{delimiter}"
+        cells = between.join(texts).split(delimiter)
+        step = -(-len(cells) // len(texts))  # a line, and its end
+        if cells[step - 1 :: step] != ["\n"] * (len(texts) - 1):
+            return self._each_changed(texts, field)
+        for place, values in zip(self._layout.columns.field.cells, field.T.tolist(), strict=True):
+            if any(map(ne, cells[place::step], map(str.strip, cells[place::step]))):
+                return self._each_changed(texts, field)
+            cells[place::step] = self._written(values)
+        return [f"{line}{end}" for line in delimiter.join(cells).split(between)]
+
+    def _each_changed(self, texts: Sequence[str], field: Floats) -> Iterator[str]:
+        changed = map(self._changed, texts, map(self._written, field.tolist()))
+        return (text + self._layout.newline for text in changed)
+
+    def _one_by_one(self, lines: Lines, rows: NumberRows, field: Floats) -> Iterator[str]:
+        """Yield lines among which some may be no readings, or are given cells."""
         layout = self._layout
         recorded = lines.texts
         texts: list[str | None] = [text or None for text in recorded] if layout.words else list(recorded)
@@ -50,11 +85,12 @@ class Rewriter:
             if text is not None:
                 yield text + layout.newline
 
-    def _written(self, reading: list[float]) -> list[str]:
-        cells = [WRITTEN % value for value in reading]
-        return [cell.replace(".", ",") for cell in cells] if self._layout.grid.decimal == "," else cells
+    def _written(self, values: Sequence[float]) -> Sequence[str]:
+        """Write numbers, all at once: one by one they take twice as long."""
+        text = ";".join([WRITTEN] * len(values)) % tuple(values)
+        return (text.replace(".", ",") if self._layout.grid.decimal == "," else text).split(";")
 
-    def _changed(self, text: str, reading: list[str]) -> str:
+    def _changed(self, text: str, reading: Sequence[str]) -> str:
         """Put three numbers into a line, or after it."""
         cells = self._cut(text)
         places = self._layout.columns.field.cells

@@ -62,6 +62,8 @@ Progress: TypeAlias = "Callable[[int, int | None], None]"
 GZIP: Final = b"\x1f\x8b"
 HEAD: Final = 1 << 16
 """Bytes looked at to tell what a file is, and how its text is encoded."""
+END: Final = 1 << 14
+"""Bytes at the start and at the end by which a file that has grown is told from one that was written over."""
 CHUNK: Final = 1 << 18
 """Bytes read at a time."""
 MOST_SPOOLED: Final = 64 << 30
@@ -89,6 +91,7 @@ class File:
     path: Path  # where the bytes lie: the file itself, or its copy in a temporary file
     size: int  # as it lies on the disk, compressed or not
     status: os.stat_result | None = None  # of the file when it was found; None where nobody else changes it
+    ends: bytes = b""  # its first and last bytes then
 
     def is_packed(self) -> bool:
         """Whether it lies on the disk as gzip; raises as `opened`."""
@@ -144,10 +147,10 @@ class File:
         """Refuse a file that is another one by now, or was written over; one that grew or is gone is read as it was."""
         if self.status is None or not self.path.exists():
             return
-        now = self.path.stat()
-        is_same = os.path.samestat(now, self.status)
-        is_touched = now.st_mtime_ns != self.status.st_mtime_ns and now.st_size <= self.status.st_size
-        if not is_same or is_touched or now.st_size < self.status.st_size:
+        now, then = self.path.stat(), self.status
+        is_as_it_was = (now.st_size, now.st_mtime_ns) == (then.st_size, then.st_mtime_ns)
+        has_grown = now.st_size > then.st_size and _ends(self.name, self.path, then.st_size) == self.ends
+        if not os.path.samestat(now, then) or not (is_as_it_was or has_grown):
             raise UnreadableInput(f"{self.name} was replaced or changed while it was read: read it again")
 
     def _bounded(self, raw: io.BufferedReader, unpacked: io.BufferedIOBase) -> Iterator[bytes]:
@@ -169,6 +172,17 @@ class File:
         with self.opened() as (_, unpacked), contextlib.suppress(EndsEarly):
             for _chunk in metered(self.name, _chunks(self.name, unpacked.read1), lambda: self.size):
                 pass
+
+
+def _ends(name: str, path: Path, size: int) -> bytes:
+    """The first and the last `END` bytes of a file of a size; `UnreadableInput` where it cannot be read."""
+    try:
+        with io.BufferedReader(UpTo(path, size)) as file:
+            first = file.read(END)
+            file.seek(max(size - END, 0))
+            return first + file.read(END)
+    except OSError as error:
+        raise refusal(name, error) from None
 
 
 class UpTo(io.FileIO):
@@ -286,7 +300,8 @@ def find(path: str | os.PathLike[str] | IO[Any], *, once: bool = False, check: C
         raise UnreadableInput(f"{name} is a folder: give the recording in it")
     if status.st_size == 0:
         raise UnreadableInput(f"{printable(file.name)} is empty: record again, or check what was saved")
-    return File(printable(file.name), file, status.st_size, status)
+    ends = _ends(name, file, status.st_size)
+    return File(printable(file.name), file, status.st_size, status, ends)
 
 
 def printable(name: str) -> str:

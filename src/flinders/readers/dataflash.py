@@ -144,6 +144,7 @@ def open_dataflash(file: File) -> Log:
         instruments,
         position=_position(messages),
         begun=_begun(messages, instruments),
+        velocity=_velocity(messages),
         notes=(*_notes(messages), *damage),
         damage=damage,
     )
@@ -263,6 +264,7 @@ def _instrument(
         each: ArduPilotParameters.read(found[each][1], number) if known else ArduPilotParameters()
         for each in set(stage.tolist())
     }
+    last = ArduPilotParameters.read(found[-1][1], number) if known else ArduPilotParameters()
     compass = _Compass(file.name, mag, stage, parameters, auxiliary)
     clock = mag.seconds
     return Instrument(
@@ -274,7 +276,8 @@ def _instrument(
         frames=IN_VEHICLE_AXES,
         autopilot="ardupilot",
         compass=number if known else None,
-        device_id=ArduPilotParameters.read(found[-1][1], number).device_id if known else None,
+        device_id=last.device_id,
+        mounting=last.mounting_angles,
         beginning=np.nan if clock is None else float(clock[0]),
         readings=len(mag),
         notes=tuple(_remarks(compass, found[-1][1], number, ill)),
@@ -443,6 +446,18 @@ def _position(messages: Messages) -> Position | None:
         if position is not None:
             return position
     return None
+
+
+def _velocity(messages: Messages) -> TimeSeries | None:
+    """Over ground, north and east, m/s, by speed and course of the satellites."""
+    gps = messages.get("GPS")
+    own = None if gps is None else gps.first(("TimeUS", "T"))  # TimeMS is that of the satellites
+    if gps is None or own is None or not gps.has("Spd", "GCrs", "Status"):
+        return None
+    course, fixed = np.deg2rad(gps.column("GCrs")), gps.column("Status") >= FIX
+    velocity = gps.column("Spd")[:, np.newaxis] * np.column_stack([np.cos(course), np.sin(course)])
+    seconds = gps.column(own) * (1e-6 if own == "TimeUS" else 1e-3)
+    return TimeSeries.of(seconds[fixed], velocity[fixed])
 
 
 def _begun(messages: Messages, instruments: tuple[Instrument, ...]) -> datetime | None:

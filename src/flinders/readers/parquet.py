@@ -199,8 +199,8 @@ def values_of(column: Any, part: int | None) -> Floats:  # noqa: ANN401
         column = _dates(column)
     if str(column.type).startswith("timestamp"):
         column = column.cast("timestamp[ns]").cast("int64")
-    values = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
-    return np.asarray(values, dtype=np.float64)
+    values = column.cast("float64", safe=False).fill_null(np.nan)
+    return np.asarray(np.from_dlpack(values), dtype=np.float64)  # `to_numpy` would import pandas
 
 
 def _dates(column: Any) -> Any:  # noqa: ANN401

@@ -25,7 +25,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import BLOCK, Skipped, TimeSpan, added
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput
-from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration
+from flinders.readers._columns import ColumnsRecording, unit_of, wanted_acceleration, wanted_strength
 from flinders.readers._layout import TextLayout, recognise_layout, sniff, split_records
 from flinders.readers._names import CURRENT, CURRENTS, FIRST, TEMPERATURE, THROTTLE, THROTTLES, TIME, Choice
 from flinders.readers._rewrite import Rewriter
@@ -127,6 +127,12 @@ class TextRecording(ColumnsRecording):
         layout = self.layout
         known = wanted_acceleration(columns, layout.header, layout.columns, layout.grid.width)
         self.layout = replace(layout, columns=known)
+
+    def name_strength(self, column: str) -> None:
+        """Say which column is the strength of the field, as a scalar magnetometer reads it; UsageError as above."""
+        layout = self.layout
+        known = wanted_strength(column, layout.header, layout.columns, layout.grid.width)
+        self.layout = replace(layout, columns=known.with_strength_in(self.unit))
 
     def corrected_lines(
         self, correct: Callable[..., Floats], *, add: bool = False, with_disturbances: bool = False

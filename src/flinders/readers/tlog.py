@@ -361,6 +361,7 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
     )
     autopilot = telemetry.autopilots.get(system)
     is_ardupilot = known or autopilot == AN_ARDUPILOT
+    last = ArduPilotParameters.read(values, number) if is_ardupilot else ArduPilotParameters()
     is_turned = is_ardupilot or (autopilot == A_PX4 and message == HIGHRES_IMU)
     units = IN_SI if message == HIGHRES_IMU else WHOLE
     attitude = telemetry.attitude(system, table) if is_turned else (None, SINCE)
@@ -376,7 +377,8 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
         frames=IN_VEHICLE_AXES if is_turned else ("sensor", "sensor"),
         autopilot="ardupilot" if is_ardupilot else None,
         compass=number if is_ardupilot else None,
-        device_id=ArduPilotParameters.read(values, number).device_id if is_ardupilot else None,
+        device_id=last.device_id,
+        mounting=last.mounting_angles if is_turned else None,
         beginning=float(table[0, CLOCK]),
         readings=len(table),
         notes=(*remarks, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),

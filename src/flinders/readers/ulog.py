@@ -71,6 +71,8 @@ TOPICS: Final = (
 )  # fmt: skip
 """All that is read of a log: the rest never comes into memory."""
 
+FIX: Final = 3
+"""``fix_type`` from which on there is a place in three dimensions."""
 INVALID_RELATIVE: Final = 0x7FFFFFFF
 """``magnetometer_timestamp_relative`` of a row without a magnetometer."""
 RAW_SINCE: Final = (1, 12)
@@ -120,6 +122,7 @@ def open_ulog(file: File) -> Log:
             tuple(instruments),
             position=_position(flight),
             begun=_begun(flight),
+            velocity=_velocity(flight),
             notes=(*version, *damage),
             damage=damage,
         )
@@ -474,6 +477,7 @@ def _instrument(name: str, readings: _Readings, parameters: px4.Px4Parameters | 
         autopilot="px4",
         compass=None if parameters is None else parameters.compass,
         device_id=device or None,
+        mounting=None if parameters is None else parameters.mounting_angles,
         readings=int(np.isfinite(readings.field).all(axis=1).sum()),
         notes=tuple(notes),
     )
@@ -519,6 +523,15 @@ def _position(flight: _Flight) -> Position | None:
         degrees = _stack(columns, "lat", "lon", "alt") * [1e-7, 1e-7, 1e-3]
     fix = np.asarray(columns.get("fix_type", np.full(len(degrees), 3)), np.float64)
     return first_position(*degrees.T, fixed=fix >= 2)
+
+
+def _velocity(flight: _Flight) -> TimeSeries | None:
+    """Over ground, north and east, m/s, where satellites gave a place in three dimensions."""
+    columns = flight.topics.get(("vehicle_gps_position", 0)) or flight.topics.get(("sensor_gps", 0))
+    if columns is None or "vel_n_m_s" not in columns:
+        return None
+    fixed = np.asarray(columns.get("fix_type", np.full(len(columns["timestamp"]), FIX)), np.float64) >= FIX
+    return TimeSeries.of(_seconds(columns)[fixed], _stack(columns, "vel_n_m_s", "vel_e_m_s")[fixed])
 
 
 def _begun(flight: _Flight) -> datetime | None:

@@ -144,7 +144,7 @@ def hand_tumble(
     ((500, 3, 3), 9.98, 1.5)
     """
     n = count(round(seconds * rate_hz))
-    rate = _wandering(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
+    rate = wandering(rng, n, math.exp(-1.0 / (rate_hz * smoothness)))
     rate *= speed / np.sqrt(np.mean(rate**2))
     attitudes = integrated(random_attitude(rng), turns(rate * (1 / rate_hz)))
     return Trajectory(_clock(n, rate_hz), attitudes, rate)
@@ -235,7 +235,7 @@ def swayed(
     True
     """
     n = count(round(seconds * rate_hz))
-    smooth = _wandering(rng, n, math.exp(-1.0 / (rate_hz * LEANING)))
+    smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * LEANING)))
     smooth /= np.sqrt(np.mean(smooth**2))
     far = np.hypot(smooth[:, 0], smooth[:, 1])
     lean = smooth * (math.radians(tilt_deg) * np.tanh(far / 2) / np.maximum(far, 1e-12))[:, np.newaxis]
@@ -467,7 +467,7 @@ def _trajectory(attitudes: Floats, rate_hz: float, acceleration: Floats | None =
 
 def _limited(rng: Generator, n: int, rate_hz: float, *, seconds: float) -> Floats:
     """(n, 3) smooth at random between −1 and 1, which are never reached; `seconds` is the time of each filter."""
-    smooth = _wandering(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
+    smooth = wandering(rng, n, math.exp(-1.0 / (rate_hz * seconds)))
     limited: Floats = np.tanh(1.2 * smooth / np.sqrt(np.mean(smooth**2)))
     return limited
 
@@ -485,7 +485,7 @@ def _between(first: Floats, last: Floats, n: int) -> Floats:
     return between
 
 
-def _wandering(rng: Generator, n: int, memory: float) -> Floats:
+def wandering(rng: Generator, n: int, memory: float) -> Floats:
     """(n, 3) white noise through two low-pass filters that keep `memory` of their state each step."""
     white = math.sqrt(1 - memory * memory) * rng.standard_normal((n + SETTLING, 3))
     smooth = [_low_pass((1 - memory) * _low_pass(axis, memory), memory) for axis in white.T]

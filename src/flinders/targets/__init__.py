@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from flinders.core.calibration import Calibration
+    from flinders.targets._mounting import MountingTable
 
 __all__ = [
     "Export",
@@ -34,6 +35,7 @@ __all__ = [
     "TargetReader",
     "Written",
     "find",
+    "mounting_table",
     "read_back",
     "registry",
     "taking",
@@ -81,6 +83,14 @@ def find(name: str) -> Target:
         meant = did_you_mean(name, registry())
         raise UsageError(f"target {name!r} is not known{meant}: use one of {', '.join(registry())}")
     return known
+
+
+def mounting_table(target: Target) -> MountingTable:
+    """The mountings that a target can be given; `UsageError` for one that takes none."""
+    if target.mountings is None:
+        takes = ", ".join(each.name for each in registry().values() if each.mountings)
+        raise UsageError(f"mounting= goes with {takes}: {target.name} has no setting of it")
+    return target.mountings
 
 
 def taking(name: str, *, compass: int | None = None, code_name: str | None = None) -> Target:

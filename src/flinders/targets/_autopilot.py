@@ -2,6 +2,7 @@
 
 Both correct with a symmetric matrix in six numbers, an offset, and what each A or full throttle adds.
 
+>>> from flinders.targets._mounting import euler
 >>> name, roll, pitch, yaw = ROTATIONS[10]
 >>> name, euler(roll, pitch, yaw) @ [1, 0, 0]                  # turned over, its x to the right
 ('ROLL_180_YAW_90', array([0., 1., 0.]))
@@ -12,7 +13,6 @@ and 68.8° and 293.3° in ArduPilot; from 41 on PX4 and ArduPilot mean different
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Final, Self
@@ -31,13 +31,15 @@ from flinders.errors import (
     UnitError,
     UsageError,
     counted,
-    figures,
 )
+from flinders.targets._mounting import angles, without_turn
 from flinders.targets._numbers import decoded
 from flinders.targets._target import MOTORS, followed, in_recorded_axes, single
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from flinders.targets._mounting import Angles
 
 ANGLE: Final = re.compile(r"(ROLL|PITCH|YAW)_(\d+)")
 
@@ -64,67 +66,6 @@ ROTATIONS: Final = mountings("""
     ROLL_90_YAW_270 ROLL_90_PITCH_68_YAW_293 PITCH_315 ROLL_90_PITCH_315
 """)
 """Mountings 0 to 40."""
-MOST_TURN_DEG: Final = 0.05
-"""A symmetric matrix cannot turn; a calibration that turns by more is refused."""
-
-
-# rotations
-
-
-def euler(roll: float, pitch: float, yaw: float) -> Floats:
-    """(3, 3) R_z(yaw) R_y(pitch) R_x(roll), angles in degrees: vehicle = R sensor; right angles are exact.
-
-    >>> euler(90, 0, 0) @ [0, 1, 0]
-    array([0., 0., 1.])
-    """
-    (cr, cp, cy), (sr, sp, sy) = np.cos(turns := np.deg2rad([roll, pitch, yaw])), np.sin(turns)
-    turned = np.array([
-        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
-        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
-        [-sp, sr * cp, cr * cp],
-    ])  # fmt: skip
-    return floats(np.where(np.abs(turned) < 1e-15, 0.0, turned) + 0.0)
-
-
-def without_turn(matrix: Floats) -> tuple[Floats, float]:
-    """The symmetric P of matrix = Q P with Q a rotation, and the angle of Q in degrees: all a symmetric target loses.
-
-    >>> held, turn_deg = without_turn(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
-    >>> held.round(9), round(turn_deg, 9)
-    (array([[1., 0., 0.],
-           [0., 2., 0.],
-           [0., 0., 3.]]), 5.0)
-    """
-    if np.array_equal(matrix, matrix.T):
-        return matrix, 0.0
-    left, sizes, right = np.linalg.svd(matrix)
-    root = right.T @ np.diag(sizes) @ right
-    cosine = (np.trace(left @ right) - 1) / 2
-    return (root + root.T) / 2, float(np.rad2deg(np.arccos(np.clip(cosine, -1, 1))))
-
-
-def turn_of(matrix: Floats) -> Floats | None:
-    """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None where it hardly turns."""
-    root, angle = without_turn(matrix)
-    if angle <= MOST_TURN_DEG:
-        return None
-    rotation: Floats = matrix @ np.linalg.inv(root)
-    return rotation
-
-
-def in_words(rotation: Floats) -> str:
-    """A rotation as autopilots take it, by the angles of `euler`.
-
-    >>> in_words(euler(0, -12, 3))
-    'roll 0.00°, pitch −12.00°, yaw 3.00°'
-    """
-    angles = {
-        "roll": math.atan2(rotation[2, 1], rotation[2, 2]),
-        "pitch": math.asin(min(max(-float(rotation[2, 0]), -1.0), 1.0)),
-        "yaw": math.atan2(rotation[1, 0], rotation[0, 0]),
-    }
-    words = (f"{name} {round(math.degrees(angle), 2) + 0.0:.2f}°" for name, angle in angles.items())
-    return ", ".join(words).replace("-", "−")
 
 
 # the parameters of a compass
@@ -191,6 +132,25 @@ class CompassParameters:
         """Write what is in force on one line, with its names."""
         raise NotImplementedError
 
+    @classmethod
+    def mounting_names(cls, compass: int) -> tuple[str, ...]:
+        """Names of the parameters that say how a compass is mounted."""
+        raise NotImplementedError
+
+    @property
+    def own_mounting(self) -> Floats | None:
+        """(3, 3) R, vehicle = R sensor; None for a compass that is turned by the board, or where it is not known."""
+        raise NotImplementedError
+
+    @property
+    def mounting_angles(self) -> Angles | None:
+        """Roll, pitch and yaw of `own_mounting`."""
+        own = self.own_mounting
+        if own is None:
+            return None
+        roll, pitch, yaw = (round(angle, 6) + 0.0 for angle in angles(own))
+        return roll, pitch, yaw
+
     def inverse(self) -> Floats:
         """(3, 3) A⁻¹; `ArrayError` where A flattens readings."""
         try:
@@ -227,16 +187,13 @@ class CompassParameters:
             raise UsageError(f"compass {compass}: {cls.who} keeps parameters of compass {numbers}")
 
     @classmethod
-    def symmetric(cls, calibration: Calibration, compass: int, *, lossy: bool, beyond: str, by: str) -> Floats:
-        """(3, 3) the symmetric matrix of a calibration without motors, in the axes as recorded.
+    def symmetric(cls, calibration: Calibration, compass: int) -> Floats:
+        """(3, 3) the symmetric matrix of a calibration without motors, in the axes as recorded, without its rotation.
 
         Raises
         ------
         UnitError, UsageError
             For a calibration in counts; for a compass that there is not.
-        NotExportable
-            For a matrix that turns readings by more than `MOST_TURN_DEG`, unless `lossy`; `by` is what sets the
-            mounting instead.
         """
         cls.refuse_unknown(compass)
         if calibration.unit != MICROTESLA:
@@ -245,16 +202,7 @@ class CompassParameters:
                 f"the calibration is in counts, and {cls.who}'s parameters are in {cls.unit}: calibrate again with "
                 f"unit='{cls.unit}' (or {others} …), or with scale= where the microtesla in one count are known"
             )
-        root, angle = without_turn(in_recorded_axes(followed(calibration)[0])[0])
-        if angle > MOST_TURN_DEG and not lossy:
-            raise NotExportable(
-                f"the calibration turns readings by {figures(angle)}°, and {cls.who}'s symmetric matrix cannot: "
-                "lossy=True writes the rest, and says what roll, pitch and yaw then belong into the "
-                f"mounting ({by})",
-                beyond=(beyond,),
-                turn_deg=angle,
-            )
-        return root
+        return without_turn(in_recorded_axes(followed(calibration)[0])[0])[0]
 
 
 def of_six(diagonal: Floats, off_diagonal: Floats) -> Floats:

@@ -79,8 +79,10 @@ def nearest_diagonal(matrix: Floats) -> Floats:
     return diagonal
 
 
-def offset_and_radii(calibration: Calibration, *, who: str) -> tuple[Floats, Floats]:
+def offset_and_radii(calibration: Calibration, *, who: str, turn: Floats | None = None) -> tuple[Floats, Floats]:
     """(3,) offset and (3,) radii in counts, in the axes as recorded; soft iron off the diagonal is left out.
+
+    `turn`, (3, 3), is a rotation of the calibration that is in the mounting.
 
     A radius is what an axis reads along the field: with D the diagonal that comes nearest to the matrix and F the
     length of corrected readings, F / D.
@@ -94,8 +96,9 @@ def offset_and_radii(calibration: Calibration, *, who: str) -> tuple[Floats, Flo
     True
     """
     affine = Affine.of(calibration, COUNTS, who=who)
+    matrix = affine.matrix if turn is None else turn.T @ affine.matrix
     with np.errstate(all="ignore"):
-        return affine.offset, affine.strength / nearest_diagonal(affine.matrix)
+        return affine.offset, affine.strength / nearest_diagonal(matrix)
 
 
 def of_radii(offset: Sequence[float] | Floats, radii: Floats, strength: float | None = None) -> Calibration:

@@ -18,12 +18,13 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
+from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import COUNTS, PER_UNIT, Unit, label
 from flinders.errors import NotExportable, UnitError, figures
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import Rotation
     from flinders.core.disturbance import Disturbance
+    from flinders.targets._gates import Gates
+    from flinders.targets._mounting import MountingTable
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
 Acts: TypeAlias = Literal["recorded", "mapped", "across"]
@@ -60,13 +63,17 @@ OWN, RECORDED = "own", "recorded"
 
 DIRECTIONS: Final = 400
 """Test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
+LOSS_DEG: Final = 0.5
+"""Nothing is left out unasked that costs more heading."""
 COARSEST_DEG: Final = 1.0
-"""Nothing is written unasked that costs such a heading error, or as much of the length."""
+"""Nothing is written whose numbers are so coarse that readings are off by the sine of it."""
 DIP_DEG: Final = 60.0
 """Inclination of the field that heading errors are told for."""
 NEXT_TO_NOTHING: Final = 0.0001
 EXACT: Final = 1e-9
 """A matrix is of a kind to within this share of its largest entry: products of matrices are rounded."""
+EXACT_SINGLE: Final = 1e-6
+"""The same for what float32 has rounded."""
 BEYOND_ALL: Final = 1e15
 """Numbers that no target gets to see, nor what is next to nothing: products of two of them suit single precision."""
 MOTORS: Final = {"current": 2, "throttle": 1}
@@ -78,7 +85,10 @@ class ExportOptions:
     """What is asked of a target besides the calibration."""
 
     compass: int | None = None  # which one, as the target counts; its first where it is not given
-    lossy: bool = False  # write also what costs more than a degree of heading
+    lossy: bool = False  # write also what leaves out more than 0.5° of heading
+    # (3, 3): how the compass was mounted when it was recorded, vehicle = R sensor; None where that is not known
+    mounting: Floats | None = None
+    gates: Gates | None = None  # limits by which generated code tells a disturbed reading
     # of the sensor: names in generated code begin with it, so that code for two sensors goes into one program
     name: str | None = None
 
@@ -94,6 +104,8 @@ class Written:
     data: bytes | None = None  # content of the file, where it is no text
     # ``compensated(readings, value)``: the formula at a value of the motors' current or throttle
     compensated: Callable[[Floats, float], Floats] | None = None
+    # (3, 3): rotation of the calibration that is in the mounting which is written, in the recorded axes
+    turn: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +235,7 @@ class Target:
     docs: str = "targets.md"  #: the page that tells about it
     compasses: range | None = None  #: numbers of the compasses that it keeps; with them it takes ``--compass``
     named: bool = False  #: names in it stand in a program beside those of others, and it takes ``--name``
+    mountings: MountingTable | None = None  #: those that it can be given; with them it takes ``--mounting``
 
     @property
     def where(self) -> str:
@@ -278,7 +291,7 @@ class Target:
         UnitError
             Where counts would have to become a unit, or the other way round.
         NotExportable
-            For what the target cannot hold, what costs more than a degree of heading unless that was asked for, and
+            For what the target cannot hold, what costs more than 0.5° of heading unless that was asked for, and
             readings in other axes than those in which it acts.
         UsageError
             For a compass that there is not, or a name that cannot be written.
@@ -288,7 +301,7 @@ class Target:
             refuse_mounted(calibration, who=self.title)
         written = self.write(calibration, asked)
         plain, motor = followed(calibration) if self.follows == "motors" else (calibration.at(), None)
-        lacks = f"{self.title} holds {self.holds}" if self._loses(plain) else ""
+        lacks = f"{self.title} holds {self.holds}" if self._loses(plain, written.turn) else ""
         deviation = self._tried(plain, written.apply, lacks=lacks, lossy=asked.lossy)
         if motor is not None and (compensated := written.compensated) is not None:
             end = motor.farthest
@@ -337,7 +350,7 @@ class Target:
             relative=bool(self.lengths),
         )
         if lacks:
-            deviation.refuse_lost(lacks, lossy=lossy)
+            deviation.refuse_lost(lacks, lossy=lossy, advice=self._mounting_advice(calibration))
         else:
             deviation.refuse_coarse(calibration, lossy=lossy)
         return deviation
@@ -357,16 +370,28 @@ class Target:
                     f"headings are off by up to {figures(cost)}° (at any attitude, dip {DIP_DEG:.0f}°)"
                 )
 
-    def _loses(self, calibration: Calibration) -> bool:
-        """Whether the matrix has more to it than the target holds."""
+    def _mounting_advice(self, calibration: Calibration) -> str:
+        """How to get a rotation into the mounting, where there is one that the target could be given."""
+        if self.mountings is None or calibration.rotation == "symmetric":
+            return ""
+        return (
+            "Say how the sensor was mounted when it was recorded with mounting= (its "
+            f"{self.mountings.setting}), and its rotation is written with the numbers. "
+        )
+
+    def _loses(self, calibration: Calibration, turn: Floats | None) -> bool:
+        """Whether the matrix has more to it than the target holds beside a rotation in its mounting."""
         matrix = calibration.matrix if acting(self.acts, calibration) == "mapped" else in_recorded_axes(calibration)[0]
+        if turn is not None:
+            matrix = turn.T @ matrix
         reduced = {
             "all": matrix,
             "symmetric": matrix.T,
             "diagonal": np.diag(np.diag(matrix)),
             "offset": np.eye(3) * matrix[0, 0],
         }[self.keeps]
-        return bool(np.abs(matrix - reduced).max() > EXACT * np.abs(matrix).max())
+        exact = EXACT if turn is None else EXACT_SINGLE
+        return bool(np.abs(matrix - reduced).max() > exact * np.abs(matrix).max())
 
     def _warnings(self, deviation: Difference, lacks: str) -> Iterable[str]:
         """What it costs, and what nobody could verify."""
@@ -488,19 +513,17 @@ class Difference:
     @property
     def heading_deg(self) -> float:
         """Largest heading error at any attitude where the field dips by 60°: atan(tan a / cos 60°) of the angle a."""
-        if not self.worst_deg < 90:
-            return 180.0
-        return math.degrees(math.atan(math.tan(math.radians(self.worst_deg)) / math.cos(math.radians(DIP_DEG))))
+        return heading_deg(self.worst_deg)
 
-    def refuse_lost(self, lacks: str, *, lossy: bool) -> None:
+    def refuse_lost(self, lacks: str, *, lossy: bool, advice: str = "") -> None:
         """Raise `NotExportable` for a heading error of what the target lacks, unless any is accepted."""
-        if math.isfinite(self.worst) and (lossy or self.heading_deg <= COARSEST_DEG):
+        if math.isfinite(self.worst) and (lossy or self.heading_deg <= LOSS_DEG):
             return
         off = f"{figures(self.heading_deg)}°" if math.isfinite(self.heading_deg) else "any angle"
         raise NotExportable(
-            f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). Use a "
-            "target that holds the whole matrix (flinders targets), correct the readings in your own code, or write "
-            "it all the same with lossy=True",
+            f"{lacks}: what is left out costs up to {off} of heading (at any attitude, dip {DIP_DEG:.0f}°). "
+            f"{advice}Use a target that holds the whole matrix (flinders targets), correct the readings in your own "
+            "code, or write it all the same with lossy=True",
             beyond=("matrix",),
             heading_deg=self.heading_deg,
         )
@@ -519,6 +542,17 @@ class Difference:
             beyond=(),
             error=self.worst,
         )
+
+
+def heading_deg(angle_deg: float) -> float:
+    """Largest heading error, at any attitude, of a field that is off by an angle where it dips by 60°.
+
+    >>> round(heading_deg(0.1), 3), heading_deg(90.0)
+    (0.2, 180.0)
+    """
+    if not angle_deg < 90:
+        return 180.0
+    return math.degrees(math.atan(math.tan(math.radians(angle_deg)) / math.cos(math.radians(DIP_DEG))))
 
 
 # a calibration in the unit and the axes of a target
@@ -599,7 +633,6 @@ def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
 
     With P the mapping, Pᵀ W P and Pᵀ b: mapped afterwards, the result is that of the calibration.
 
-    >>> from flinders.core.axes import Axes
     >>> upside_down = Calibration(np.diag([1.0, 2.0, 0.5]), [10, 20, 30], 50.0, axes=Axes.of("y,x,-z"))
     >>> matrix, offset = in_recorded_axes(upside_down)
     >>> np.diag(matrix), offset
@@ -607,6 +640,18 @@ def in_recorded_axes(calibration: Calibration) -> tuple[Floats, Floats]:
     """
     back = _unmapped(calibration)
     return back @ calibration.matrix @ back.T, back @ calibration.offset
+
+
+def in_vehicle_axes(calibration: Calibration) -> Calibration:
+    """A calibration whose recorded axes are those of the vehicle: they were, or those it maps them to are.
+
+    >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
+    >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
+    array([1., 2., 3.])
+    >>> in_recorded_axes(in_vehicle_axes(replace(mapped, frame="vehicle")))[1]      # as the log had them
+    array([ 1., -2., -3.])
+    """
+    return calibration if calibration.frame == VEHICLE else replace(calibration, axes=Axes())
 
 
 def shift_in_recorded_axes(calibration: Calibration, disturbance: Disturbance) -> Floats:

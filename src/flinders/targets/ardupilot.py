@@ -21,7 +21,11 @@ array([[  0.,   0., 450.]])
 
 Offsets are added here, and act after the mounting: PX4 and most others subtract them, in the axes of the sensor.
 
-Sources: ``AP_Compass_Backend::correct_field`` (ArduPilot, GPL-3; the formula was taken from it and none of its code);
+A rotation of the calibration goes into COMPASS_ORIENT: r = R(orientation) sensor for an external compass, and for
+101 and 102 R is the Euler rotation 321 of CUST_ROT1 or CUST_ROT2, in degrees. Internal compasses turn with the board.
+
+Sources: ``AP_Compass_Backend::correct_field`` and ``rotate_field``, ``AP_CustomRotation::init`` at 2ddaf4b5
+(ArduPilot, GPL-3; the formulas were taken from them and none of their code);
 ``AP_Math/rotations.h`` and MAVLink's ``MAV_SENSOR_ROTATION`` for the mountings; limits of ``CompassCalibrator`` and of
 the check before arming. Older firmware added the motor term before I, from which version on it does not was not seen;
 both agree where I is the identity or there is no motor term.
@@ -29,13 +33,13 @@ both agree where I is the identity or there is no motor term.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, Self
+import re
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.core.axes import Axes
 from flinders.core.units import PER_UNIT
 from flinders.errors import NotExportable, figures
 from flinders.targets._autopilot import (
@@ -43,14 +47,14 @@ from flinders.targets._autopilot import (
     CompassParameters,
     ParameterFile,
     in_six,
-    in_words,
     listed,
     motor_kind,
     mountings,
     of_six,
     refuse_values,
-    turn_of,
 )
+from flinders.targets._mounting import Mounting, MountingTable, euler
+from flinders.targets._remounting import left_out, remounting
 from flinders.targets._target import (
     MOTORS,
     VEHICLE,
@@ -61,6 +65,7 @@ from flinders.targets._target import (
     Written,
     followed,
     in_recorded_axes,
+    in_vehicle_axes,
     shift_in_recorded_axes,
 )
 
@@ -81,8 +86,6 @@ MOST_OFF_DIAGONAL: Final = 1.0
 """What ArduPilot's own calibrator accepts of DIA and ODI."""
 MOST_SCALE: Final = 1.5
 """A COMPASS_SCALE beyond 1/1.5 to 1.5 counts as 1."""
-Scheme = Literal["COMPASS_OFS2_X", "COMPASS2_OFS_X"]
-"""How the parameters of the second compass are named; the first one's are COMPASS_OFS_X or COMPASS1_OFS_X."""
 OFF, BY_THROTTLE, BY_CURRENT = 0, MOTORS["throttle"], MOTORS["current"]
 """What COMPASS_MOTCT says that COMPASS_MOT is multiplied by."""
 
@@ -122,12 +125,15 @@ class ArduPilotParameters(CompassParameters):
         COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only.
     external : bool
         COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board.
+    custom : (3,) float, degrees
+        CUST_ROT1 or CUST_ROT2, if `orientation` is one of `CUSTOM`: roll, pitch and yaw.
     """
 
     compass: int = 1
     scale: float = 0.0
     orientation: int = 0
     external: bool = False
+    custom: Floats = field(default_factory=lambda: np.zeros(3))
 
     who: ClassVar[str] = "ArduPilot"
     unit: ClassVar[str] = "mG"
@@ -135,10 +141,10 @@ class ArduPilotParameters(CompassParameters):
     compasses: ClassVar[tuple[int, ...]] = COMPASSES
 
     @classmethod
-    def of(
-        cls, calibration: Calibration, *, compass: int = 1, mounting: Floats | None = None, lossy: bool = False
-    ) -> Self:
+    def of(cls, calibration: Calibration, *, compass: int = 1, mounting: Floats | None = None) -> Self:
         """Turn a calibration into parameters; where it follows a current or a throttle, COMPASS_MOT is −W P.
+
+        A rotation of the calibration is left out: it belongs into the mounting, see `remounting`.
 
         Parameters
         ----------
@@ -148,8 +154,6 @@ class ArduPilotParameters(CompassParameters):
             1, 2 or 3.
         mounting : (3, 3) float, optional
             Rotation R from the axes of the sensor to those of the vehicle: what is written is R A Rᵀ and R b.
-        lossy : bool
-            Leave a rotation of the calibration out, which belongs into the mounting.
 
         Raises
         ------
@@ -160,8 +164,7 @@ class ArduPilotParameters(CompassParameters):
         UsageError
             For a compass that there is not.
         """
-        by = "COMPASS_ORIENT or a custom rotation"
-        root = cls.symmetric(calibration, compass, lossy=lossy, beyond="COMPASS_ODI", by=by)
+        root = cls.symmetric(calibration, compass)
         plain, follows = followed(calibration)
         turn = np.eye(3) if mounting is None else mounting
         matrix = turn @ root @ turn.T
@@ -206,7 +209,8 @@ class ArduPilotParameters(CompassParameters):
         def three(group: str, default: float = 0.0) -> Floats:
             return np.array([one(group, axis, default) for axis in ("_X", "_Y", "_Z")])
 
-        device = int(one("DEV_ID"))
+        device, orientation = int(one("DEV_ID")), int(one("ORIENT"))
+        custom = [float(values.get(name, 0.0)) for name in custom_names(orientation)]
         return cls(
             offset=three("OFS"),
             diagonal=three("DIA", 1.0),
@@ -214,7 +218,8 @@ class ArduPilotParameters(CompassParameters):
             scale=one("SCALE"),
             motor=three("MOT"),
             motor_by=motor_kind(values, "COMPASS_MOTCT"),
-            orientation=int(one("ORIENT")),
+            orientation=orientation,
+            custom=np.nan_to_num(custom) if custom else np.zeros(3),
             external=one("EXTERNAL") > 0,
             compass=compass,
             device_id=device if device > 0 else None,
@@ -239,6 +244,25 @@ class ArduPilotParameters(CompassParameters):
     def centre(self) -> Floats:
         """(3,) −OFS in µT: the b of corrected = A (raw − b)."""
         return -MG * self.offset + 0.0
+
+    @classmethod
+    def mounting_names(cls, compass: int) -> tuple[str, ...]:
+        """COMPASS_EXTERNAL and COMPASS_ORIENT; `custom_names` are those of one that is set by angles."""
+        return names("EXTERNAL", compass)[0], names("ORIENT", compass)[0]
+
+    @property
+    def own_mounting(self) -> Floats | None:
+        """(3, 3) R, vehicle = R sensor; None for a compass that is turned by the board, or a number that is not known.
+
+        >>> turned = {"COMPASS_EXTERNAL": 1.0, "COMPASS_ORIENT": 101.0, "CUST_ROT1_YAW": 90.0}
+        >>> ArduPilotParameters.read(turned).own_mounting @ [1, 0, 0]
+        array([0., 1., 0.])
+        """
+        if not self.external:
+            return None
+        if self.orientation in CUSTOM:
+            return euler(*self.custom)
+        return MOUNTINGS.rotation(self.orientation) if 0 <= self.orientation < len(ORIENTATIONS) else None
 
     @property
     def is_identity(self) -> bool:
@@ -275,7 +299,7 @@ class ArduPilotParameters(CompassParameters):
         shift: Floats = -MG * np.linalg.solve(self.matrix, self.motor)
         return shift
 
-    def rows(self, scheme: Scheme = "COMPASS_OFS2_X") -> tuple[tuple[str, float], ...]:
+    def rows(self) -> tuple[tuple[str, float], ...]:
         """Names and values to write: OFS, DIA, ODI, SCALE, and MOT with COMPASS_MOTCT where there is a motor term.
 
         Values are rounded to the float32 that ArduPilot keeps.
@@ -284,7 +308,7 @@ class ArduPilotParameters(CompassParameters):
         if self.motor.any():
             groups["MOT"] = self.motor
         rows = [
-            (names(group, self.compass, axis)[scheme == "COMPASS2_OFS_X"], float(np.float32(value)) + 0.0)
+            (names(group, self.compass, axis)[0], float(np.float32(value)) + 0.0)
             for group, values in groups.items()
             for axis, value in zip(("_X", "_Y", "_Z") if len(values) == 3 else ("",), values, strict=True)
         ]
@@ -343,19 +367,6 @@ class ArduPilotParameters(CompassParameters):
         return floats(drive, "drive")[..., np.newaxis] * (self.motor if self.has_disturbances else np.zeros(3))
 
 
-def in_vehicle_axes(calibration: Calibration) -> Calibration:
-    """A calibration whose recorded axes are those of the vehicle: they were, or those it maps them to are.
-
-    >>> from flinders.core.calibration import Calibration
-    >>> mapped = Calibration(np.eye(3), [1, 2, 3], 50.0, axes=Axes.of("x,-y,-z"))
-    >>> in_recorded_axes(in_vehicle_axes(mapped))[1]
-    array([1., 2., 3.])
-    >>> in_recorded_axes(in_vehicle_axes(replace(mapped, frame="vehicle")))[1]      # as the log had them
-    array([ 1., -2., -3.])
-    """
-    return calibration if calibration.frame == VEHICLE else replace(calibration, axes=Axes())
-
-
 # mountings
 
 EXACT_38: Final = (90, 68.8, 293.3)
@@ -371,6 +382,36 @@ ORIENTATIONS: Final = (
 
 CUSTOM: Final = {101: "CUST_ROT1", 102: "CUST_ROT2"}
 """Numbers of mountings that are set by parameters: roll, pitch and yaw in degrees, with _ROLL, _PITCH and _YAW."""
+MOUNTINGS: Final = MountingTable("ArduPilot", "COMPASS_ORIENT", ORIENTATIONS)
+EXTERNAL_ONLY: Final = (
+    "COMPASS_ORIENT turns external compasses only: COMPASS_EXTERNAL must be 1, and AHRS_ORIENTATION and the other "
+    "compasses must not use CUST_ROT1; restart the vehicle afterwards"
+)
+
+
+def custom_names(orientation: int) -> tuple[str, ...]:
+    """Names of the angles of a mounting that is set by parameters; none for others.
+
+    >>> custom_names(102), custom_names(8)
+    (('CUST_ROT2_ROLL', 'CUST_ROT2_PITCH', 'CUST_ROT2_YAW'), ())
+    """
+    prefix = CUSTOM.get(orientation)
+    return tuple(f"{prefix}_{axis}" for axis in ("ROLL", "PITCH", "YAW")) if prefix else ()
+
+
+def mounting_rows(mounting: Mounting, compass: int, orientation: int = 101) -> tuple[tuple[str, float], ...]:
+    """Names and values to write; `orientation` is that of `CUSTOM` for a mounting by angles.
+
+    >>> mounting_rows(MOUNTINGS.held(euler(0, 0, 90)), 2)
+    (('COMPASS_ORIENT2', 2.0),)
+    >>> [name for name, _ in mounting_rows(MOUNTINGS.held(euler(0, 0, 91)), 1)][:3]
+    ['CUST_ROT_ENABLE', 'CUST_ROT1_ROLL', 'CUST_ROT1_PITCH']
+    """
+    name = names("ORIENT", compass)[0]
+    if mounting.number is not None:
+        return ((name, float(mounting.number)),)
+    own = zip(custom_names(orientation), mounting.angles, strict=True)
+    return (("CUST_ROT_ENABLE", 1.0), *own, (name, float(orientation)))
 
 
 def orientation_name(orientation: int) -> str:
@@ -385,6 +426,9 @@ def orientation_name(orientation: int) -> str:
 
 
 # names of parameters
+
+OF_COMPASS: Final = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT|ORIENT|EXTERNAL|EXTERN|DEV_ID)([23]?)(_[XYZ])?")
+"""A parameter of one compass in the first scheme: group, number, axis."""
 
 
 def compasses(values: Iterable[str]) -> tuple[int, ...]:
@@ -408,6 +452,19 @@ def names(group: str, compass: int, axis: str = "") -> tuple[str, str]:
     return f"{first}{axis}", f"COMPASS{compass}_{short}{axis}"
 
 
+def spellings(name: str) -> tuple[str, str]:
+    """A name of the first scheme, and what it is in the second; the same where it is not of a compass.
+
+    >>> spellings("COMPASS_OFS2_X"), spellings("COMPASS_SCALE"), spellings("CUST_ROT1_YAW")
+    (('COMPASS_OFS2_X', 'COMPASS2_OFS_X'), ('COMPASS_SCALE', 'COMPASS1_SCALE'), ('CUST_ROT1_YAW', 'CUST_ROT1_YAW'))
+    """
+    match = OF_COMPASS.fullmatch(name)
+    if match is None:
+        return name, name
+    group, digit, axis = match.groups()
+    return names("EXTERNAL" if group.startswith("EXTERN") else group, int(digit or 1), axis or "")
+
+
 def _digit(compass: int) -> str:
     """What a compass's number looks like in COMPASS_OFS2_X; the first has none."""
     return "" if compass == 1 else str(compass)
@@ -421,30 +478,21 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     compass = 1 if asked.compass is None else asked.compass
     in_place = in_vehicle_axes(calibration)
     Affine.of(in_place, "mG", who="ArduPilot")  # refuses counts, and numbers beyond all bounds
-    parameters = ArduPilotParameters.of(in_place, compass=compass, lossy=asked.lossy).as_held()
-    values = dict(parameters.rows())
+    new = remounting(in_place, asked.mounting, MOUNTINGS, after=True)
+    turn = None if new is None else new.turn
+    parameters = ArduPilotParameters.of(in_place, compass=compass, mounting=turn).as_held()
+    values = dict([*(() if new is None else mounting_rows(new.mounting, compass)), *parameters.rows()])
     body = [f"{name},{value:.9g}" for name, value in values.items()]
     has_motor = parameters.has_disturbances
-    notes = (*_left_out(in_place, compass), COMPENSATED if has_motor else NOT_WRITTEN)
-    return Written(parameters.apply, body, values, notes, compensated=parameters.apply if has_motor else None)
 
+    def apply(raw: Floats, drive: ArrayLike = 0.0) -> Floats:
+        return parameters.apply(raw if turn is None else raw @ turn.T, drive)
 
-def _left_out(calibration: Calibration, compass: int) -> tuple[str, ...]:
-    """What a rotation would have to be put into, and the parameters that are right from then on.
-
-    They act after the mounting: with W = Q P and Q in the mounting, readings are Q r, and Q P Qᵀ and Q b correct them.
-    """
-    turn = turn_of(in_recorded_axes(calibration)[0])
-    if turn is None:
-        return ()
-    then = ArduPilotParameters.of(calibration, compass=compass, mounting=turn, lossy=True).as_held()
-    rows = ", ".join(f"{name} {value:.6g}" for name, value in then.rows() if "MOT" not in name)
-    note = (
-        f"left out: a rotation of {in_words(turn)}. It belongs into the mounting (COMPASS_ORIENT{_digit(compass)} 101, "
-        "CUST_ROT1_ROLL, PITCH and YAW: after the rotation that is set now), and only once it is there the numbers "
-        f"are, in place of those below: {rows}"
-    )
-    return (note,)
+    notes = [
+        *(left_out(in_place) if new is None else [new.words("COMPASS_ORIENT"), EXTERNAL_ONLY]),
+        COMPENSATED if has_motor else NOT_WRITTEN,
+    ]
+    return Written(apply, body, values, notes, compensated=apply if has_motor else None, turn=turn)
 
 
 FILE: Final = ParameterFile(ArduPilotParameters, compasses, "COMPASS_OFS_X")
@@ -462,6 +510,7 @@ TARGETS: Final = (
         acts="mapped",
         follows="motors",
         compasses=range(1, 4),
+        mountings=MOUNTINGS,
         write=write,
         # pins that Betaflight calls so are none
         reader=TargetReader(

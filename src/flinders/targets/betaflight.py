@@ -9,7 +9,14 @@ array([120., -32.,   7.])
 
 It acts in the axes of the board, after ``align_mag``: those of ``magADC`` in its blackbox.
 
-Source: Betaflight, ``cli/settings.c`` (mag_calibration) and ``sensors/compass.c``; int16.
+A rotation of the calibration goes into ``align_mag``: one of eight names, or CUSTOM with ``mag_align_roll``,
+``mag_align_pitch`` and ``mag_align_yaw`` in tenths of a degree, R_z(yaw) R_y(pitch) R_x(roll) in the board's axes
+forward, left and up. Betaflight does so since 2026.6 (pull request 14849); before, it turned by R_z(−yaw) R_y(−pitch)
+R_x(−roll).
+
+Source: Betaflight, ``cli/settings.c`` (mag_calibration, align_mag) and ``sensors/compass.c``; int16;
+``alignSensorViaRotation`` of ``sensors/boardalignment.c``, ``buildRotationMatrix`` and ``matrixTrnVectorMul`` of
+``common/vector.c``, pull request 14849.
 """
 
 from __future__ import annotations
@@ -22,28 +29,55 @@ import numpy as np
 from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
+from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
 from flinders.targets._numbers import counts, in_16_bits, settings
-from flinders.targets._target import VEHICLE, Affine, ExportOptions, Target, TargetReader, Written, acting
+from flinders.targets._remounting import left_out, remounting
+from flinders.targets._target import VEHICLE, Affine, ExportOptions, Target, TargetReader, Written, in_vehicle_axes
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
 
 SETTING: Final = "mag_calibration"
+ANGLES: Final = ("mag_align_roll", "mag_align_pitch", "mag_align_yaw")
+MOUNTINGS: Final = MountingTable("Betaflight", "align_mag", ALIGNMENTS, step_deg=DECIDEGREE)
 NAMES: Final = tuple(f"{SETTING} {axis}" for axis in "xyz")
 
 
-def write(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the offset in the axes of the board; a recording that was not in raw counts raises `UnitError`.
 
-    Raises `NotExportable` where the soft iron left out costs more than a degree of heading, or int16 cannot hold
+    Raises `NotExportable` where the soft iron left out costs more than 0.5° of heading, or int16 cannot hold
     the offset.
     """
-    exact = Affine.of(calibration, COUNTS, who="Betaflight", acts=acting("mapped", calibration)).offset
-    zero = in_16_bits(exact, NAMES)
-    body = [f"set {SETTING} = {','.join(map(str, zero))}", "save"]
+    in_place = in_vehicle_axes(calibration)
+    affine = Affine.of(in_place, COUNTS, who="Betaflight")
+    new = remounting(in_place, asked.mounting, MOUNTINGS, after=True)
+    turn = np.eye(3) if new is None else new.turn
+    zero = in_16_bits(turn @ affine.offset, NAMES)
+    values = {**({} if new is None else _aligned(new.mounting)), SETTING: ",".join(map(str, zero))}
+    body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
     # no log tells what was in force, and magADC has it removed
-    notes = ["for readings recorded with mag_calibration = 0,0,0: it replaces what the board holds"]
-    return Written(lambda raw: raw - floats(zero), body, {SETTING: zero}, notes)
+    notes = [
+        *(left_out(in_place) if new is None else [new.words("align_mag"), *_custom_notes(new.mounting)]),
+        "for readings recorded with mag_calibration = 0,0,0: it replaces what the board holds",
+    ]
+    written = None if new is None else turn
+    return Written(lambda raw: raw @ turn.T - floats(zero), body, {**values, SETTING: zero}, notes, turn=written)
+
+
+def _aligned(mounting: Mounting) -> dict[str, str]:
+    """Settings of a mounting."""
+    if mounting.number is not None:
+        return {"align_mag": mounting.name}
+    tenths = (str(round(angle / DECIDEGREE)) for angle in mounting.angles)
+    return {"align_mag": "CUSTOM", **dict(zip(ANGLES, tenths, strict=True))}
+
+
+def _custom_notes(mounting: Mounting) -> list[str]:
+    """What else has to be so for a mounting to turn as it should."""
+    by_angles = ["mag_align_roll, pitch and yaw are for Betaflight 2026.6 or newer: older versions turn otherwise"]
+    straight = "for a board with align_board_roll, pitch and yaw of 0, which turn the compass as well"
+    return [*by_angles * (mounting.number is None), straight]
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -82,6 +116,7 @@ TARGETS: Final = (
         source="cli/settings.c, sensors/compass.c",
         acts="mapped",
         lengths="as long as the sensor makes them",
+        mountings=MOUNTINGS,
         write=write,
         reader=TargetReader(rb"(?i)\bset\s+mag_calibration\b", read, "a dump of Betaflight"),
     ),

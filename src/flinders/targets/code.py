@@ -31,6 +31,14 @@ import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
 from flinders.errors import NotExportable, UsageError
+from flinders.targets._gates import (
+    C_DIP,
+    C_STRENGTH,
+    MODULE_DIP,
+    MODULE_STRENGTH,
+    SKETCH_DIP,
+    SKETCH_STRENGTH,
+)
 from flinders.targets._numbers import whole
 from flinders.targets._target import (
     BLOCK,
@@ -223,6 +231,7 @@ def write_header(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a header in single precision, which includes nothing: ``flinders_correct(raw, corrected)``."""
     name = begun(USUAL, asked.name)
     code = _filled(FLOAT, calibration, name=name, constant=name.upper())
+    code = _gated(code, calibration, asked, (C_STRENGTH, C_DIP), name=name, constant=name.upper())
     return replace(code, body=guarded(name, [*code.body, *_driven(calibration, name)]))
 
 
@@ -230,12 +239,14 @@ def write_sketch(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write what is pasted into a sketch: ``correctMagnetometer(x, y, z)`` changes three readings in place."""
     name = begun("", asked.name)
     constant, function = (f"{name.upper()}_MAG", f"{name}_correct") if name else ("MAG", "correct")
-    return _filled(SKETCH, calibration, constant=constant, function=function)
+    code, prefix = _filled(SKETCH, calibration, constant=constant, function=function), f"{name}_" if name else ""
+    return _gated(code, calibration, asked, (SKETCH_STRENGTH, SKETCH_DIP), constant=constant, prefix=prefix)
 
 
-def write_micropython(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write_micropython(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write a module that imports nothing, for MicroPython and CircuitPython: ``correct((x, y, z))``."""
-    return _filled(MODULE, calibration, suffix="", row="    ({}),")
+    code = _filled(MODULE, calibration, suffix="", row="    ({}),")
+    return _gated(code, calibration, asked, (MODULE_STRENGTH, MODULE_DIP), suffix="")
 
 
 def _filled(
@@ -254,6 +265,34 @@ def _filled(
     )
     values = {"matrix": numbers.matrix, "offset": numbers.offset, "unit_in": given, "unit_out": result}
     return Written(numbers.apply, body.splitlines(), values)
+
+
+def _gated(
+    code: Written,
+    calibration: Calibration,
+    asked: ExportOptions,
+    texts: tuple[str, str],
+    suffix: str = "f",
+    **names: str,
+) -> Written:
+    """The code with functions that tell a disturbed reading by its strength and its dip, where there are limits."""
+    gates = asked.gates
+    if gates is None:
+        return code
+    strength, dip = texts
+    unit, (low, high) = calibration.unit, gates.signed_squares
+    numbers = {
+        "strength": digits(calibration.field_strength, suffix),
+        "limit": digits(gates.strength_limit, suffix),
+        "low": digits(low, suffix),
+        "high": digits(high, suffix),
+    }
+    text = strength + (dip if gates.has_dip else "")
+    body = [*code.body, *text.format(result=unit, **numbers, **names).splitlines()]
+    values = {**code.values, "strength_limit": gates.strength_limit}
+    if gates.has_dip:
+        values |= {"dip_deg": gates.dip_deg, "dip_limit_deg": gates.dip_limit_deg}
+    return replace(code, body=body, values=values, notes=[*code.notes, *gates.words(unit)])
 
 
 def _driven(calibration: Calibration, name: str) -> Iterator[str]:

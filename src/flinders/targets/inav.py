@@ -18,7 +18,12 @@ array([1024.,    0.,    0.])
 >>> read(chr(10).join(found.body).encode(), "dump.txt").matrix.diagonal()
 array([1.25, 1.  , 0.8 ])
 
-Source: INAV, ``sensors/compass.c`` at 005b1ee7; int16, and a division that leaves off what is behind the point.
+A rotation of the calibration goes into ``align_mag``, one of eight names, or into ``align_mag_roll``,
+``align_mag_pitch`` and ``align_mag_yaw`` in tenths of a degree, which take its place where one of them is not 0:
+R_z(−yaw) R_y(−pitch) R_x(−roll) in the axes forward, left and up, and then without the alignment of the board.
+
+Source: INAV, ``sensors/compass.c`` at 005b1ee7, ``rotationMatrixFromAngles`` of ``common/maths.c`` at 063f3509,
+``rotationMatrixRotateVector`` of ``common/vector.h``; int16, and a division that leaves off what is behind the point.
 """
 
 from __future__ import annotations
@@ -30,7 +35,9 @@ import numpy as np
 from flinders.arrays import Floats, floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
+from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
 from flinders.targets._numbers import INT16, counts, in_16_bits, of_radii, offset_and_radii, settings
+from flinders.targets._remounting import left_out, remounting
 from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
@@ -39,26 +46,45 @@ if TYPE_CHECKING:
 UNITY: Final = 1024
 """Length of a corrected reading."""
 ZEROS: Final = ("magzero_x", "magzero_y", "magzero_z")
+ANGLES: Final = ("align_mag_roll", "align_mag_pitch", "align_mag_yaw")
+MOUNTINGS: Final = MountingTable("INAV", "align_mag", ALIGNMENTS, sense=-1, step_deg=DECIDEGREE)
+STRAIGHT: Final = "for a board with align_board_roll, pitch and yaw of 0"
 GAINS: Final = ("maggain_x", "maggain_y", "maggain_z")
 
 
-def write(calibration: Calibration, _asked: ExportOptions) -> Written:
+def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """Write the lines; a recording that was not in raw counts raises `UnitError`.
 
-    Raises `NotExportable` where what is left out costs more than a degree of heading, or int16 cannot hold the
+    Raises `NotExportable` where what is left out costs more than 0.5° of heading, or int16 cannot hold the
     numbers.
     """
-    offset, radii = offset_and_radii(calibration, who="INAV")
+    new = remounting(calibration, asked.mounting, MOUNTINGS, after=False)
+    turn = None if new is None else new.turn
+    offset, radii = offset_and_radii(calibration, who="INAV", turn=turn)
     zero, gain = in_16_bits(offset, ZEROS), in_16_bits(radii, GAINS, lowest=1)
-    values = dict(zip((*ZEROS, *GAINS), (*zero, *gain), strict=True))
+    values = {
+        **({} if new is None else _aligned(new.mounting)),
+        **dict(zip((*ZEROS, *GAINS), (*zero, *gain), strict=True)),
+    }
     body = [*(f"set {name} = {value}" for name, value in values.items()), "save"]
     # no log tells what was in force, and magADC is after it
-    notes = ["for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds"]
+    notes = [
+        *(left_out(calibration) if new is None else [new.words("align_mag"), STRAIGHT]),
+        "for readings recorded with magzero 0 and maggain 1024 on each axis: it replaces what the board holds",
+    ]
 
     def apply(raw: Floats) -> Floats:
-        return np.trunc((raw - floats(zero)) * UNITY / floats(gain)) + 0.0
+        corrected = np.trunc((raw - floats(zero)) * UNITY / floats(gain)) + 0.0
+        return corrected if turn is None else corrected @ turn.T
 
-    return Written(apply, body, values, notes)
+    return Written(apply, body, values, notes, turn=turn)
+
+
+def _aligned(mounting: Mounting) -> dict[str, str | int]:
+    """Settings of a mounting: a name with angles of 0, or angles alone."""
+    name: dict[str, str | int] = {} if mounting.number is None else {"align_mag": mounting.name}
+    tenths = (round(angle / DECIDEGREE) for angle in mounting.angles)
+    return {**name, **dict(zip(ANGLES, tenths, strict=True))}
 
 
 def read(content: bytes, source: str, *, strength: float | None = None) -> Calibration:
@@ -91,6 +117,7 @@ TARGETS: Final = (
         storage="int16, whole counts; the result in whole numbers as well",
         source="sensors/compass.c at 005b1ee7",
         lengths="1024 long",
+        mountings=MOUNTINGS,
         write=write,
         reader=TargetReader(rb"(?i)\bset\s+mag(?:zero|gain)_[xyz]\b", read, "a dump of INAV"),
     ),

@@ -45,7 +45,7 @@ ATTRIBUTE: Final = re.compile(r"""\b(name|value)\s*=\s*("[^"]*"|'[^']*')""")
 def write(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write the defines for the section IMU; a recording that was not in raw counts raises `UnitError`.
 
-    Raises `NotExportable` where what is left out costs more than a degree of heading, the offset is no number of 32
+    Raises `NotExportable` where what is left out costs more than 0.5° of heading, the offset is no number of 32
     bits, or an axis would change its sign.
     """
     offset, radii = offset_and_radii(calibration, who="Paparazzi")

@@ -22,12 +22,15 @@ array([[ 0.  ,  0.  , -0.45]])
 
 Offsets are subtracted here, and act before the mounting: ArduPilot adds them, after it.
 
-Sources: ``Magnetometer::Correct`` and ``ParametersUpdate`` of PX4's ``src/lib/sensor_calibration`` (BSD-3-Clause; the
-formula was taken from it and none of its code), ``src/lib/conversion/rotation.h``, limits of
-``src/modules/sensors/module.yaml``, which gives the unit of the offsets as "m": it is gauss. Up to version 1.11 the
-driver itself applied SCALE and OFF, and there was no ODIAG. The angles SENS_BOARD_X_OFF … Z_OFF turn after
-SENS_BOARD_ROT, which a log of 2016 shows to the bit of its sensor; the newest versions leave them to the estimator
-(since when was not seen).
+A rotation of the calibration goes into R of an external compass: CAL_MAGn_ROT, or for ROT 100 the Euler rotation 321
+of CAL_MAGn_ROLL, PITCH and YAW in degrees; where one of these is not 0, ROT counts as 100.
+
+Sources: ``Magnetometer::Correct``, ``set_custom_rotation`` and ``ParametersUpdate`` of PX4's
+``src/lib/sensor_calibration`` (BSD-3-Clause; the formula was taken from it and none of its code),
+``src/lib/conversion/rotation.h``, limits of ``src/modules/sensors/module.yaml``, which gives the unit of the offsets
+as "m": it is gauss. Up to version 1.11 the driver itself applied SCALE and OFF, and there was no ODIAG. The angles
+SENS_BOARD_X_OFF … Z_OFF turn after SENS_BOARD_ROT, which a log of 2016 shows to the bit of its sensor; the newest
+versions leave them to the estimator (since when was not seen).
 """
 
 from __future__ import annotations
@@ -44,15 +47,14 @@ from flinders.targets._autopilot import (
     ROTATIONS,
     CompassParameters,
     ParameterFile,
-    euler,
     in_six,
-    in_words,
     listed,
     motor_kind,
     mountings,
     refuse_values,
-    turn_of,
 )
+from flinders.targets._mounting import Mounting, MountingTable, euler
+from flinders.targets._remounting import left_out, remounting
 from flinders.targets._target import (
     MOTORS,
     Affine,
@@ -87,6 +89,14 @@ MOUNTINGS: Final = ROTATIONS + mountings("""
     ROLL_270_YAW_315
 """)
 """Name, roll, pitch and yaw in degrees of CAL_MAGn_ROT and SENS_BOARD_ROT 0 to 47; older versions end at 40."""
+CUSTOM: Final = 100
+"""CAL_MAGn_ROT of a compass that is turned by CAL_MAGn_ROLL, PITCH and YAW."""
+TABLE: Final = MountingTable("PX4", "CAL_MAGn_ROT", MOUNTINGS)
+RESTART: Final = "restart the vehicle afterwards"
+EXTERNAL_ONLY: Final = (
+    "only an external compass has a mounting of its own: where CAL_MAGn_ROT is -1, it turns with the board. Old "
+    "versions of PX4 have no CAL_MAGn_ROLL, PITCH and YAW, and no ROT above 40"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,12 +120,15 @@ class Px4Parameters(CompassParameters):
     device_id : int, optional
         CAL_MAGn_ID: PX4 uses the parameters for the compass with this number, as ``sensor_mag`` has it.
     rotation : int
-        CAL_MAGn_ROT, a row of `MOUNTINGS`, or `INTERNAL`.
+        CAL_MAGn_ROT, a row of `MOUNTINGS`, `CUSTOM` or `INTERNAL`.
+    custom : (3,) float, degrees
+        CAL_MAGn_ROLL, PITCH and YAW.
     board : (3, 3) float
         How the board sits, for an internal compass.
     """
 
     rotation: int = INTERNAL
+    custom: Floats = field(default_factory=lambda: np.zeros(3))
     board: Floats = field(default_factory=lambda: np.eye(3))
 
     who: ClassVar[str] = "PX4"
@@ -123,8 +136,10 @@ class Px4Parameters(CompassParameters):
     compasses: ClassVar[tuple[int, ...]] = COMPASSES
 
     @classmethod
-    def of(cls, calibration: Calibration, *, compass: int = 0, lossy: bool = False) -> Self:
+    def of(cls, calibration: Calibration, *, compass: int = 0) -> Self:
         """Turn a calibration into parameters; where it follows a current or a throttle, COMP is −P.
+
+        A rotation of the calibration is left out: it belongs into the mounting, see `remounting`.
 
         Parameters
         ----------
@@ -132,8 +147,6 @@ class Px4Parameters(CompassParameters):
             Of readings in the axes of the sensor, as ``sensor_mag`` of a PX4 log has them.
         compass : int
             n, from 0 to 3.
-        lossy : bool
-            Leave a rotation of the calibration out, which belongs into the mounting.
 
         Raises
         ------
@@ -144,8 +157,7 @@ class Px4Parameters(CompassParameters):
         UsageError
             For a compass that there is not.
         """
-        by = "CAL_MAGn_ROLL, PITCH and YAW"
-        matrix = cls.symmetric(calibration, compass, lossy=lossy, beyond="CAL_MAG ODIAG", by=by)
+        matrix = cls.symmetric(calibration, compass)
         plain, follows = followed(calibration)
         diagonal, off_diagonal = in_six(matrix)
         offset = in_recorded_axes(plain)[1] / GAUSS
@@ -174,6 +186,9 @@ class Px4Parameters(CompassParameters):
             return int(value) if np.isfinite(value) else None
 
         rotation = whole("ROT")
+        custom = np.nan_to_num([float(values.get(f"{name}{axis}", 0.0)) for axis in ANGLES])
+        if custom.any() and rotation not in (None, INTERNAL):
+            rotation = CUSTOM
         return cls(
             offset=three("OFF"),
             diagonal=three("SCALE", 1.0),
@@ -181,6 +196,7 @@ class Px4Parameters(CompassParameters):
             motor=three("COMP"),
             motor_by=motor_kind(values, "CAL_MAG_COMP_TYP"),  # of ESC currents a calibration has no column
             rotation=INTERNAL if rotation is None else rotation,
+            custom=custom,
             board=board_mounting(values),
             device_id=whole("ID"),
             compass=compass,
@@ -196,7 +212,20 @@ class Px4Parameters(CompassParameters):
         """(3, 3) R, from the axes of the sensor to those of the vehicle; a number that is not known turns nothing."""
         if self.rotation == INTERNAL:
             return self.board
+        if self.rotation == CUSTOM:
+            return euler(*self.custom)
         return mounting(self.rotation) if 0 <= self.rotation < len(MOUNTINGS) else np.eye(3)
+
+    @classmethod
+    def mounting_names(cls, compass: int) -> tuple[str, ...]:
+        """CAL_MAGn_ROLL, PITCH, YAW and ROT."""
+        return tuple(f"CAL_MAG{compass}_{group}" for group in (*ANGLES, "ROT"))
+
+    @property
+    def own_mounting(self) -> Floats | None:
+        """(3, 3) R; None for a compass on the board, or a number that is not known."""
+        is_known = self.rotation == CUSTOM or 0 <= self.rotation < len(MOUNTINGS)
+        return self.mounting if is_known else None
 
     def apply(self, raw: ArrayLike, drive: ArrayLike = 0.0) -> Floats:
         """Correct readings as PX4 does: (..., 3) G in the axes of the sensor to (..., 3) G in those of the vehicle.
@@ -286,6 +315,19 @@ def mounting(rotation: int) -> Floats:
     return euler(*MOUNTINGS[rotation][1:])
 
 
+ANGLES: Final = ("ROLL", "PITCH", "YAW")
+
+
+def mounting_rows(held: Mounting, compass: int) -> tuple[tuple[str, float], ...]:
+    """Names and values to write: the angles, which are 0 for a mounting by its number, and ROT.
+
+    >>> mounting_rows(TABLE.held(euler(180, 0, 0)), 1)[2:]
+    (('CAL_MAG1_YAW', 0.0), ('CAL_MAG1_ROT', 8.0))
+    """
+    own = ((f"CAL_MAG{compass}_{axis}", angle) for axis, angle in zip(ANGLES, held.angles, strict=True))
+    return (*own, (f"CAL_MAG{compass}_ROT", float(CUSTOM if held.number is None else held.number)))
+
+
 def board_mounting(values: Mapping[str, float]) -> Floats:
     """(3, 3) how the board sits: SENS_BOARD_ROT, then SENS_BOARD_X_OFF, Y_OFF and Z_OFF in degrees; vehicle = R board.
 
@@ -324,6 +366,8 @@ def of_device(values: Mapping[str, float], device_id: int) -> Px4Parameters | No
 
 FLOAT, WHOLE = 9, 6
 """MAV_PARAM_TYPE_REAL32 and INT32, the last column of QGroundControl's file."""
+WHOLES: Final = ("COMP_TYP", "_ROT")
+"""How names of whole numbers end."""
 COMPENSATED: Final = (
     "COMP is in G per kA (CAL_MAG_COMP_TYP 2, current of the first battery) or at full throttle (1), added to a "
     "reading before OFF is removed; CAL_MAG_COMP_TYP is one for all compasses"
@@ -337,7 +381,7 @@ def write(calibration: Calibration, asked: ExportOptions) -> Written:
     """
 
     def line(name: str, value: str) -> str:
-        return f"1\t1\t{name}\t{value}\t{WHOLE if name == 'CAL_MAG_COMP_TYP' else FLOAT}"
+        return f"1\t1\t{name}\t{value}\t{WHOLE if name.endswith(WHOLES) else FLOAT}"
 
     return _written(calibration, line, asked)
 
@@ -351,28 +395,28 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
     """The parameters of one compass, the first unless another is asked for, each as a line."""
     compass = 0 if asked.compass is None else asked.compass
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
-    parameters = Px4Parameters.of(calibration, compass=compass, lossy=asked.lossy).as_held()
-    values: dict[str, float] = dict(parameters.rows())
-    compensated: Callable[[Floats, float], Floats] | None = None
-    if (motor := followed(calibration)[1]) is not None:
+    new = remounting(calibration, asked.mounting, TABLE, after=False)
+    turn = np.eye(3) if new is None else new.turn
+    parameters = Px4Parameters.of(calibration, compass=compass).as_held()
+    values = dict([*(() if new is None else mounting_rows(new.mounting, compass)), *parameters.rows()])
+    motor = followed(calibration)[1]
+    if motor is not None:
         values["CAL_MAG_COMP_TYP"] = MOTORS[motor.name]
-        size = DRIVE_UNITS[motor.name]
-        compensated = lambda raw, value: parameters.apply(raw, value / size)  # noqa: E731 - in the unit of COMP_TYP
+    size = 1.0 if motor is None else DRIVE_UNITS[motor.name]
 
-    ready = (
-        f"CAL_MAG{compass}_ID must already be the device_id of this sensor, and CAL_MAG{compass}_ROT its mounting; "
-        "restart the vehicle afterwards"
-    )
-    notes = [ready] if compensated is None else [ready, COMPENSATED]
-    if (turn := turn_of(in_recorded_axes(calibration)[0])) is not None:
-        left_out = (
-            f"left out: a rotation of {in_words(turn)}. It belongs into the mounting, before the rotation that is set "
-            f"now: put the product of both into CAL_MAG{compass}_ROLL, PITCH and YAW, which recent versions of PX4 "
-            "have; the numbers stay as they are"
-        )
-        notes.insert(0, left_out)
+    def apply(raw: Floats, value: float = 0.0) -> Floats:
+        """The formula with a value in amperes or as a share, which COMP_TYP has in its own unit."""
+        return parameters.apply(raw, value / size) @ turn.T
+
+    its_mounting = "" if new else f", and CAL_MAG{compass}_ROT its mounting"
+    notes = [
+        *(left_out(calibration) if new is None else [new.words(f"CAL_MAG{compass}_ROT"), EXTERNAL_ONLY]),
+        f"CAL_MAG{compass}_ID must already be the device_id of this sensor{its_mounting}; {RESTART}",
+        *[COMPENSATED] * (motor is not None),
+    ]
     body = [line(name, f"{value:.9g}") for name, value in values.items()]
-    return Written(parameters.apply, body, values, notes, compensated=compensated)
+    compensated = None if motor is None else apply
+    return Written(apply, body, values, notes, compensated=compensated, turn=None if new is None else turn)
 
 
 def _with_offsets(values: Mapping[str, float]) -> list[int]:
@@ -392,6 +436,7 @@ PX4: Final = Target(
     source="Magnetometer.hpp and .cpp, sensors/module.yaml",
     follows="motors",
     compasses=range(4),
+    mountings=TABLE,
     write=write,
     reader=TargetReader(rb"CAL_MAG", FILE.read, "parameters of PX4", FILE.which),
 )

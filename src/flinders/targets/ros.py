@@ -44,7 +44,7 @@ def write_madgwick(calibration: Calibration, _asked: ExportOptions) -> Written:
     """Write a file of parameters for ROS 2, for a node of any name: it subtracts a bias, and knows no soft iron.
 
     Raises `UnitError` for a calibration in counts; `NotExportable` for more than 10 T, and where the soft iron left
-    out costs more than a degree of heading.
+    out costs more than 0.5° of heading.
     """
     bias = _ten_digits(Affine.of(calibration, "T", who="imu_filter_madgwick").offset)
     if not np.all(np.abs(bias) <= LARGEST_T):

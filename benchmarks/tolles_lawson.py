@@ -1,0 +1,153 @@
+"""How good a Tolles–Lawson compensation is on other flights: errors beside the claim, and figures of merit.
+
+    python -m benchmarks.tolles_lawson [--trials 200]
+
+Each simulated aircraft makes a calibration flight, another flight of the same manoeuvres on the same headings, and one
+on four headings between those. Errors are those of the compensation in the other flights, which the simulation knows
+without noise and ground, from 0.1 to 0.9 Hz; a ratio to the claim is a root mean square over the trials, and 1 where
+claims are true. A figure of merit is the sum of the peak-to-peak interference of the twelve manoeuvres on the headings
+between; its reduction is beside that of least squares fitted to these very manoeuvres, noise and ground included.
+Refused fits count in the last column alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.estimators.tolles_lawson import NO_RIDGE, Equations, fitted
+from flinders.estimators.tolles_lawson_terms import Signal
+from flinders.simulate import Aircraft, Sensor, calibration_flight, fluxgate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from flinders.arrays import Floats
+    from flinders.simulate import Flight
+
+BETWEEN_DEG: Final = (45.0, 135.0, 225.0, 315.0)
+
+CASES: Final[Mapping[str, tuple[float, dict[str, Any]]]] = {
+    "four headings": (1.0, {}),
+    "a fifth of the iron": (0.2, {}),
+    "four times the iron": (4.0, {}),
+    "ground five times as rough": (1.0, {"geology": 0.1}),
+    "a vector magnetometer with 20 nT of noise": (1.0, {"vector": Sensor(noise=0.02)}),
+    "north and south": (1.0, {"headings_deg": (0.0, 180.0)}),
+    "rolls alone": (1.0, {"manoeuvres": ("roll",)}),
+    "north four times": (1.0, {"headings_deg": (0.0, 0.0, 0.0, 0.0)}),
+}
+"""How magnetic the aircraft is, and what is different about the calibration flight."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One aircraft."""
+
+    verdict: str
+    before: float  # nT, on the calibration flight
+    held_out: float
+    as_flown: float  # error over claim
+    between: float
+    merit: float  # nT, figure of merit before
+    left: float  # and after
+    of_optimum: float  # its reduction beside that of the optimum
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=200)
+    for line in lines(parser.parse_args().trials):
+        print(line, flush=True)
+
+
+def lines(count: int) -> Iterator[str]:
+    """Lines of the table."""
+    yield (
+        "| calibration flight | before, nT | held out, nT | error/claim as flown | on headings between "
+        "| figure of merit, nT | after, nT | reduction/optimum | least of 95 % | good, limited, refused |"
+    )
+    yield "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
+    for name, (iron, different) in CASES.items():
+        yield f"| {name} | {_row([trial(seed, iron, **different) for seed in range(count)])} |"
+
+
+def trial(seed: int, iron: float, **different: Any) -> Trial:
+    """Fly an aircraft three times."""
+    rng = np.random.default_rng(seed)
+    drawn = Aircraft.random(rng)
+    aircraft = Aircraft(iron * drawn.permanent, iron * drawn.induced, iron * drawn.eddy)
+    same = {"aircraft": aircraft, "vector": fluxgate(rng), **different}
+    flight = calibration_flight(rng, **same)
+    again = calibration_flight(rng, **same)
+    between = calibration_flight(rng, aircraft=aircraft, vector=same["vector"], headings_deg=BETWEEN_DEG)
+    fit = fitted(flight.samples)
+    left, optimum = between.interference - fit.interference(between.samples), _optimum(between)
+    merit, after = merit_of(between, between.interference), merit_of(between, left)
+    return Trial(
+        fit.verdict,
+        fit.before,
+        fit.held_out,
+        in_band(again, again.interference - fit.interference(again.samples)) / fit.as_flown,
+        in_band(between, left) / fit.on_any_heading,
+        merit,
+        after,
+        (merit - after) / (merit - merit_of(between, optimum)),
+    )
+
+
+def in_band(flight: Flight, values: Floats) -> float:
+    """Standard deviation of (N,) values of a flight, nT, from 0.1 to 0.9 Hz."""
+    runs = Signal.of(flight.samples).runs()
+    cosines = np.concatenate([run.filtered(values[run.rows]) for run in runs])
+    return float(np.sqrt(np.sum(cosines**2) / sum(map(len, runs))))
+
+
+def merit_of(flight: Flight, values: Floats) -> float:
+    """Sum of the peak-to-peak values of each manoeuvre, without its straight line."""
+    return sum(float(np.ptp(_without_line(values[each.rows]))) for each in flight.manoeuvres)
+
+
+def _without_line(values: Floats) -> Floats:
+    line = np.column_stack([np.ones(len(values)), np.arange(len(values))])
+    rest: Floats = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
+    return rest
+
+
+def _optimum(flight: Flight) -> Floats:
+    """(N,) what least squares of these very readings leave."""
+    signal = Signal.of(flight.samples)
+    equations = Equations.of(signal.runs())
+    coefficients = equations.fit(NO_RIDGE)
+    return flight.interference - signal.interference(coefficients)
+
+
+def _row(trials: Sequence[Trial]) -> str:
+    """Cells of a row."""
+    usable = [each for each in trials if each.verdict != "refused"]
+    verdicts = Counter(each.verdict for each in trials)
+    counts = ", ".join(str(verdicts[name]) for name in ("good", "limited", "refused"))
+    if not usable:
+        return " | ".join([*["–"] * 8, counts])
+    columns = {
+        name: np.array([getattr(each, name) for each in usable]) for name in Trial.__slots__ if name != "verdict"
+    }
+    numbers: dict[str, Callable[[Floats], float]] = {
+        "before": np.median, "held_out": np.median, "as_flown": _rms, "between": _rms, "merit": np.median,
+        "left": np.median, "of_optimum": np.median,
+    }  # fmt: skip
+    cells = [float(number(columns[name])) for name, number in numbers.items()]
+    return " | ".join([*(f"{cell:.3g}" for cell in [*cells, float(np.quantile(columns["of_optimum"], 0.05))]), counts])
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,331 @@
+"""Where a swing comes from: a table, a boat's log, or a recording and its calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from flinders.cli import _options as option
+from flinders.cli._inputs import is_calibration, is_recording, site_of
+from flinders.cli._output import progress, say
+from flinders.cli._program import GOOD, LIMITED, REFUSED
+from flinders.cli._stream import HeadingLog, open_log
+from flinders.errors import FitError, UsageError, counted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from flinders.arrays import Floats
+    from flinders.cli._swing_options import StandardOptions, SwingOptions
+    from flinders.core.geomag import SiteField
+    from flinders.heading.compensation import Compensation
+    from flinders.heading.conformity import Conformity
+    from flinders.heading.deviation import Deviation, Expected
+    from flinders.heading.legs import LoggedSwing
+    from flinders.heading.stationary import HalfTurn, Rest
+    from flinders.readers.compass_log import CompassLog
+
+
+@dataclass(frozen=True, slots=True)
+class Swing:
+    """What was found of a compass; of a recording also its rests, and what its calibration claims."""
+
+    deviation: Deviation | None  # where headings are known
+    site: SiteField | None  # where the declination comes from
+    rests: tuple[Rest, ...] = ()
+    halves: tuple[HalfTurn, ...] = ()
+    expected: Expected | None = None
+    conformity: Conformity | None = None  # where there is a limit
+    before: Compensation | None = None  # coefficients before the compass was compensated
+    logged: LoggedSwing | None = None  # readings from a boat's log
+
+    def as_dict(self, target_deg: float) -> dict[str, Any]:
+        """JSON-ready."""
+        from flinders.heading.stationary import hard_iron
+        from flinders.report.swing_pages import limits
+
+        deviation, halves = self.deviation, self.halves
+        return {
+            "deviation": None if deviation is None else deviation.as_dict(),
+            "limits": [] if deviation is None else list(limits(deviation, target_deg)),
+            "calibration": None if self.expected is None else self.expected.as_dict(deviation),
+            "site": None if self.site is None else self.site.as_dict(),
+            "conformity": None if self.conformity is None else self.conformity.as_dict(),
+            "before": None if self.before is None else self.before.as_dict(),
+            "logged": None if self.logged is None else self.logged.as_dict(),
+            "rests": [rest.as_dict() for rest in self.rests],
+            "half_turns": [half.as_dict() for half in halves],
+            "hard_iron_deg": None if (iron := hard_iron(halves)) is None else {"B": iron[0], "C": iron[1]},
+            "half_turns_pass": all(abs(half.off_deg) <= target_deg for half in halves) if halves else None,
+            "target_deg": target_deg,
+        }
+
+    def exit_code(self, target_deg: float) -> int:
+        """How the command ends."""
+        from flinders.report.swing_pages import limits
+
+        missed = bool(self.rests) and any(abs(half.off_deg) > target_deg for half in self.halves)
+        if self.deviation is None:
+            return REFUSED if missed else GOOD
+        is_open = self.conformity is not None and self.conformity.verdict != "within"
+        return LIMITED if missed or is_open or limits(self.deviation, target_deg) else GOOD
+
+    def judged_by(self, rule: StandardOptions, place: option.Place) -> Swing:
+        """The same by a rule: the error of the base in its uncertainty, the limit, and what was before."""
+        from flinders.heading.conformity import conformity
+        from flinders.heading.deviation import common_error
+
+        if self.deviation is None:
+            return self
+        curve = self.deviation.widened(common_error(rule.base_error_deg))
+        checked = None if rule.limit is None else conformity(curve, rule.limit)
+        before = None if rule.before is None else compensation_of(rule.before, place)
+        return replace(self, deviation=curve, conformity=checked, before=before)
+
+
+def is_boat(path: str) -> bool:
+    """Whether a file is a log of NMEA or Signal K."""
+    from flinders.readers.compass_log import is_compass_log
+
+    return path != "-" and is_compass_log(path)
+
+
+def is_raw(path: str) -> bool:
+    """Whether a file is no table of headings but a recording, whose compass is taken as it is."""
+    from flinders.errors import InputError
+    from flinders.readers.swing import read_swing
+
+    try:
+        if path != "-":  # standard input can be read once
+            read_swing(path)
+    except InputError:
+        return not is_calibration(path) and is_recording(path)
+    return False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """What a table holds of a swing: (N,) degrees each."""
+
+    compass_deg: Floats
+    deviation_deg: Floats  # magnetic less compass
+    sigma_deg: Floats | None
+    site: SiteField | None
+
+
+def of_table(path: str, sigma_deg: float | None, place: option.Place) -> Swing:
+    """Fit a table."""
+    from flinders.heading.deviation import fit
+
+    readings = read_table(path, place)
+    compass = readings.compass_deg
+    if readings.sigma_deg is not None and sigma_deg is not None:
+        raise UsageError(f"{path} has a column of sigma: leave --sigma out")
+    sigma: Floats | float | None = sigma_deg if readings.sigma_deg is None else readings.sigma_deg
+    curve = fit(compass, readings.deviation_deg, sigma_deg=sigma)
+    halves = _half_turns(compass, compass + readings.deviation_deg, curve.sigma_deg if sigma is None else sigma)
+    return Swing(curve, readings.site, halves=halves)
+
+
+def compensation_of(path: str, place: option.Place) -> Compensation:
+    """What to turn on N, E, S and W by a table with a reading on each."""
+    from flinders.heading.compensation import compensation
+
+    readings = read_table(path, place)
+    return compensation(readings.compass_deg, readings.deviation_deg)
+
+
+def read_table(path: str, place: option.Place) -> Readings:
+    """Read a table, its true headings made magnetic by the declination of the place."""
+    from flinders.geometry.angles import folded, wrapped
+    from flinders.readers.swing import read_swing
+
+    if is_calibration(path):
+        raise UsageError(f"{path} is a calibration: give the recording of a swing after it")
+    place.check()
+    table = read_swing(path)
+    columns = table.columns
+    for name in ("compass", "magnetic", "true", "deviation"):
+        places = (f"{name} in line {line} of {table.source}" for line in table.lines)
+        _refuse_no_heading(columns.get(name, ()), places)
+    say(f"{table.source}: {counted(len(table.lines), 'heading')}; columns {', '.join(columns)}")
+    site = _site_of_table(path, place, is_true="true" in columns)
+    if site is not None:
+        columns = {**columns, "magnetic": wrapped(columns["true"] - site.declination_deg)}
+    deviation = columns["deviation"] if "deviation" in columns else folded(columns["magnetic"] - columns["compass"])
+    compass = columns["compass"] if "compass" in columns else wrapped(columns["magnetic"] - deviation)
+    return Readings(compass, deviation, columns.get("sigma"), site)
+
+
+def _half_turns(compass: Floats, magnetic: Floats, sigma_deg: Floats | float | None) -> tuple[HalfTurn, ...]:
+    """Pair the headings of a table that are half a turn apart."""
+    import numpy as np
+
+    from flinders.heading.stationary import Rest, half_turns
+
+    sigmas = np.broadcast_to(np.nan if sigma_deg is None else sigma_deg, compass.shape).tolist()
+    rows = enumerate(zip(compass.tolist(), sigmas, strict=True))
+    rests = [Rest(place, place + 1, heading, sigma, sigma) for place, (heading, sigma) in rows]
+    return half_turns(rests, magnetic.tolist())
+
+
+def _site_of_table(path: str, place: option.Place, *, is_true: bool) -> SiteField | None:
+    """The field where the swing was made, which true headings need and others do not."""
+    if is_true and place.place is None:
+        raise UsageError(f"{path} holds true headings: say where with --at LAT,LON and when with --date")
+    if not is_true and place.place is not None:
+        raise UsageError(f"{path} holds no true headings: leave --at out, or call its column 'true'")
+    return None if place.place is None else site_of(place.place, place.date)
+
+
+def of_boat(path: str, options: SwingOptions) -> Swing:
+    """Fit the readings of a log of NMEA or Signal K."""
+    from flinders.geometry.angles import wrapped
+    from flinders.heading.deviation import fit
+    from flinders.readers.compass_log import read_compass_log
+
+    options.refuse_of_magnetometer()
+    log = read_compass_log(path, options.boat.reference)
+    say(f"{log.source}: {log.words}")
+    site = _site_of_boat(log, options.place)
+    logged = _logged(log, wrapped(log.reference_deg - site.declination_deg), options)
+    curve = fit(logged.compass_deg, logged.deviation_deg, sigma_deg=logged.sigma_deg).widened(logged.common)
+    magnetic = logged.compass_deg + logged.deviation_deg
+    has_headings = logged.is_steady and not log.is_course
+    halves = _half_turns(logged.compass_deg, magnetic, logged.sigma_deg) if has_headings else ()
+    return Swing(curve, site, halves=halves, logged=logged)
+
+
+def _site_of_boat(log: CompassLog, place: option.Place) -> SiteField:
+    """The field where the log was made, by its positions and clock unless another place was typed."""
+    place.check()
+    where = place.place or (None if log.place is None else "{:.4f},{:.4f}".format(*log.place))
+    day = place.date or (None if log.day is None else f"{log.day}")
+    if where is None or day is None:
+        missing = "position" if where is None else "date"
+        raise UsageError(f"{log.source} has no {missing}: say where with --at LAT,LON and when with --date")
+    return site_of(where, day)
+
+
+def _logged(log: CompassLog, magnetic_deg: Floats, options: SwingOptions) -> LoggedSwing:
+    """Readings from straight legs; where there are too few, from turns, if the reference is a heading."""
+    from flinders.heading.legs import LEG_S, legs
+    from flinders.heading.turning import turning
+
+    least_s = options.known.stationary_s if option.is_typed("stationary_s") else LEG_S
+    try:
+        return legs(
+            log.time,
+            log.compass_deg,
+            magnetic_deg,
+            log.speed,
+            is_course=log.is_course,
+            least_s=least_s,
+            slowest=options.boat.slowest,
+            crab_deg=options.boat.crab_deg,
+        )
+    except FitError:
+        if log.is_course:
+            raise
+        return turning(log.time, log.compass_deg, magnetic_deg)
+
+
+def of_log(calibration: str | None, recording: str, options: SwingOptions) -> Swing:
+    """Find the rests of a recording, fit their deviations where headings are known, and pair them."""
+    from flinders.heading.stationary import half_turns
+
+    known = None if options.known.headings is None else _known(options.known.headings)
+    if options.place.place is not None and known is None:
+        raise UsageError("--at turns known headings from true into magnetic: give --headings too, or leave it out")
+    log, rests = _rests(calibration, recording, options)
+    halves = half_turns(rests)
+    if known is None and not halves:
+        raise FitError(
+            f"no turn by 180° in {recording}, {_listed(rests)}: rest on a heading, turn by 180°, rest again; or "
+            "name the known headings with --headings"
+        )
+    if known is not None and len(rests) != len(known):
+        raise FitError(
+            f"--headings names {len(known)}, and {recording} holds {_listed(rests)}: name one for each, in order, or "
+            "change the shortest --stationary"
+        )
+    deviation = None if known is None else _deviation(rests, known, log.site, options.known.sigma_deg)
+    return Swing(deviation, log.site, rests, halves, _expected(log))
+
+
+def _deviation(
+    rests: tuple[Rest, ...], known: list[float], site: SiteField | None, sigma_deg: float | None
+) -> Deviation:
+    """Fit the deviation of rests on known headings, which are true where the site is known."""
+    import numpy as np
+
+    from flinders.geometry.angles import folded
+    from flinders.heading.deviation import fit
+
+    seen = np.array([rest.heading_deg for rest in rests])
+    magnetic = np.array(known) - (0.0 if site is None else site.declination_deg)
+    return fit(seen, folded(magnetic - seen), sigma_deg=sigma_deg)
+
+
+def _rests(calibration: str | None, recording: str, options: SwingOptions) -> tuple[HeadingLog, tuple[Rest, ...]]:
+    """Go through a recording and find its rests."""
+    import numpy as np
+
+    from flinders.heading.stationary import LEAST_READINGS, rests
+
+    with progress("swinging") as bar:
+        log = open_log(
+            "swing",
+            calibration,
+            recording,
+            place=options.place,
+            accelerometer=options.accelerometer,
+            progress=bar,
+            **options.reading.as_dict(),
+        )
+        pairs = [(headings.magnetic_deg, samples.time) for _, samples, headings in log.headings()]
+    say(f"{log}; {log.corrector.read_words(log.recording)}")
+    if calibration is not None and not log.corrector.is_plausible:
+        say("! these readings do not suit the calibration: see flinders check")
+    heading = np.concatenate([headings for headings, _ in pairs])
+    times = [time for _, time in pairs if time is not None]
+    steps = np.diff(np.concatenate(times)) if times else np.empty(0)
+    step = float(np.median(steps[np.isfinite(steps)])) if np.isfinite(steps).any() else 0.0
+    least = max(round(options.known.stationary_s / step), 8) if step > 0.0 else LEAST_READINGS
+    return log, rests(heading, least_readings=least)
+
+
+def _expected(log: HeadingLog) -> Expected | None:
+    """Deviation that the calibration's own uncertainty makes, where it states one."""
+    from flinders.heading.deviation import Expected
+    from flinders.heading.error_propagation import deviation_covariance
+
+    if not log.fit.states_uncertainty:
+        return None
+    dip, source = log.site_dip()
+    covariance = deviation_covariance(log.fit.ellipsoid, log.fit.claimed_covariance, dip_deg=dip, down=log.down())
+    return Expected(covariance, dip, source)
+
+
+def _known(text: str) -> list[float]:
+    """Read the known headings."""
+    known = option.numbers_of(text)
+    if not known:
+        raise UsageError(f"--headings {text!r}: need degrees, such as 0,45,90,135,180,225,270,315")
+    _refuse_no_heading(known, (f"number {place} of --headings" for place in range(1, len(known) + 1)))
+    return known
+
+
+def _refuse_no_heading(angles: Iterable[float], places: Iterable[str]) -> None:
+    """Refuse what goes round more than once: a slip, such as a digit too many."""
+    for angle, place in zip(angles, places, strict=False):
+        if abs(angle) > 360.0:
+            raise UsageError(f"{place} is {angle:g}°: need degrees from −360 to 360")
+
+
+def _listed(rests: tuple[Rest, ...]) -> str:
+    """Say which rests there are."""
+    from flinders.geometry.angles import shown_heading
+
+    shown = ", ".join(shown_heading(rest.heading_deg, 0) for rest in rests[:12]) + ", …" * (len(rests) > 12)
+    return f"{counted(len(rests), 'rest')}{f' on {shown}' if rests else ''}"

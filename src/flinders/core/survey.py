@@ -1,0 +1,122 @@
+"""Calibration of a survey instrument: two sensors and the axis of a laser, which give azimuth, inclination and roll.
+
+A cave or geological surveyor's instrument (DistoX, SAP6) has a magnetometer, an accelerometer and a laser. Its
+calibration turns readings of both into axes of the instrument, of which one is the laser's.
+
+>>> instrument = SurveyCalibration.identity()
+>>> angles = instrument.angles([[0.5, 0.0, 0.8]], [[0.0, 0.0, 1.0]])              # held level, the laser to the north
+>>> np.stack([angles.azimuth_deg, angles.inclination_deg, angles.roll_deg]).round(6).T + 0.0
+array([[0., 0., 0.]])
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+import msgspec
+import numpy as np
+
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
+from flinders.core.shots import FORWARD_RIGHT_DOWN
+from flinders.errors import DocumentError
+
+if TYPE_CHECKING:
+    import os
+
+    from numpy.typing import ArrayLike
+
+    from flinders.arrays import Floats
+    from flinders.core.calibration_file import Document, Fitted, Provenance
+    from flinders.core.shots import Pointing
+
+
+class Angles(NamedTuple):
+    """Where shots point, in degrees."""
+
+    azimuth_deg: Floats  #: (N,) from magnetic north, 0 to 360
+    inclination_deg: Floats  #: (N,) above the horizon
+    roll_deg: Floats  #: (N,) to the right, −180 to 180
+
+
+def pointing_angles(field: Floats, down: Floats) -> Angles:
+    """Angles of the x axis of an instrument, of (..., 3) field and gravity in its axes, forward, right and down.
+
+    Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009).
+    """
+    west = np.cross(field, down)
+    x, y, z = (vector[..., 0] / np.linalg.norm(vector, axis=-1) for vector in (np.cross(down, west), west, down))
+    return Angles(
+        np.degrees(np.arctan2(-y, x)) % 360.0,
+        np.degrees(np.arctan2(-z, np.hypot(x, y))),
+        np.degrees(np.arctan2(down[..., 1], down[..., 2])),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyCalibration:
+    """Calibrations of both sensors into axes of the instrument, right-handed, one of which is the laser's.
+
+    Attributes
+    ----------
+    magnetometer, accelerometer : Calibration
+        The second corrects readings that point down.
+    pointing : str
+        The laser's axis: x, y or z.
+    """
+
+    magnetometer: Calibration
+    accelerometer: Calibration
+    pointing: Pointing = "x"
+
+    @classmethod
+    def identity(cls, pointing: Pointing = "x") -> Self:
+        """Of an instrument without errors."""
+        return cls(Calibration.identity(), Calibration.identity(), pointing)
+
+    def angles(self, magnetic: ArrayLike, gravity: ArrayLike) -> Angles:
+        """Azimuth from magnetic north, inclination and roll, of (N, 3) readings in mapped axes.
+
+        Of a laser along x the roll is zero where z points down, along y where z points up, and along z where y points
+        down; positive to the right.
+        """
+        axes = FORWARD_RIGHT_DOWN[self.pointing]
+        field, down = self.magnetometer.apply(magnetic), self.accelerometer.apply(gravity)
+        return pointing_angles(axes.apply(field), axes.apply(down))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a calibration file; one of a magnetometer alone raises `DocumentError`."""
+        return cls.from_document(read(path), source=str(path))
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write a calibration file, whole or not at all; raises as `Calibration.save`."""
+        write(self.to_document(), path, force=force)
+
+    @classmethod
+    def from_document(cls, document: Document, *, source: str = "calibration") -> Self:
+        """Take both corrections out of a calibration file; `source` names it in messages."""
+        survey = document.survey
+        if isinstance(survey, msgspec.UnsetType):
+            raise DocumentError(
+                f"{source}: is the calibration of a magnetometer alone: need one of a survey instrument, which "
+                "flinders survey writes"
+            )
+        gravity = msgspec.structs.replace(
+            document, calibration=survey.accelerometer, raw=Recorded(unit="counts", axes=survey.acceleration_axes)
+        )
+        return cls(
+            Calibration.from_document(document, source=source),
+            Calibration.from_document(gravity, source=source),
+            survey.pointing,
+        )
+
+    def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
+        """A calibration file: that of the magnetometer, with the accelerometer and the axis of the laser."""
+        gravity = self.accelerometer.to_document()
+        record = SurveyRecord(
+            accelerometer=gravity.calibration, acceleration_axes=gravity.raw.axes, pointing=self.pointing
+        )
+        document = self.magnetometer.to_document(fit=fit, provenance=provenance)
+        return msgspec.structs.replace(document, survey=record)

@@ -1,0 +1,111 @@
+"""What to turn on N, E, S and W so that the correctors of a compass take out B and C.
+
+With the deviation on the four cardinal headings, magnetic less compass,
+
+    A = (N + E + S + W)/4,   B = (E − W)/2,   C = (N − S)/2,
+
+as on the worksheets of UK CAA CAP 562 and, with the opposite sign, of MIL-STD-765A. The north–south corrector takes
+out C: on N the compass is made to read C more, on S as much less; the east–west corrector takes out B. A stays, and is
+taken out by turning the compass in its mount.
+
+>>> swing = compensation([3.0, 85.0, 170.0, 265.0], [-4.0, 6.0, 8.0, 2.0])          # CAP 562, worksheet 1
+>>> swing.a_deg, swing.b_deg, swing.c_deg
+(3.0, 2.0, -6.0)
+>>> [(row.name, row.compass_deg, row.make_deg) for row in swing.rows if row.name in "SW"]
+[('S', 170.0, 176.0), ('W', 265.0, 263.0)]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.arrays import column, floats
+from flinders.errors import FitError
+from flinders.geometry.angles import folded, wrapped
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+CARDINALS: Final = "NESW"
+WITHIN_DEG: Final = 5.0
+"""Of a cardinal heading, by the reference: as near as the vehicle is to be put."""
+
+
+@dataclass(frozen=True, slots=True)
+class Corrector:
+    """One cardinal heading: what the compass read, what it is to be made to read, and the deviation left there."""
+
+    name: str  # N, E, S or W
+    compass_deg: float
+    make_deg: float
+    left_deg: float
+
+    @property
+    def change_deg(self) -> float:
+        """By how much the reading is to grow."""
+        return float(folded(self.make_deg - self.compass_deg))
+
+
+@dataclass(frozen=True, slots=True)
+class Compensation:
+    """Coefficients on the cardinal headings, and what to turn there."""
+
+    a_deg: float
+    b_deg: float
+    c_deg: float
+    rows: tuple[Corrector, ...]  # on N, E, S and W
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        names = ("name", "compass_deg", "make_deg", "change_deg", "left_deg")
+        return {
+            "A_deg": self.a_deg,
+            "B_deg": self.b_deg,
+            "C_deg": self.c_deg,
+            "correctors": [{name: getattr(row, name) for name in names} for row in self.rows],
+        }
+
+
+def compensation(compass_deg: ArrayLike, deviation_deg: ArrayLike) -> Compensation:
+    """Find what to turn, from readings of which one is near each cardinal heading.
+
+    Parameters
+    ----------
+    compass_deg, deviation_deg : (N,) degrees
+        Headings by the compass, and magnetic less compass heading there.
+
+    Raises
+    ------
+    FitError
+        Where no reading is within 5° of one of N, E, S and W.
+    ArrayError
+        For arrays of different lengths.
+    """
+    compass = np.atleast_1d(floats(compass_deg, "compass_deg"))
+    deviations = folded(column(deviation_deg, len(compass), "deviation_deg"))
+    apart = folded((compass + deviations)[:, np.newaxis] - 90.0 * np.arange(4))
+    nearest = np.abs(apart).argmin(axis=0)
+    _refuse_missing(np.abs(apart).min(axis=0).tolist())
+    north, east, south, west = deviations[nearest].tolist()
+    b, c = (east - west) / 2.0, (north - south) / 2.0
+    changes = (c, b, -c, -b)
+    rows = tuple(
+        Corrector(name, read, float(wrapped(read + change)), deviation - change)
+        for name, read, deviation, change in zip(
+            CARDINALS, compass[nearest].tolist(), deviations[nearest].tolist(), changes, strict=True
+        )
+    )
+    return Compensation((north + east + south + west) / 4.0, b, c, rows)
+
+
+def _refuse_missing(apart_deg: list[float]) -> None:
+    """Refuse a swing without one of the cardinal headings."""
+    missing = [name for name, apart in zip(CARDINALS, apart_deg, strict=True) if not apart <= WITHIN_DEG]
+    if missing:
+        raise FitError(
+            f"no reading within {WITHIN_DEG:.0f}° of {' and '.join(missing)}: a correction swing has one on each of "
+            "N, E, S and W by the reference"
+        )

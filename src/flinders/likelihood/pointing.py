@@ -1,0 +1,416 @@
+"""Shots of a survey instrument: a magnetometer, an accelerometer, and a pointing axis that rolled shots share.
+
+A shot k of group j has an attitude C_k, from the axes of the instrument to the world (north, east, down). Residuals are
+
+    m_k − b − S Rᵀ C_kᵀ f,        g_k − b' − S' C_kᵀ e,        t_j − C_k p
+
+with the magnetometer's reading m and the accelerometer's g, which points down; the field f = (cos I, 0, sin I) of dip I
+and e = (0, 0, 1); the pointing axis p, a unit vector in the accelerometer's axes; and the direction t_j that all shots
+of group j were aimed at, however they were rolled. Each kind of residual has a standard deviation of its own: noise of
+both sensors and the error of aiming. Directions t_j are eliminated (`flinders.likelihood.observations`), and attitudes
+are parameters beside gains, axes and offsets of both sensors: 24 and three for each shot.
+
+The standard deviations follow from residuals and the trace of the hat matrix of each kind (W. Förstner 1979).
+
+Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009), for
+groups of shots rolled about the pointing axis; he alternates between vectors and matrices, here all are found at once.
+
+>>> SurveyLayout(shots=56).size
+192
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
+
+import numpy as np
+
+from flinders.geometry.rotation import across, cross_matrices, lengths, on_the_sphere, rotations
+from flinders.likelihood.equations import FINEST, NormalEquations
+from flinders.likelihood.observations import (
+    Linearised,
+    ObservationGroup,
+    ObservationRows,
+    Weights,
+    eliminated,
+    jacobian_of,
+)
+from flinders.likelihood.parameters import ROTATION_SIGMA, ParameterLayout, Parameters
+from flinders.likelihood.prior import SensorPrior
+from flinders.likelihood.solver import NO_WORSE, SETTLED, Iterate
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from flinders.arrays import Floats
+    from flinders.likelihood.solver import Equations
+
+FORWARD, DOWN = np.eye(3)[0], np.eye(3)[2]
+
+GAIN_SPREAD: Final = 0.1
+"""Prior standard deviation of gains and of axes from square, of sensors without soft iron."""
+
+FINEST_AIM: Final = 2e-4
+"""rad: nobody aims better by hand."""
+
+LOUD: Final = 0.03
+"""Of the field, of gravity, and rad: what standard deviations begin with."""
+
+SPARE: Final = 5.0
+"""Residuals of a shot beyond its attitude: lengths, dip, and where it points."""
+
+LEAST_FREEDOM: Final = 0.5
+"""Residuals of a kind below which its standard deviation would be known from nothing."""
+
+KINDS: Final = (np.s_[:, :3], np.s_[:, 3:6], np.s_[:, 6:])
+"""Residuals of field, gravity and aim."""
+
+MAGNETOMETER, ACCELEROMETER = ParameterLayout.of(rotation=True), ParameterLayout.of()
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyLayout:
+    """Columns of the Jacobian for so many shots."""
+
+    shots: int
+    magnetometer: ClassVar[slice] = slice(0, 12)
+    accelerometer: ClassVar[slice] = slice(12, 21)
+    dip: ClassVar[slice] = slice(21, 22)
+    pointing: ClassVar[slice] = slice(22, 24)
+    instrument: ClassVar[slice] = slice(0, 24)
+
+    @property
+    def attitudes(self) -> slice:
+        """Three for each shot."""
+        return slice(24, self.size)
+
+    @property
+    def size(self) -> int:
+        """Of all parameters."""
+        return 24 + 3 * self.shots
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyParameters:
+    """What is fitted.
+
+    Attributes
+    ----------
+    magnetometer, accelerometer : Parameters
+        Offset and shape of each, and the rotation from the magnetometer's axes to the accelerometer's.
+    dip : float, rad
+    pointing : (3,) float
+        p, in the accelerometer's axes.
+    attitudes : (N, 3, 3) float
+        From the accelerometer's axes to north, east and down.
+    """
+
+    magnetometer: Parameters
+    accelerometer: Parameters
+    dip: float
+    pointing: Floats
+    attitudes: Floats
+
+    @property
+    def field(self) -> Floats:
+        """(3,) direction of the field in the world."""
+        return np.array([np.cos(self.dip), 0.0, np.sin(self.dip)])
+
+    def with_attitudes(self, attitudes: Floats) -> Self:
+        """The same instrument in other (N, 3, 3) attitudes."""
+        return replace(self, attitudes=attitudes)
+
+    @property
+    def without_attitudes(self) -> Self:
+        """The instrument alone."""
+        return self.with_attitudes(np.empty((0, 3, 3)))
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether both surfaces are ellipsoids."""
+        return self.magnetometer.is_closed and self.accelerometer.is_closed
+
+    def moved(self, step: Floats, layout: SurveyLayout) -> Self:
+        """Take a (P,) step."""
+        turned = rotations(step[layout.attitudes].reshape(-1, 3))
+        return type(self)(
+            self.magnetometer.moved(step[layout.magnetometer], MAGNETOMETER),
+            self.accelerometer.moved(step[layout.accelerometer], ACCELEROMETER),
+            self.dip + float(step[layout.dip][0]),
+            on_the_sphere(self.pointing, step[layout.pointing]),
+            turned @ self.attitudes if len(turned) else self.attitudes,
+        )
+
+    def relative(self, step: Floats, layout: SurveyLayout) -> float:
+        """Largest change in a step: of offset and shape in radii of their sensor, of angles in rad."""
+        return max(
+            self.magnetometer.relative(step[layout.magnetometer], MAGNETOMETER),
+            self.accelerometer.relative(step[layout.accelerometer], ACCELEROMETER),
+            float(np.abs(step[9:12]).max()),
+            float(np.abs(step[layout.dip.start :]).max()),
+        )
+
+    def corrected(self, magnetic: Floats, gravity: Floats) -> tuple[Floats, Floats]:
+        """Directions of field and gravity, about unit vectors in the accelerometer's axes, of (..., 3) readings."""
+        pairs = ((magnetic, self.magnetometer), (gravity, self.accelerometer))
+        field, down = ((reading - own.offset) @ np.linalg.inv(own.ellipsoid_like).T for reading, own in pairs)
+        return field, down
+
+    def angles(self, magnetic: Floats, gravity: Floats) -> Floats:
+        """(2, ...) azimuth and inclination in rad of (..., 3) readings."""
+        north, east, down = np.moveaxis(attitudes_of(*self.corrected(magnetic, gravity)) @ self.pointing, -1, 0)
+        return np.stack([np.arctan2(east, north), np.arctan2(-down, np.hypot(north, east))])
+
+    @property
+    def to_instrument(self) -> Floats:
+        """(3, 3) from the accelerometer's axes to those of the instrument, the first of which is the pointing axis.
+
+        The roll is chosen as Heeb does, so that the accelerometer's matrix is symmetric in the other two.
+        """
+        right = np.eye(3)[1] - self.pointing[1] * self.pointing
+        right /= np.linalg.norm(right)
+        axes = np.stack([self.pointing, right, np.cross(self.pointing, right)])
+        gain = axes @ np.linalg.inv(self.accelerometer.shape)
+        roll = np.arctan2(gain[2, 1] - gain[1, 2], gain[1, 1] + gain[2, 2])
+        turned: Floats = rotations(-roll * FORWARD) @ axes
+        return turned
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShotGroup:
+    """All shots, those in the same direction in one row; the rest of a row counts nothing.
+
+    Attributes
+    ----------
+    shots : (W, n) int
+        Which shot.
+    weight : (W, n) float
+        1, or 0 where a row has fewer shots.
+    magnetic, gravity : (W, n, 3) float
+        Readings.
+    """
+
+    shots: NDArray[np.intp]
+    weight: Floats
+    magnetic: Floats
+    gravity: Floats
+
+    @classmethod
+    def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp]) -> Self:
+        """Put (N, 3) readings of the (N,) same group in a row."""
+        members = [np.flatnonzero(groups == group) for group in dict.fromkeys(groups.tolist())]
+        longest = max(map(len, members))
+        shots = np.stack([np.pad(own, (0, longest - len(own)), mode="edge") for own in members])
+        weight = np.stack([np.arange(longest) < len(own) for own in members]).astype(float)
+        return cls(shots, weight, magnetic[shots], gravity[shots])
+
+    def at(self, _: SurveyParameters) -> Self:
+        """Nothing of it depends on the parameters."""
+        return self
+
+    def aimed(self, at: SurveyParameters) -> Floats:
+        """(W, n, 3) where the pointing axis of each shot points to in the world."""
+        aimed: Floats = at.attitudes[self.shots] @ at.pointing
+        return aimed
+
+    def guess(self, at: SurveyParameters) -> Floats:
+        """(W, 3) mean direction of each group."""
+        total = np.einsum("wni,wn->wi", self.aimed(at), self.weight)
+        mean: Floats = total / np.linalg.norm(total, axis=1, keepdims=True)
+        return mean
+
+    def residuals(self, at: SurveyParameters, directions: Floats, noises: Floats) -> Floats:
+        """(W, 9, n) in standard deviations: of field, gravity and aim."""
+        back = np.swapaxes(at.attitudes[self.shots], 2, 3)
+        field = self.magnetic - at.magnetometer.offset - back @ at.field @ at.magnetometer.ellipsoid_like.T
+        gravity = self.gravity - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
+        aim = directions[:, np.newaxis] - self.aimed(at)
+        left = np.concatenate([field, gravity, aim], axis=2) * np.sqrt(self.weight)[..., np.newaxis]
+        return np.swapaxes(left / np.repeat(noises, 3), 1, 2)
+
+    def cost(self, at: SurveyParameters, directions: Floats, noises: Floats) -> float:
+        """Σ r² in standard deviations."""
+        return float(np.sum(self.residuals(at, directions, noises) ** 2))
+
+    def linearised(self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats) -> Linearised:
+        """Normal equations, the directions eliminated."""
+        return eliminated(self.rows(at, directions, layout, noises))
+
+    def rows(self, at: SurveyParameters, directions: Floats, layout: SurveyLayout, noises: Floats) -> ObservationRows:
+        """Residuals (W, 9, n) and Jacobians (W, 9, n, P) in standard deviations."""
+        shape = (len(self.shots), 9, self.shots.shape[1])
+        jacobian, turning, own = (np.zeros((*shape, width)) for width in (layout.size, 3, 2))
+        self._fill_sensors(jacobian, turning, at, layout)
+        jacobian[:, 6:, :, layout.pointing] = np.swapaxes(at.attitudes[self.shots] @ across(at.pointing), 1, 2)
+        turning[:, 6:] = np.swapaxes(-cross_matrices(self.aimed(at)), 1, 2)
+        row, place = np.nonzero(self.weight)
+        for axis in range(3):
+            columns = layout.attitudes.start + 3 * self.shots[row, place] + axis
+            jacobian[row, :, place, columns] = turning[row, :, place, axis]
+        own[:, 6:] = -across(directions)[:, :, np.newaxis]
+        scale = np.sqrt(self.weight)[:, np.newaxis, :, np.newaxis] / np.repeat(noises, 3)[:, np.newaxis, np.newaxis]
+        residual, nothing, count = self.residuals(at, directions, noises), np.zeros(shape), float(self.weight.sum())
+        counts = (3.0 * count, 3.0 * count, 2.0 * count)
+        return ObservationRows(
+            residual, jacobian * scale, own * scale, nothing, nothing, np.zeros(layout.size), counts, KINDS
+        )
+
+    def _fill_sensors(self, jacobian: Floats, turning: Floats, at: SurveyParameters, layout: SurveyLayout) -> None:
+        """Write Jacobians of both sensors, without weights, by their parameters, the dip and (W, 9, n, 3) attitudes."""
+        back = np.swapaxes(at.attitudes[self.shots], 2, 3)
+        sensors = (
+            (self.magnetic, at.magnetometer, MAGNETOMETER, at.field, layout.magnetometer),
+            (self.gravity, at.accelerometer, ACCELEROMETER, DOWN, layout.accelerometer),
+        )
+        for first, (reading, own, columns, world, place) in zip((0, 3), sensors, strict=True):
+            group = ObservationGroup(self.shots, reading, np.ones_like(self.weight))
+            jacobian[:, first : first + 3, :, place] = jacobian_of(group, own, back @ world, columns, Weights(1.0))
+            turned = own.ellipsoid_like @ back @ cross_matrices(world)
+            turning[:, first : first + 3] = np.swapaxes(turned, 1, 2)
+        steeper = back @ [-at.field[2], 0.0, at.field[0]] @ at.magnetometer.ellipsoid_like.T
+        jacobian[:, :3, :, layout.dip.start] = np.swapaxes(steeper, 1, 2)
+
+
+SurveyIterate: TypeAlias = "Iterate[SurveyParameters, ShotGroup, Floats]"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurveyProblem:
+    """Shots, and what is thought of the instrument before.
+
+    Attributes
+    ----------
+    group : ShotGroup
+    layout : SurveyLayout
+    priors : tuple of SensorPrior
+        Of magnetometer and accelerometer.
+    """
+
+    group: ShotGroup
+    layout: SurveyLayout
+    priors: tuple[SensorPrior, SensorPrior]
+    tolerance: ClassVar[float] = NO_WORSE
+    settled: ClassVar[float] = SETTLED
+
+    @classmethod
+    def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp]) -> Self:
+        """Of (N, 3) readings of field and gravity, forward, right and down but for errors, and (N,) groups."""
+        of_field, of_gravity = (SensorPrior.of(readings, GAIN_SPREAD, np.eye(3)) for readings in (magnetic, gravity))
+        return cls(ShotGroup.of(magnetic, gravity, groups), SurveyLayout(len(magnetic)), (of_field, of_gravity))
+
+    def initial(self, at: SurveyParameters) -> SurveyIterate:
+        """Where to begin, with standard deviations that are larger than those to be found."""
+        noises = np.array([LOUD * at.magnetometer.radius, LOUD * at.accelerometer.radius, LOUD])
+        return Iterate(at, (self.group,), (self.group.guess(at),), noises)
+
+    def prior_equations(self, at: SurveyParameters) -> NormalEquations:
+        """What is thought before, in standard deviations."""
+        size, layout = self.layout.size, self.layout
+        whole = NormalEquations(np.zeros((size, size)), np.zeros(size), 0.0, 0)
+        whole += self.priors[0].equations(at.magnetometer, MAGNETOMETER).placed(layout.magnetometer, size)
+        whole += self.priors[1].equations(at.accelerometer, ACCELEROMETER).placed(layout.accelerometer, size)
+        left = across(at.pointing).T @ (FORWARD - at.pointing) / ROTATION_SIGMA
+        own = NormalEquations(np.eye(2) / ROTATION_SIGMA**2, left / ROTATION_SIGMA, float(left @ left), 0)
+        return whole + own.placed(layout.pointing, size)
+
+    def reweighed(self, iterate: SurveyIterate, _: Equations) -> SurveyIterate:
+        """Each kind of residual weighed by the standard deviation that it shows."""
+        influence = Influence.of(self, iterate)
+        least = np.array(
+            [iterate.at.magnetometer.radius * FINEST, iterate.at.accelerometer.radius * FINEST, FINEST_AIM]
+        )
+        return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, least))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Influence:
+    """Residuals and hat matrix of a fit: how much each residual determines itself.
+
+    Attributes
+    ----------
+    residual : (N, 9) float
+        Of each shot, in standard deviations.
+    hat : (N, 9, 9) float
+        Block of each shot.
+    """
+
+    residual: Floats
+    hat: Floats
+
+    @classmethod
+    def of(cls, problem: SurveyProblem, iterate: SurveyIterate) -> Self:
+        """Evaluate at an iterate."""
+        group, size = problem.group, problem.layout.size
+        rows = group.rows(iterate.at, iterate.directions[0], problem.layout, iterate.weights)
+        whole = np.concatenate([rows.jacobian, _of_each_row(rows.own)], axis=3)
+        real = np.nonzero(group.weight)
+        order = np.argsort(group.shots[real])
+        jacobian = whole.transpose(0, 2, 1, 3)[real][order]
+        flat = jacobian.reshape(-1, whole.shape[3])
+        matrix = flat.T @ flat
+        matrix[:size, :size] += problem.prior_equations(iterate.at).matrix
+        hat = (flat @ _inverse(matrix)).reshape(jacobian.shape) @ np.swapaxes(jacobian, 1, 2)
+        return cls(rows.residual.transpose(0, 2, 1)[real][order], hat)
+
+    @property
+    def freedom(self) -> Floats:
+        """(3,) residuals of each kind beyond the parameters that they determine."""
+        taken = np.einsum("nkk->k", self.hat).reshape(3, 3).sum(axis=1)
+        freedom: Floats = len(self.hat) * np.array([3.0, 3.0, 2.0]) - taken
+        return freedom
+
+    @property
+    def factors(self) -> Floats:
+        """(3,) by what the standard deviation of each kind is to be multiplied."""
+        squares = np.sum(self.residual**2, axis=0).reshape(3, 3).sum(axis=1)
+        factors: Floats = np.sqrt(squares / np.maximum(self.freedom, LEAST_FREEDOM))
+        return factors
+
+    @property
+    def contradiction(self) -> Floats:
+        """(N,) root of what χ² falls by where a shot is left out, over the root of the residuals it has to spare."""
+        free = np.eye(9) - self.hat
+        fall = np.einsum("ni,nij,nj->n", self.residual, np.linalg.pinv(free, rcond=1e-6, hermitian=True), self.residual)
+        contradiction: Floats = np.sqrt(fall / SPARE)
+        return contradiction
+
+
+def _of_each_row(own: Floats) -> Floats:
+    """(W, k, n, 2 W) Jacobians of directions, of (W, k, n, 2) those of each row by its own."""
+    count = len(own)
+    apart: Floats = np.einsum("wkna,wv->wknva", own, np.eye(count)).reshape(*own.shape[:3], 2 * count)
+    return apart
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """Inverse of a normal matrix, in a scale in which it has ones on its diagonal."""
+    scale = np.sqrt(np.diag(matrix))
+    inverse: Floats = np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
+    return inverse
+
+
+def sphere(readings: Floats) -> tuple[Floats, float]:
+    """Centre and radius of the sphere through (N, 3) readings (least squares of squares)."""
+    middle = readings.mean(axis=0)
+    centred = readings - middle
+    design = np.column_stack([2.0 * centred, np.ones(len(readings))])
+    solution = np.linalg.lstsq(design, np.sum(centred**2, axis=1), rcond=None)[0]
+    return middle + solution[:3], float(np.sqrt(solution[3] + solution[:3] @ solution[:3]))
+
+
+def attitudes_of(field: Floats, down: Floats) -> Floats:
+    """(N, 3, 3) from the instrument to north, east and down, of (N, 3) directions of field and gravity (TRIAD)."""
+    east = np.cross(down, field)
+    rows = np.stack([np.cross(east, down), east, down], axis=-2)
+    unit: Floats = rows / np.linalg.norm(rows, axis=-1, keepdims=True)
+    return unit
+
+
+def begin(magnetic: Floats, gravity: Floats) -> SurveyParameters:
+    """Where to start: sphere and axes as stated for both sensors, and attitudes by their readings."""
+    sensors = [Parameters.at(centre, radius * np.eye(3)) for centre, radius in map(sphere, (magnetic, gravity))]
+    at = SurveyParameters(sensors[0], sensors[1], 0.0, FORWARD, np.empty((0, 3, 3)))
+    field, down = (vectors / lengths(vectors)[:, np.newaxis] for vectors in at.corrected(magnetic, gravity))
+    sine = float(np.mean(np.einsum("ni,ni->n", field, down)))
+    return replace(at, dip=float(np.arcsin(sine)), attitudes=attitudes_of(field, down))

@@ -1,0 +1,166 @@
+r"""Sentences of NMEA 0183 that tell of heading, course and place: HDG, HDM, HDT, THS, VTG, RMC, GGA and GLL.
+
+Few sentences have a time. A line has that of the logger where one stands before it, in seconds or milliseconds since
+1970, as Signal K's server and TAG blocks write it; else lines are spread evenly between the fixes of RMC, GGA and GLL.
+The first number of HDG is what the sensor reads, before any deviation; a sentence with a wrong check sum is left out.
+
+Sources: gpsd "NMEA Revealed" by way of adrianmo/go-nmea ``hdg.go``; SignalK/nmea0183-signalk ``hooks/RMC.js`` and
+issue 235 (HDG).
+
+>>> log = ["$GPRMC,100000,A,4807.038,N,01131.000,E,10.0,084.4,230626,,", "$HCHDG,98.3,0.0,E,12.6,W*57"]
+>>> for message in messages([*log, "$GPRMC,100002,A,4807.038,N,01131.000,E,10.0,085.4,230626,,"]):
+...     print(message.kind, round(message.value, 3), message.time % 60, message.source)
+course 84.4 0.0 GPRMC
+speed 5.144 0.0 GPRMC
+latitude 48.117 0.0 GPRMC
+longitude 11.517 0.0 GPRMC
+compass 98.3 1.0 HCHDG
+course 85.4 2.0 GPRMC
+speed 5.144 2.0 GPRMC
+latitude 48.117 2.0 GPRMC
+longitude 11.517 2.0 GPRMC
+"""
+
+from __future__ import annotations
+
+import re
+from datetime import UTC, datetime
+from functools import reduce
+from operator import xor
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from flinders.errors import UnreadableInput
+from flinders.readers._messages import Message
+from flinders.readers._tokenizer import number
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from flinders.readers._messages import Kind
+
+SIGN: Final = re.compile(r"\$[A-Z]{2}(?:HDG|HDM|HDT|THS|VTG|RMC),")
+"""What the first lines hold."""
+SENTENCE: Final = re.compile(
+    r"(?P<before>.*?)\$(?P<body>(?P<name>[A-Z]{2}(?P<kind>HDG|HDM|HDT|THS|VTG|RMC|GGA|GLL)),(?P<fields>[^*]*))"
+    r"(?:\*(?P<sum>[0-9A-Fa-f]{2}))?\s*"
+)
+STAMP: Final = re.compile(r"(?<!\d)(\d{10}(?:\.\d+)?|\d{13})(?!\d)")
+"""Seconds or milliseconds since 1970, before a sentence."""
+KNOT: Final = 1852.0 / 3600.0
+HEADINGS: Final[dict[str, Kind]] = {"HDG": "compass", "HDM": "compass", "HDT": "heading", "THS": "heading"}
+POSITIONS: Final = {"RMC": 2, "GGA": 1, "GLL": 0}
+"""Where latitude and longitude begin."""
+CLOCKS: Final = {"RMC": 0, "GGA": 0, "GLL": 4}
+DAY_S: Final = 86400.0
+LARGEST: Final = 1e6
+"""Numbers beyond are none."""
+
+
+def messages(lines: Iterable[str]) -> Iterator[Message]:
+    """Yield what sentences say, with times.
+
+    Raises
+    ------
+    UnreadableInput
+        Where no line has a time.
+    """
+    numbers: list[tuple[int, Kind, float, str]] = []
+    stamps: list[tuple[int, float]] = []
+    fixes: list[tuple[int, float]] = []
+    for place, match in enumerate(filter(None, map(_sentence, lines))):
+        fields, kind = match["fields"].split(","), match["kind"]
+        numbers += [(place, *said, match["name"]) for said in _said(kind, fields)]
+        if stamp := STAMP.search(match["before"]):
+            stamps.append((place, float(stamp[1]) * (1e-3 if len(stamp[1]) == 13 else 1.0)))
+        if kind in CLOCKS and (clock := _clock(kind, fields)) is not None:
+            fixes.append((place, _after(clock, fixes[-1][1] if fixes else None)))
+    anchors = stamps if len(stamps) > 1 else fixes
+    if len(anchors) < 2:
+        raise UnreadableInput(
+            "no sentence has a time: log RMC, GGA or GLL beside the headings, or have the logger write its clock "
+            "before each line"
+        )
+    known, times = np.array(anchors).T
+    for place, said, value, name in numbers:
+        if known[0] <= place <= known[-1]:
+            yield Message(float(np.interp(place, known, times)), said, value, name)
+
+
+def _sentence(line: str) -> re.Match[str] | None:
+    """A sentence that counts and whose check sum, if it has one, is right."""
+    match = SENTENCE.fullmatch(line)
+    if match is None or (match["sum"] and int(match["sum"], 16) != check_sum(match["body"])):
+        return None
+    return match
+
+
+def check_sum(body: str) -> int:
+    """What stands after the star of a sentence: the exclusive or of its bytes between dollar and star.
+
+    >>> f"{check_sum('HCHDG,98.3,0.0,E,12.6,W'):02X}"
+    '57'
+    """
+    return reduce(xor, body.encode(), 0)
+
+
+def _said(kind: str, fields: Sequence[str]) -> Iterator[tuple[Kind, float]]:
+    """Numbers of a sentence, by what they are."""
+    if kind in HEADINGS and (heading := _number(fields, 0)) is not None:
+        yield HEADINGS[kind], heading
+    if kind in {"RMC", "VTG"} and not (kind == "RMC" and _text(fields, 1) != "A"):
+        course, speed = (7, 6) if kind == "RMC" else (0, 4)
+        if (true := _number(fields, course)) is not None and (knots := _number(fields, speed)) is not None:
+            yield "course", true
+            yield "speed", KNOT * knots
+    if kind in POSITIONS:
+        start = POSITIONS[kind]
+        latitude = _coordinate(_text(fields, start), _text(fields, start + 1))
+        longitude = _coordinate(_text(fields, start + 2), _text(fields, start + 3))
+        if latitude is not None and longitude is not None:
+            yield "latitude", latitude
+            yield "longitude", longitude
+
+
+def _text(fields: Sequence[str], place: int) -> str:
+    return fields[place].strip() if place < len(fields) else ""
+
+
+def _number(fields: Sequence[str], place: int) -> float | None:
+    value = number(_text(fields, place), ".")
+    return value if value is not None and abs(value) < LARGEST else None
+
+
+def _coordinate(text: str, side: str) -> float | None:
+    """Degrees of ``dddmm.mmm`` and its side."""
+    value = number(text, ".")
+    if value is None or not 0.0 <= value <= 18000.0 or side not in {"N", "S", "E", "W"}:
+        return None
+    degrees = value // 100.0 + value % 100.0 / 60.0
+    return -degrees if side in "SW" else degrees
+
+
+def _clock(kind: str, fields: Sequence[str]) -> float | None:
+    """Seconds since 1970 of RMC, of the day of others."""
+    time = re.fullmatch(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)", _text(fields, CLOCKS[kind]))
+    if time is None:
+        return None
+    seconds = 3600.0 * int(time[1]) + 60.0 * int(time[2]) + float(time[3])
+    return seconds + (_midnight(_text(fields, 8)) if kind == "RMC" else 0.0)
+
+
+def _midnight(day: str) -> float:
+    """Seconds since 1970 at the beginning of a day, as RMC writes it; 0 where it is none."""
+    try:
+        return datetime.strptime(day, "%d%m%y").replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        return 0.0
+
+
+def _after(clock: float, last: float | None) -> float:
+    """A time of day on the day of the time before it, or on the next."""
+    if last is None or clock >= DAY_S:
+        return clock
+    clock += DAY_S * (last // DAY_S)
+    return clock + DAY_S if clock < last - DAY_S / 2.0 else clock

@@ -1,0 +1,88 @@
+"""Calibration of a survey instrument as a page for the terminal: each shot, what to repeat, what to shoot next."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from rich.console import Group
+from rich.text import Text
+
+from flinders.errors import counted
+from flinders.report.formatting import degrees
+from flinders.report.terminal import facts, notes, page, styled, table, verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.console import RenderableType
+
+    from flinders.fitting.survey import ShotErrors, SurveyFit
+
+WORTH: Final = 0.9
+"""Share of the azimuth error that more shots must leave at most, to be worth the walk."""
+
+
+def of_survey(fit: SurveyFit) -> RenderableType:
+    """Lay out a fit: shots, noises, verdict, findings and the next directions."""
+    return Group(
+        page(of_shots(fit.shots), facts(_facts(fit)), _verdict(fit)),
+        notes((finding.severity, finding.advice) for finding in fit.findings),
+        page(_next(fit)),
+    )
+
+
+def of_shots(shots: ShotErrors) -> RenderableType:
+    """Lay out angles of shots, and how far each is from the mean of its direction."""
+    return table(("shot", "direction", "azimuth", "inclination", "roll", "error"), _rows(shots))
+
+
+def of_check(shots: ShotErrors, name: str) -> RenderableType:
+    """Lay out shots that were held against an earlier calibration."""
+    count = len(set(shots.groups.tolist()))
+    words = (
+        "no two shots are in the same direction: nothing tells whether the calibration holds"
+        if math.isnan(shots.rms_deg)
+        else f"with {name}, shots in the same direction point {degrees(shots.rms_deg)} (rms) from their mean"
+    )
+    return page(of_shots(shots), Text(f"{words}; {counted(count, 'direction')}"))
+
+
+def _rows(shots: ShotErrors) -> Iterator[list[Text]]:
+    """A line for each shot, and an empty one before the next direction."""
+    for row in shots.as_dict():
+        error = "" if math.isnan(row["error_deg"]) else f"{row['error_deg']:.2f}°"
+        angles = (f"{row[name]:.1f}°" for name in ("azimuth_deg", "inclination_deg", "roll_deg"))
+        style, mark = ("yellow", " repeat") if row["left_out"] else ("", "")
+        yield styled(style, str(row["shot"]), str(row["direction"]), *angles, error + mark)
+
+
+def _facts(fit: SurveyFit) -> list[tuple[str, str]]:
+    """Noise of each sensor, error of aim, dip."""
+    magnetometer, accelerometer = fit.calibration.magnetometer, fit.calibration.accelerometer
+    of_field = fit.noise / magnetometer.field_strength
+    of_gravity = fit.gravity_noise / accelerometer.field_strength
+    return [
+        ("noise", f"{of_field:.2%} of the field, {of_gravity:.2%} of gravity (one axis of a reading)"),
+        ("aim", f"to {degrees(fit.aim_deg)} (1 σ about each axis, beyond that noise)"),
+        ("dip", f"{fit.dip_deg:.1f}°"),
+    ]
+
+
+def _verdict(fit: SurveyFit) -> RenderableType:
+    """How good angles are."""
+    azimuth, inclination = fit.azimuth_error_deg, fit.inclination_error_deg
+    words = f"azimuth to {degrees(azimuth.rms)}, inclination to {degrees(inclination.rms)} (1 σ, within 30° of level)"
+    count = int((~fit.shots.left_out).sum())
+    more = f"worst {degrees(azimuth.worst)} and {degrees(inclination.worst)}; {counted(count, 'shot')}"
+    return verdict(fit.verdict.upper(), fit.verdict, words, more)
+
+
+def _next(fit: SurveyFit) -> RenderableType | None:
+    """Where more shots would help; nothing where they hardly would."""
+    useful = [
+        (f"azimuth {each.azimuth_deg:.0f}°, inclination {each.inclination_deg:+.0f}°", degrees(each.azimuth_error_deg))
+        for each in fit.next_directions
+        if fit.verdict != "good" or each.azimuth_error_deg < WORTH * fit.azimuth_error_deg.rms
+    ]
+    return table(("shoot next, with four rolls", "azimuth then to"), useful) if useful else None

@@ -1,0 +1,203 @@
+"""How a compass sits on its vehicle, in the numbers, names and angles that firmware knows mountings by.
+
+>>> table = MountingTable("a board", "align", (("FLAT", 0.0, 0.0, 0.0), ("OVER", 180.0, 0.0, 0.0)))
+>>> table.held(euler(179.99, 0, 0)).number, table.held(euler(170, 0, 0)).number
+(1, None)
+>>> table.held(euler(170, 0, 0)).angles
+(170.0, 0.0, 0.0)
+>>> table.read("over") @ [0, 1, 0]
+array([ 0., -1.,  0.])
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+
+from flinders.arrays import Floats, floats
+from flinders.errors import UsageError
+
+Angles: TypeAlias = tuple[float, float, float]
+"""Roll, pitch and yaw, degrees."""
+
+MOST_TURN_DEG: Final = 0.05
+"""Rotations that are no farther apart are one."""
+
+
+def euler(roll: float, pitch: float, yaw: float) -> Floats:
+    """(3, 3) R_z(yaw) R_y(pitch) R_x(roll), angles in degrees: vehicle = R sensor; right angles are exact.
+
+    >>> euler(90, 0, 0) @ [0, 1, 0]
+    array([0., 0., 1.])
+    """
+    (cr, cp, cy), (sr, sp, sy) = np.cos(turns := np.deg2rad([roll, pitch, yaw])), np.sin(turns)
+    turned = np.array([
+        [cp * cy, sr * sp * cy - cr * sy, cr * sp * cy + sr * sy],
+        [cp * sy, sr * sp * sy + cr * cy, cr * sp * sy - sr * cy],
+        [-sp, sr * cp, cr * cp],
+    ])  # fmt: skip
+    return floats(np.where(np.abs(turned) < 1e-15, 0.0, turned) + 0.0)
+
+
+def angles(rotation: Floats) -> Angles:
+    """Roll, pitch and yaw of a rotation, which `euler` takes; roll is 0 where pitch is ±90°.
+
+    >>> [round(angle, 9) for angle in angles(euler(10, -20, 30))], angles(euler(0, 90, 40))[2]
+    ([10.0, -20.0, 30.0], 40.0)
+    """
+    across = math.hypot(rotation[2, 1], rotation[2, 2])
+    pitch = math.atan2(-rotation[2, 0], across)
+    if across < 1e-9:
+        roll, yaw = 0.0, math.atan2(-rotation[0, 1], rotation[1, 1])
+    else:
+        roll, yaw = math.atan2(rotation[2, 1], rotation[2, 2]), math.atan2(rotation[1, 0], rotation[0, 0])
+    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+
+
+def in_words(rotation: Floats) -> str:
+    """A rotation by its angles.
+
+    >>> in_words(euler(0, -12, 3))
+    'roll 0.00°, pitch −12.00°, yaw 3.00°'
+    """
+    named = zip(("roll", "pitch", "yaw"), angles(rotation), strict=True)
+    return ", ".join(f"{name} {round(angle, 2) + 0.0:.2f}°" for name, angle in named).replace("-", "−")
+
+
+def apart_deg(one: Floats, other: Floats) -> float:
+    """Angle of the rotation between two rotations, in degrees.
+
+    >>> round(apart_deg(euler(0, 0, 10), euler(0, 0, 10.001)), 6)
+    0.001
+    """
+    return math.degrees(2 * math.asin(min(float(np.linalg.norm(one - other)) / math.sqrt(8), 1.0)))
+
+
+def without_turn(matrix: Floats) -> tuple[Floats, float]:
+    """The symmetric P of matrix = Q P with Q a rotation, and the angle of Q in degrees: all a symmetric target loses.
+
+    >>> held, turn_deg = without_turn(euler(0, 0, 5) @ np.diag([1.0, 2.0, 3.0]))
+    >>> held.round(9), round(turn_deg, 9)
+    (array([[1., 0., 0.],
+           [0., 2., 0.],
+           [0., 0., 3.]]), 5.0)
+    """
+    if np.array_equal(matrix, matrix.T) and not _is_half_turn(matrix):
+        return matrix, 0.0
+    left, sizes, right = np.linalg.svd(matrix)
+    root = right.T @ np.diag(sizes) @ right
+    return (root + root.T) / 2, apart_deg(left @ right, np.eye(3))
+
+
+def _is_half_turn(matrix: Floats) -> bool:
+    """Whether a symmetric matrix turns by 180°: two of its eigenvalues are negative."""
+    return int(np.count_nonzero(np.linalg.eigvalsh(matrix) < 0)) == 2
+
+
+def turn_of(matrix: Floats) -> Floats | None:
+    """(3, 3) the rotation Q of matrix = Q P that a symmetric target cannot hold; None where it hardly turns."""
+    root, angle = without_turn(matrix)
+    if angle <= MOST_TURN_DEG:
+        return None
+    rotation: Floats = matrix @ np.linalg.inv(root)
+    return rotation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mounting:
+    """A mounting as a firmware holds it."""
+
+    number: int | None  #: of the table; None where the angles are set instead
+    name: str  #: that of the table, or the angles in words
+    angles: Angles  #: as the firmware takes them; all 0 where the number is set
+    rotation: Floats  #: (3, 3) by the firmware's own formula: vehicle = R sensor
+
+
+@dataclass(frozen=True, slots=True)
+class MountingTable:
+    """The mountings of a firmware: numbered ones, and any other by three angles.
+
+    Attributes
+    ----------
+    who, setting : str
+        The firmware, and its setting that holds the number or name.
+    rows : tuple of (str, float, float, float)
+        Name, and roll, pitch and yaw of `euler` in degrees.
+    sense : int
+        -1 where its own angles turn the other way round than those of `euler`.
+    step_deg : float
+        Of its own angles; 0 where they are float32.
+    """
+
+    who: str
+    setting: str
+    rows: tuple[tuple[str, float, float, float], ...]
+    sense: int = 1
+    step_deg: float = 0.0
+
+    def rotation(self, number: int) -> Floats:
+        """(3, 3) of a row."""
+        return euler(*self.rows[number][1:])
+
+    def by_angles(self, own: Angles) -> Floats:
+        """(3, 3) of the firmware's own angles."""
+        roll, pitch, yaw = (self.sense * angle for angle in own)
+        return euler(roll, pitch, yaw)
+
+    def held(self, rotation: Floats) -> Mounting:
+        """The row that is no farther than `MOST_TURN_DEG`, or angles."""
+        misses = [apart_deg(rotation, self.rotation(number)) for number in range(len(self.rows))]
+        nearest = misses.index(min(misses))
+        if misses[nearest] <= MOST_TURN_DEG:
+            return Mounting(nearest, self.rows[nearest][0], (0.0, 0.0, 0.0), self.rotation(nearest))
+        roll, pitch, yaw = (self._rounded(self.sense * angle) for angle in angles(rotation))
+        own = roll, pitch, yaw
+        return Mounting(None, in_words(rotation), own, self.by_angles(own))
+
+    def read(self, words: str) -> Floats:
+        """(3, 3) of a number, a name, or three angles in degrees with commas, each as the firmware has it.
+
+        Raises
+        ------
+        UsageError
+            For anything else.
+        """
+        word = words.strip().upper()
+        by_name = {name: number for number, (name, *_) in enumerate(self.rows)}
+        if word in by_name or (word.isdecimal() and int(word) < len(self.rows)):
+            return self.rotation(by_name[word] if word in by_name else int(word))
+        own = _three(word)
+        if own is None:
+            raise UsageError(
+                f"mounting={words[:40]!r} is no mounting of {self.who}: need its {self.setting}, which is 0 "
+                f"({self.rows[0][0]}) to {len(self.rows) - 1} ({self.rows[-1][0]}), or roll, pitch and yaw in degrees "
+                "as it has them, such as mounting='0,180,90'"
+            )
+        return self.by_angles(own)
+
+    def _rounded(self, angle: float) -> float:
+        """An angle as the firmware keeps it."""
+        if self.step_deg:
+            return round(angle / self.step_deg) * self.step_deg + 0.0
+        return float(np.float32(round(angle, 6))) + 0.0
+
+
+ALIGNMENTS: Final = (
+    *((f"CW{angle}", 0.0, 0.0, -float(angle)) for angle in (0, 90, 180, 270)),
+    *((f"CW{angle}FLIP", 0.0, 180.0, -float(angle)) for angle in (0, 90, 180, 270)),
+)
+"""Betaflight's and INAV's ``align_mag``, in their axes: forward, left and up."""
+DECIDEGREE: Final = 0.1
+"""Their step of an angle."""
+
+
+def _three(word: str) -> Angles | None:
+    """Three finite numbers with commas between them."""
+    try:
+        roll, pitch, yaw = map(float, word.split(","))
+    except ValueError:
+        return None
+    return (roll, pitch, yaw) if all(map(math.isfinite, (roll, pitch, yaw))) else None

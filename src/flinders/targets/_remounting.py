@@ -1,0 +1,76 @@
+"""The rotation of a calibration as a new mounting of the compass.
+
+A matrix W = Q P of a calibration both corrects (P, symmetric) and turns (Q). What holds no more than P gets Q as a
+mounting: with the compass mounted by A when it was recorded, from then on by
+
+    Q A        where the numbers act after the mounting (ArduPilot, Betaflight)
+    A Q        where they act before it (PX4, INAV)
+
+>>> from flinders.core.calibration import Calibration
+>>> from flinders.targets._mounting import euler
+>>> turned = Calibration(euler(0, 0, 90), [0, 0, 0], 50.0, rotation="estimated")
+>>> table = MountingTable("a board", "align", tuple((f"YAW_{yaw}", 0.0, 0.0, yaw) for yaw in (0, 90, 180, 270)))
+>>> remounting(turned, euler(0, 0, 180), table, after=True).mounting.name
+'YAW_270'
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from flinders.targets._mounting import MountingTable, apart_deg, in_words, turn_of
+from flinders.targets._target import LOSS_DEG, heading_deg, in_recorded_axes
+
+if TYPE_CHECKING:
+    from flinders.arrays import Floats
+    from flinders.core.calibration import Calibration
+    from flinders.targets._mounting import Mounting
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Remounting:
+    """A mounting that replaces the one in force."""
+
+    mounting: Mounting
+    turn: Floats  #: (3, 3) Q of W = Q P as the firmware will hold it, in the recorded axes
+    in_force: Floats  #: (3, 3) the mounting that is replaced
+
+    def words(self, setting: str) -> str:
+        """What is replaced by what."""
+        return (
+            f"{setting} is written with the numbers: {self.mounting.name} in place of {in_words(self.in_force)}, with "
+            f"the rotation of the calibration ({in_words(self.turn)}). Write both, or neither"
+        )
+
+
+def remounting(
+    calibration: Calibration, in_force: Floats | None, table: MountingTable, *, after: bool
+) -> Remounting | None:
+    """The mounting with the rotation of a calibration in it; None where that matters little, or cannot be told.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    in_force : (3, 3) float, optional
+        How the compass was mounted when it was recorded, vehicle = A sensor.
+    table : MountingTable
+    after : bool
+        The numbers act after the mounting.
+    """
+    turn = turn_of(in_recorded_axes(calibration)[0])
+    if in_force is None or turn is None or np.linalg.det(turn) < 0:
+        return None
+    if heading_deg(apart_deg(turn, np.eye(3))) <= LOSS_DEG:
+        return None
+    mounting = table.held(turn @ in_force if after else in_force @ turn)
+    held = mounting.rotation @ in_force.T if after else in_force.T @ mounting.rotation
+    return Remounting(mounting, held, in_force)
+
+
+def left_out(calibration: Calibration) -> list[str]:
+    """What to say of a rotation that is in no mounting."""
+    turn = turn_of(in_recorded_axes(calibration)[0])
+    return [] if turn is None else [f"left out: a rotation of {in_words(turn)}, which belongs into the mounting"]

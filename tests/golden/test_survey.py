@@ -1,0 +1,43 @@
+"""What `flinders survey` prints, to the letter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tests.golden.sessions import assert_sessions_are_real, session
+from tests.truth.test_survey import in_counts, topodroid
+
+from flinders.simulate import survey_shots
+
+if TYPE_CHECKING:
+    from tests.golden.sessions import Golden
+
+
+@pytest.fixture(autouse=True)
+def shots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shots of a DistoX as TopoDroid exports them, one of them beside an iron door."""
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.chdir(tmp_path)
+    simulated = in_counts(survey_shots(3, shots=24).shots)
+    simulated.magnetic[13] += np.array([900.0, -700.0, 500.0])
+    Path("shots.csv").write_text(topodroid(simulated), encoding="utf-8")
+
+
+def test_a_calibration(golden: Golden) -> None:
+    golden("cli/survey.txt", session("flinders survey shots.csv -o calibration.json --distox coefficients.bin"))
+
+
+def test_a_check_of_an_earlier_one(golden: Golden) -> None:
+    session("flinders survey shots.csv --distox coefficients.bin")
+    golden("cli/survey-check.txt", session("flinders survey shots.csv --calibration coefficients.bin"))
+
+
+def test_help(golden: Golden) -> None:
+    golden("cli/flinders-survey-help.txt", session("flinders survey --help"))
+
+
+def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:
+    assert_sessions_are_real("survey.md", request, least=1)

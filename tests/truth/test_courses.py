@@ -1,0 +1,170 @@
+"""A calibration renewed by courses over ground: a drive in a steady wind, its log, and what is no drive."""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from tests.program import flinders_
+
+import flinders
+from flinders import simulate
+from flinders.core.geomag import site_field
+from flinders.core.samples import Samples
+from flinders.errors import FitError, UsageError
+from flinders.fitting.courses import refresh_on_courses, stretches
+from flinders.fitting.result import Fit, Refused
+from flinders.geometry.ellipsoid import Ellipsoid, upper
+from flinders.heading.error_propagation import level_error
+from flinders.readers._resample import TimeSeries
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from tests.trials import Choose
+
+    from flinders.simulate.sensor import Sensor
+
+SITE = site_field(47.4, 8.5, 400.0, year=2026.4)
+DIP_DEG, FIELD_UT = SITE.inclination_deg, SITE.strength
+
+
+def drive(
+    sensor: Sensor, rng: np.random.Generator, *, crab_deg: float = 2.0, sides: int = 4
+) -> tuple[Samples, TimeSeries]:
+    """Straight stretches of 12 s at 10 m/s, with turns between; courses are off by crab of a steady wind."""
+    begin, corner = rng.uniform(0.0, 360.0), 360.0 / sides
+    true = np.concatenate(
+        [np.append(np.full(120, begin + side * corner), begin + corner * (side + np.arange(30.0) / 30.0))
+         for side in range(sides)]
+    )  # fmt: skip
+    time = 0.1 * np.arange(len(true))
+    magnetic = np.deg2rad(true - SITE.declination_deg)
+    flat, down = FIELD_UT * math.cos(math.radians(DIP_DEG)), FIELD_UT * math.sin(math.radians(DIP_DEG))
+    tilt = np.deg2rad(rng.normal(size=(2, sides)))[:, np.minimum(np.arange(len(true)) // 150, sides - 1)]
+    level = np.column_stack([flat * np.cos(magnetic), -flat * np.sin(magnetic), np.full(len(true), down)])
+    turned = level + np.cross(np.column_stack([tilt[0], tilt[1], np.zeros(len(true))]), level)
+    wind = rng.normal(0.0, crab_deg, 2)
+    heading = np.deg2rad(true)
+    course = heading + np.deg2rad(wind[0] * np.sin(heading) + wind[1] * np.cos(heading))
+    velocity = 10.0 * np.column_stack([np.cos(course), np.sin(course)]) + rng.normal(0.0, 0.05, (len(true), 2))
+    samples = Samples.of(sensor.read(turned, rng), unit="uT", time=time)
+    return samples, TimeSeries(time[::2], velocity[::2])
+
+
+def vehicle(seed: int) -> tuple[Fit, Sensor]:
+    """A calibration, and the sensor after something magnetic was moved."""
+    first = simulate.tumble(seed=seed, field_strength=FIELD_UT, dip_deg=DIP_DEG)
+    earlier = flinders.fit(first.samples, field_strength=FIELD_UT)
+    moved = np.random.default_rng([seed, 7]).normal(0.0, 10.0, 3)
+    return earlier, replace(first.sensor, offset=first.sensor.offset + moved)
+
+
+def error_deg(fit: Fit, sensor: Sensor) -> float:
+    """Error of a level heading, rms over all headings."""
+    truth = Ellipsoid(sensor.offset, FIELD_UT * sensor.matrix)
+    off = np.append(fit.ellipsoid.centre - truth.centre, upper(fit.ellipsoid.shape) - upper(truth.shape))
+    return level_error(truth, np.outer(off, off), dip_deg=DIP_DEG).rms
+
+
+def test_a_drive_on_four_courses_renews_the_offset_as_claimed(trials: Choose) -> None:
+    claim, ratios = trials(200, 10), []
+    for seed in claim.seeds:
+        earlier, sensor = vehicle(seed)
+        samples, velocity = drive(sensor, np.random.default_rng([seed, 8]))
+        try:
+            fit = refresh_on_courses(
+                samples, earlier, velocity, declination_deg=SITE.declination_deg, dip_deg=DIP_DEG, target_deg=3.0
+            )
+        except Refused as refused:
+            fit = refused.fit
+        ratios.append(error_deg(fit, sensor) / fit.heading_error_deg.rms)
+    rms = float(np.sqrt(np.mean(np.square(ratios))))
+    assert 1.0 - 0.3 * claim.widening < rms < 1.0 + 0.3 * claim.widening
+
+
+def test_stretches_are_straight_and_fast() -> None:
+    _, sensor = vehicle(1)
+    samples, velocity = drive(sensor, np.random.default_rng(3), sides=5)
+    assert len(stretches(samples, velocity)) == 5
+    assert not stretches(samples, velocity, slowest=11.0)
+    with pytest.raises(UsageError, match="has no times"):
+        stretches(replace(samples, time=None), velocity)
+
+
+def test_a_drive_without_a_straight_stretch_is_refused() -> None:
+    earlier, sensor = vehicle(1)
+    samples, velocity = drive(sensor, np.random.default_rng(3))
+    with pytest.raises(FitError, match=r"with a steady field \(of 0 straight ones\): drive"):
+        refresh_on_courses(samples, earlier, velocity, declination_deg=0.0, dip_deg=DIP_DEG, slowest=20.0)
+
+
+def test_satellites_have_the_clock_of_the_readings_also_in_an_old_log(recordings: Callable[[str], Path]) -> None:
+    """ArduCopter 3.3: TimeMS of a fix is the time of the satellites' week, and T that of the vehicle."""
+    path = recordings("dronekit_log171_3mags/log171.bin")
+    recording, samples = flinders.open_recording(path), flinders.read(path)
+    velocity: TimeSeries = recording.velocity  # type: ignore[attr-defined]
+    assert samples.time is not None
+    assert velocity.time[-1] == pytest.approx(samples.time[-1], abs=1.0)
+    assert 10.0 < np.abs(velocity.values).max() < 15.0
+    assert [round(stretch.course_deg) for stretch in stretches(samples, velocity, slowest=2.0)] == [178]
+
+
+# a log of ArduPilot
+
+SHAPES = {
+    "PARM": (33, "<Q16sf", "QNf", "TimeUS,Name,Value"),
+    "GPS": (34, "<QBIHBhiiiff", "QBIHBcLLeff", "TimeUS,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs"),
+    "MAG": (35, "<Qhhhhhh", "Qhhhhhh", "TimeUS,MagX,MagY,MagZ,OfsX,OfsY,OfsZ"),
+}
+
+
+def dataflash(samples: Samples, velocity: TimeSeries) -> bytes:
+    """A drive as a log, in mG, with fixes at Zürich."""
+    head = b"\xa3\x95"
+    described = {"FMT": (128, "<BB4s16s64s", "BBnNZ", "Type,Length,Name,Format,Columns"), **SHAPES}
+    parts = [
+        head + b"\x80" + struct.pack("<BB4s16s64s", number, 3 + struct.calcsize(layout), *map(str.encode, words))
+        for name, (number, layout, letters, labels) in described.items()
+        for words in [(name, letters, labels)]
+    ]
+
+    def add(name: str, *values: float | bytes) -> None:
+        number, layout, _, _ = SHAPES[name]
+        parts.append(head + bytes([number]) + struct.pack(layout, *values))
+
+    add("PARM", 0, b"COMPASS_OFS_X", 0.0)
+    for time, (north, east) in zip(velocity.time.tolist(), velocity.values.tolist(), strict=True):
+        course, speed = math.degrees(math.atan2(east, north)) % 360.0, math.hypot(north, east)
+        place = (474_000_000, 85_000_000, 40_000)
+        add("GPS", round(1e6 * time) + 1, 3, 388_800_000 + round(1000 * time), 2420, 12, 80, *place, speed, course)
+    assert samples.time is not None
+    for time, field in zip(samples.time.tolist(), np.rint(10.0 * samples.field).astype(int).tolist(), strict=True):
+        add("MAG", round(1e6 * time) + 2, *field, 0, 0, 0)
+    return b"".join(parts)
+
+
+def test_the_courses_of_a_log_are_its_headings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    first = simulate.tumble(seed=2, field_strength=FIELD_UT, dip_deg=DIP_DEG)
+    sensor = replace(first.sensor, offset=first.sensor.offset + np.array([12.0, -7.0, 4.0]))
+    samples, velocity = drive(sensor, np.random.default_rng(4), crab_deg=0.0)
+    (tmp_path / "tumble.bin").write_bytes(dataflash(first.samples, velocity))
+    (tmp_path / "drive.bin").write_bytes(dataflash(samples, velocity))
+    assert flinders_("calibrate", "tumble.bin", "-o", "calibration.json").code in {0, 3}
+    ended = flinders_("refresh", "--previous", "calibration.json", "drive.bin", "--course", "--target", "4", "--json")
+    assert ended.code in {0, 3}, ended.err
+    found = np.array(ended.json["calibration"]["offset"])
+    assert np.abs(found[:2] - sensor.offset[:2]).max() < 1.0
+    wrong = flinders_("refresh", "--previous", "calibration.json", "drive.bin", "--crab", "2")
+    assert "go with --course" in wrong.said
+    two = flinders_("refresh", "--previous", "calibration.json", "drive.bin", "--course", "--heading", "3")
+    assert "--course takes one log" in two.said
+    (tmp_path / "still.csv").write_text("mag_x_mG,mag_y_mG,mag_z_mG\n" + "100,200,300\n" * 60, encoding="utf-8")
+    none = flinders_("refresh", "--previous", "calibration.json", "still.csv", "--course")
+    assert "has no speed and course by satellites" in none.said
