@@ -47,6 +47,7 @@ main = Program(
         "live",
         "record",
         "send",
+        "firmware",
         "budget",
         "simulate",
         "evaluate",

@@ -1,7 +1,12 @@
 /* What readings say of the parameters, what noise alone adds to that, and the covariance that follows. */
 #include "internal.h"
 
-enum { FEW = 200, MANY = 2000 }; /* readings that what noise adds is averaged over */
+/* Readings that what noise adds is averaged over. */
+#ifdef FLINDERS_SMALL
+enum { FEW = 75, MANY = 75 };
+#else
+enum { FEW = 200, MANY = 2000 };
+#endif
 
 #define WELL_CONDITIONED ((real)0.1)        /* smallest scaled eigenvalue from which on nothing needs a closer look */
 #define NEXT_TO_NOTHING ((real)0.005)       /* share of noise below which a few readings tell it well enough */
@@ -110,7 +115,7 @@ void fl_support_of(const real *matrix, int n, fl_spurious spurious, void *contex
     if (support->is_whole) return;
     fl_eigen(support->vectors, n, support->values);
     spurious(context, FEW, noise);
-    if (!(shares_of(matrix, n, nothing, noise, support) > NEXT_TO_NOTHING)) return;
+    if (!(shares_of(matrix, n, nothing, noise, support) > NEXT_TO_NOTHING) || FEW == MANY) return;
     spurious(context, MANY, noise);
     shares_of(matrix, n, nothing, noise, support);
 }

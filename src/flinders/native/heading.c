@@ -1,7 +1,7 @@
 /* From an uncertain calibration to degrees: heading of a level vehicle, and direction of the field. */
 #include "internal.h"
 
-enum { HEADINGS = 72, DIRECTIONS = 400 };
+enum { DIRECTIONS = 400 };
 
 #define TO_DEG ((real)180 / FL_PI)
 #define UPRIGHT ((real)0.55)       /* of a level vehicle's mean height of directions: from there on it is told from it */
@@ -16,13 +16,13 @@ static void gathered(const real v[3], const real u[3], real row[9])
     row[8] = v[1] * u[2] + v[2] * u[1];
 }
 
-/* Rows (9, HEADINGS) of what each parameter does to the heading of a level vehicle, without its mean. */
-static void level_rows(const fl_surface *surface, real dip_deg, real rows[9][HEADINGS])
+/* Rows (9, FL_HEADINGS) of what each parameter does to the heading of a level vehicle, without its mean. */
+void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS])
 {
     const real dip = dip_deg / TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
-    const real turn = fl_cos(2 * FL_PI / HEADINGS), slant = fl_sin(2 * FL_PI / HEADINGS);
+    const real turn = fl_cos(2 * FL_PI / FL_HEADINGS), slant = fl_sin(2 * FL_PI / FL_HEADINGS);
     real cosine = 1, sine = 0;
-    for (int k = 0; k < HEADINGS; k++) {
+    for (int k = 0; k < FL_HEADINGS; k++) {
         const real field[3] = {flat * cosine, -flat * sine, height}, across[3] = {sine / flat, cosine / flat, 0};
         real v[3], row[9];
         fl_sym3_apply(surface->inverse, across, v);
@@ -34,28 +34,28 @@ static void level_rows(const fl_surface *surface, real dip_deg, real rows[9][HEA
     }
     for (int i = 0; i < 9; i++) {
         real mean = 0;
-        for (int k = 0; k < HEADINGS; k++) mean += rows[i][k] / HEADINGS;
-        for (int k = 0; k < HEADINGS; k++) rows[i][k] -= mean;
+        for (int k = 0; k < FL_HEADINGS; k++) mean += rows[i][k] / FL_HEADINGS;
+        for (int k = 0; k < FL_HEADINGS; k++) rows[i][k] -= mean;
     }
 }
 
 /* Heading error of a level vehicle, 1 sigma: over all headings and at the worst; its mean is a matter of mounting. */
 void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst)
 {
-    real rows[9][HEADINGS], variances[HEADINGS] = {0}, part[HEADINGS], sum = 0, largest = 0;
-    level_rows(surface, dip_deg, rows);
+    real rows[9][FL_HEADINGS], variances[FL_HEADINGS] = {0}, part[FL_HEADINGS], sum = 0, largest = 0;
+    fl_level_rows(surface, dip_deg, rows);
     for (int i = 0; i < 9; i++) { /* rᵀ C r of all headings side by side */
-        for (int k = 0; k < HEADINGS; k++) part[k] = covariance[10 * i] * rows[i][k] / 2;
+        for (int k = 0; k < FL_HEADINGS; k++) part[k] = covariance[10 * i] * rows[i][k] / 2;
         for (int j = 0; j < i; j++)
-            for (int k = 0; k < HEADINGS; k++) part[k] += covariance[9 * i + j] * rows[j][k];
-        for (int k = 0; k < HEADINGS; k++) variances[k] += 2 * rows[i][k] * part[k];
+            for (int k = 0; k < FL_HEADINGS; k++) part[k] += covariance[9 * i + j] * rows[j][k];
+        for (int k = 0; k < FL_HEADINGS; k++) variances[k] += 2 * rows[i][k] * part[k];
     }
-    for (int k = 0; k < HEADINGS; k++) {
+    for (int k = 0; k < FL_HEADINGS; k++) {
         const real variance = variances[k] > 0 ? variances[k] : 0;
         sum += variance;
         largest = variance > largest ? variance : largest;
     }
-    *rms = TO_DEG * fl_sqrt(sum / HEADINGS);
+    *rms = TO_DEG * fl_sqrt(sum / FL_HEADINGS);
     *worst = TO_DEG * fl_sqrt(largest);
 }
 

@@ -55,10 +55,16 @@ typedef flinders_real real;
 #define FL_DEPENDENT (100 * FL_ROUNDING) /* of the largest eigenvalue: smaller ones are rounding */
 #define FL_FINEST ((real)1e-6) /* of the field: no sensor resolves less */
 
-enum { FL_BLOCK = 64, FL_LANES = 8, FL_LOOKED = 12 * 1024, FL_WIDEST = 15, FL_COLUMNS = 18, FL_STEPS = 50,
-       FL_SOME = 5000,    /* readings of a longer recording that it is looked at by */
-       FL_ENOUGH = 20000, /* those of a longer one that a majority is found among; beyond these a fit is iterated on some */
+enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
        FL_REACH = 1 << 20 }; /* cells on either side of zero */
+
+#ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
+enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_SOME = 512, FL_ENOUGH = 512 };
+#else
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15,
+       FL_SOME = 5000,     /* readings of a longer recording that it is looked at by */
+       FL_ENOUGH = 20000 }; /* those of a longer one that a majority is found among; beyond these a fit is iterated on some */
+#endif
 
 /* Readings of a recording: every `stride`-th of those that are not rejected. */
 typedef struct {
@@ -158,6 +164,8 @@ void fl_turning(const fl_surface *surface, const real direction[3], real rows[2]
 
 /* heading.c */
 void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg);
+enum { FL_HEADINGS = 72 };
+void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS]);
 void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst);
 
 /* likelihood.c */

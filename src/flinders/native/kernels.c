@@ -54,10 +54,14 @@ static inline void add_product(const real *restrict a, const real *restrict b, r
     for (int lane = 0; lane < FL_LANES; lane++) lanes[lane] += sum[lane];
 }
 
-/* Add up eight lanes in a fixed order. */
+/* Add up lanes in a fixed order: the halves, and the halves of their sums. */
 static real total(const real lanes[FL_LANES])
 {
-    return ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]));
+    real sums[FL_LANES];
+    memcpy(sums, lanes, sizeof sums);
+    for (int half = FL_LANES / 2; half > 0; half /= 2)
+        for (int lane = 0; lane < half; lane++) sums[lane] += sums[lane + half];
+    return sums[0];
 }
 
 /* Take the rows behind the m-th reading of a block out of all sums. */

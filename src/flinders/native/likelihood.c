@@ -8,7 +8,11 @@ enum { HALVINGS = 30, PASSES = 3, LANES = 12 /* of three axes */ };
 
 #define LONGEST_STEP ((real)0.3)  /* of the radius */
 #define SETTLED ((real)1e-10)     /* of the radius: shorter steps are not taken */
+#ifdef FLINDERS_FLOAT
+#define SETTLED_BUT_FOR_ONE ((real)1e-4) /* rounding makes steps of 1e-5 */
+#else
 #define SETTLED_BUT_FOR_ONE ((real)1e-5) /* the corrected equation is solved by one more step anyway */
+#endif
 #define NO_WORSE ((real)0.01)     /* in χ² */
 #define SHORTEST_AXIS ((real)1e-4) /* of the longest */
 #define SENSE ((real)10)          /* spreads within which the centre and the size lie */
@@ -260,12 +264,12 @@ static real prior_share(const problem *task, const fl_surface *surface, const re
     return shares[8] < 0 ? 0 : shares[8] > 1 ? 1 : shares[8];
 }
 
-/* Copy readings of a view one behind the other, where they are not so already. */
+/* Copy readings of a view one behind the other, where they are not so already and there is room for a copy. */
 static fl_view compact(const fl_view *view, real *copy)
 {
     fl_view some = {copy, 0, NULL, 1};
     size_t free = 0;
-    if (!view->rejected && view->stride == 1) return *view;
+    if (!copy || (!view->rejected && view->stride == 1)) return *view;
     for (size_t row = 0; row < view->rows; row += view->rejected ? 1 : view->stride) {
         if (view->rejected && (view->rejected[row] || free++ % view->stride)) continue;
         memcpy(copy + 3 * some.rows++, view->field + 3 * row, 3 * sizeof(real));
@@ -285,13 +289,15 @@ static int prepare(const fl_kernels *kernels, const fl_view *view, const flinder
     some.stride = stride;
     *is_part = stride > 1;
     task->kernels = kernels, task->options = options, task->some = compact(&some, copy);
-    task->count = task->some.rows;
+    task->count = fl_view_count(&task->some);
     if (!task->count) return 1;
-    for (size_t i = 0; i < 3 * task->count; i += LANES)
-        for (size_t lane = 0; lane < LANES && i + lane < 3 * task->count; lane++) {
-            const real off = task->some.field[i + lane] - start->centre[lane % 3];
+    for (size_t row = 0, lane = 0; row < task->some.rows; row++) {
+        if (task->some.rejected && task->some.rejected[row]) continue;
+        for (int axis = 0; axis < 3; axis++, lane = (lane + 1) % LANES) {
+            const real off = task->some.field[3 * row + axis] - start->centre[axis];
             sums[lane] += off, squares[lane] += off * off;
         }
+    }
     for (int axis = 0; axis < 3; axis++) {
         real sum = 0, square = 0;
         for (int lane = axis; lane < LANES; lane += 3) sum += sums[lane], square += squares[lane];

@@ -39,6 +39,16 @@ typedef struct {
     real side;               /* of a cell */
 } fl_room;
 
+/* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
+ * the first half of `order`, and `distances` the second. */
+void fl_clear_record(flinders_record *record);
+void fl_place(const fl_surface *surface, flinders_record *record);
+void fl_place_sums(const flinders_sums *sums, flinders_record *record);
+void fl_place_fit(const fl_fit *fit, flinders_record *record);
+int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+                const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record);
+int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
+                flinders_record *record);
 int fl_room_of(void *workspace, size_t size, size_t rows, fl_room *room);
 int fl_quality(const fl_kernels *kernels, const real *field, const real *time, size_t rows, int all, const fl_room *room,
                flinders_record *record);

@@ -4,7 +4,13 @@
 
 #include "record.h"
 
-enum { FL_LAGS = 1000, FL_BLOCKS = 8, FL_SERIES = 2048 };
+enum { FL_BLOCKS = 8, FL_SERIES = 2048 };
+
+#ifdef FLINDERS_SMALL
+enum { FL_LAGS = 128 }; /* a quarter of the readings */
+#else
+enum { FL_LAGS = 1000 };
+#endif
 
 typedef struct {
     size_t n;

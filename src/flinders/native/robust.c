@@ -6,8 +6,14 @@
 #include "random.h"
 #include "record.h"
 
-enum { POINTS = 12, DRAWS = 256, SCORED = 600, FEW_DRAWS = 24, FEW_SCORED = 150, ROUNDS = 12, PER_CELL = 4,
-       WINDOW = 11, MARGIN = 25, LEAST = 3, LOOKS = 3, UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40 };
+enum { POINTS = 12, FEW_DRAWS = 24, ROUNDS = 12, PER_CELL = 4, WINDOW = 11, MARGIN = 25, LEAST = 3, LOOKS = 3,
+       UNKNOWNS = 12, ENOUGH_TO_JUDGE = 40 };
+
+#ifdef FLINDERS_SMALL
+enum { DRAWS = 64, SCORED = 100, FEW_SCORED = 100 };
+#else
+enum { DRAWS = 256, SCORED = 600, FEW_SCORED = 150 };
+#endif
 
 #define TO_SIGMA ((real)1.4826)
 #define REJECT ((real)4)
@@ -16,7 +22,8 @@ enum { POINTS = 12, DRAWS = 256, SCORED = 600, FEW_DRAWS = 24, FEW_SCORED = 150,
 #define LASTING ((real)0.5)  /* correlation of a residual with the next */
 #define SUSPECT ((real)0.95) /* of the standard deviation of all residuals, that of the best of many subsets */
 
-/* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. */
+/* Leave all but a few readings of each cell out of a sample of at most so many; returns how many are in it. Without a
+ * table of cells none is left out. */
 static size_t spread_out(const fl_kernels *kernels, const real *field, size_t rows, size_t most, fl_random *random,
                          const fl_room *room)
 {
@@ -25,7 +32,8 @@ static size_t spread_out(const fl_kernels *kernels, const real *field, size_t ro
     const size_t stride = (rows + most - 1) / most > 1 ? (rows + most - 1) / most : 1;
     const size_t n = (rows + stride - 1) / stride;
     size_t taken = 0;
-    memset(room->passed, 1, rows);
+    memset(room->passed, room->slots > 0, rows);
+    if (!room->slots) return rows;
     memset(room->counters, 0, room->slots);
     for (size_t i = 0; i < n; i++) {
         const size_t within = i % FL_BLOCK;

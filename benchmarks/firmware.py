@@ -1,0 +1,281 @@
+"""What the firmware costs and how far it is off the library: ``python -m benchmarks.firmware``.
+
+The package that `flinders firmware` writes is compiled for this machine in single and in double precision, and for
+Cortex-M0, M4 and M7 where ``arm-none-eabi-gcc`` is installed; ``qemu-system-arm`` runs those and counts instructions.
+
+    python -m benchmarks.firmware                 # sizes, instructions, and every recording of the shared data
+    python -m benchmarks.firmware --sizes         # sizes and instructions alone
+
+Offsets and claims are compared with the library's fit of the same readings, those that the board had stored, and with
+that of all readings of the recording.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+import flinders
+from benchmarks.fits import recordings
+from benchmarks.recordings import FOLDER
+from flinders import simulate
+from flinders.core.units import MICROTESLA
+from flinders.errors import FitError
+from flinders.firmware import package, rules
+from flinders.geometry.ellipsoid import Ellipsoid
+from flinders.heading.error_propagation import level_gradients
+from flinders.native.build import EXACT, STRICT, system_compiler
+
+if TYPE_CHECKING:
+    from flinders import Fit
+    from flinders.arrays import Floats
+
+HARNESS: Final = Path(__file__).parent / "firmware_board"
+READINGS: Final = 300
+SEVERITIES: Final = ("", "note", "limits", "refuses")
+CROSS: Final = "arm-none-eabi-gcc"
+LINKED: Final = ("-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-lm")
+QEMU: Final = ("-nographic", "-monitor", "none", "-serial", "none", "-semihosting-config", "enable=on,target=native")
+COUNTING: Final = ("-icount", "shift=2")
+TIMEOUT_S: Final = 300.0
+WORDS: Final = ("", "yes", "lim", "no")
+"""Of a verdict: good, limited, refused."""
+BOUND: Final = 2.4
+"""Claims (1 σ at the worst heading) that no heading exceeds with a probability of 95 %, for an offset alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A processor: its options for the compiler, and the machine that QEMU runs it on; none for this machine."""
+
+    name: str
+    options: tuple[str, ...] = ()
+    machine: str = ""
+    real: str = "<f4"
+
+
+HOST: Final = Target("this machine, float")
+HOST_DOUBLE: Final = Target("this machine, double", ("-DFLINDERS_DOUBLE",), real="<f8")
+M0: Final = Target("Cortex-M0", ("-mcpu=cortex-m0", "-mthumb"), "mps2-an385")
+M4: Final = Target("Cortex-M4F", ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"), "mps2-an386")
+M7: Final = Target("Cortex-M7F", ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-sp-d16"), "mps2-an500")
+BOARDS: Final = (M0, M4, M7)
+
+
+def missing_tools() -> str:
+    """Which tools for boards are not installed; empty where all are."""
+    return " and ".join(name for name in (CROSS, "qemu-system-arm") if shutil.which(name) is None)
+
+
+def build(target: Target, folder: Path, *, optimise: str = "-Os") -> Path:
+    """Compile the package with its harness, warnings as errors; the program."""
+    if not (folder / "package").exists():
+        package.write(folder / "package")
+    program = folder / f"{target.name.replace(' ', '-').replace(',', '')}{optimise}"
+    linker = ("-nostartfiles", "--specs=nosys.specs", "-T", str(HARNESS / "mps2.ld")) if target.machine else ()
+    compiler = [CROSS] if target.machine else system_compiler() or ["cc"]
+    sources = [*sorted(map(str, (folder / "package" / "src").glob("*.c"))), str(HARNESS / "main.c")]
+    wanted = ("-Werror", "-Wdouble-promotion", optimise, *EXACT, *target.options, *linker)
+    command = [
+        *compiler,
+        *STRICT,
+        *wanted,
+        *sources,
+        "-I",
+        str(folder / "package" / "src"),
+        *LINKED,
+        "-o",
+        str(program),
+    ]
+    subprocess.run(command, check=True, capture_output=True, text=True)
+    return program
+
+
+def sizes(program: Path) -> dict[str, int]:
+    """Bytes of code and constants in flash."""
+    done = subprocess.run(["arm-none-eabi-size", str(program)], check=True, capture_output=True, text=True)
+    text, data = done.stdout.splitlines()[1].split()[:2]
+    return {"flash": int(text) + int(data)}
+
+
+def layout(real: str) -> np.dtype[np.void]:
+    """What the harness writes."""
+    answer = np.dtype(
+        [
+            ("status", "<i4"), ("verdict", "<i4"), ("findings", "u1", (len(rules.on_board()),)), ("offset", real, (3,)),
+            ("matrix", real, (3, 3)), ("field", real), ("noise", real), ("heading_rms_deg", real),
+            ("heading_worst_deg", real), ("turn", real, (3,)), ("after_deg", real),
+        ],
+        align=True,
+    )  # fmt: skip
+    return np.dtype(
+        [
+            ("answer", answer), ("count", "<i4"), ("state", "<i4"), ("readings", real, (READINGS, 3)),
+            ("per_reading", "<i4"), ("per_solve", "<i4"), ("stack", "<i4"),
+        ],
+        align=True,
+    )  # fmt: skip
+
+
+def run(
+    target: Target, program: Path, field: Floats, *, dip_deg: float = 60.0, target_deg: float = 1.0, unit: bool = True
+) -> Any:  # noqa: ANN401 - a row of `layout`
+    """Run the harness over (N, 3) readings."""
+    numbers = np.concatenate([[dip_deg, target_deg, float(unit)], np.ravel(field)]).astype(target.real)
+    command = [str(program)]
+    if target.machine:
+        command = ["qemu-system-arm", "-M", target.machine, "-kernel", str(program), *QEMU, *COUNTING]
+    with tempfile.TemporaryDirectory() as folder:
+        numbers.tofile(Path(folder, "readings.bin"))
+        subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=TIMEOUT_S)
+        return np.fromfile(Path(folder, "answer.bin"), layout(target.real))[0]
+
+
+def verdict_of(fit: Fit) -> int:
+    """The worst severity of the library's findings that a board makes as well."""
+    codes = {row.code for row in rules.on_board()}
+    return max([1, *(SEVERITIES.index(finding.severity) for finding in fit.findings if finding.code in codes)])
+
+
+def fit_of(samples: Any, unit: Any = None) -> Fit | None:  # noqa: ANN401 - samples, or an array and its unit
+    """Fit by the library; also one that is refused, and None where there is none."""
+    try:
+        return flinders.fit(samples) if unit is None else flinders.fit(samples, unit=unit)
+    except FitError as error:
+        return getattr(error, "fit", None)
+
+
+def apart_deg(outcome: Any, fit: Fit) -> float:  # noqa: ANN401 - a row of `layout`
+    """How far board and library are apart at the worst level heading, degrees."""
+    own = Ellipsoid(
+        outcome["answer"]["offset"], outcome["answer"]["field"] * np.linalg.inv(outcome["answer"]["matrix"])
+    )
+    change = own.parameters - fit.ellipsoid.parameters
+    return math.degrees(np.abs(level_gradients(fit.ellipsoid, dip_deg=fit.known_dip_deg) @ change).max())
+
+
+def compared(name: str, floats: Path, doubles: Path, m4: Path | None) -> dict[str, Any] | None:
+    """Compare board and library on a recording; None where there is nothing to compare.
+
+    `rounding_ut` and `claim_of_double` hold single against double precision on the readings that the board had stored,
+    `claim_of_library` and `verdicts` board against library on those, and `apart_deg` the board against the library's
+    fit of all readings, with both claims. Lengths are scaled to a field of 50 µT. `per_solve` are instructions of a
+    Cortex-M4F, and `m4_ut` how far it is off this machine; NaN without tools for it.
+    """
+    samples = flinders.read(FOLDER / name)
+    unit = samples.unit.inside
+    is_ut = unit == MICROTESLA
+    board = run(HOST, floats, samples.field, unit=is_ut)
+    stored = board["readings"][: int(board["count"])].astype(float)
+    single, double = run(HOST, floats, stored, unit=is_ut), run(HOST_DOUBLE, doubles, stored, unit=is_ut)
+    fit, whole = fit_of(stored, unit), fit_of(samples)
+    if fit is None or whole is None or single["answer"]["status"]:
+        return None
+    of_single, of_double = single["answer"], double["answer"]
+    off = np.abs(of_single["offset"] - of_double["offset"]).max()
+    return {
+        "name": name,
+        "readings": len(samples),
+        "method": fit.method,
+        "rounding_ut": float(off * 50.0 / of_double["field"]),
+        "claim_of_double": float(of_single["heading_worst_deg"] / of_double["heading_worst_deg"]),
+        "verdicts_of_precision": (int(of_single["verdict"]), int(of_double["verdict"])),
+        "claim_of_library": float(of_single["heading_worst_deg"] / fit.heading_error_deg.worst),
+        "verdicts": (int(of_single["verdict"]), verdict_of(fit)),
+        "claim_deg": float(board["answer"]["heading_worst_deg"]),
+        "claim_of_all_deg": whole.heading_error_deg.worst,
+        "apart_deg": apart_deg(board, whole),
+        "verdict": whole.verdict,
+        **_on_m4(m4, stored, single, is_ut=is_ut),
+    }
+
+
+def _on_m4(program: Path | None, stored: Floats, single: Any, *, is_ut: bool) -> dict[str, float]:  # noqa: ANN401
+    """Instructions of a solve on a Cortex-M4F, and how far its offset is off that of this machine."""
+    if program is None:
+        return {"per_solve": math.nan, "m4_ut": math.nan}
+    outcome = run(M4, program, stored, unit=is_ut)
+    off = np.abs(outcome["answer"]["offset"] - single["answer"]["offset"]).max()
+    return {"per_solve": float(outcome["per_solve"]), "m4_ut": float(off * 50.0 / single["answer"]["field"])}
+
+
+def costs(folder: Path, seed: int = 1) -> list[dict[str, Any]]:
+    """Sizes and instructions for each processor, of a simulated tumble with outliers; 300 readings of it are stored."""
+    rows = []
+    tumble = simulate.tumble(seed=seed, n=500, outliers=0.02).samples.field
+    for target in BOARDS:
+        program = build(target, folder)
+        outcome = run(target, program, tumble)
+        numbers = {name: int(outcome[name]) for name in ("state", "stack", "per_reading", "per_solve")}
+        rows.append({"target": target.name, **sizes(program), **numbers})
+    return rows
+
+
+def print_costs(folder: Path) -> None:
+    """Print what the firmware costs, or which tools are missing."""
+    missing = missing_tools()
+    if missing:
+        print(f"{missing} not installed: no sizes and no instructions")
+        return
+    print(f"{'':12} {'flash':>7} {'state':>6} {'stack':>6} {'per reading':>12} {'per solve':>12}")
+    for row in costs(folder):
+        sized = f"{row['flash']:7,} {row['state']:6,} {row['stack']:6,}"
+        print(f"{row['target']:12} {sized} {row['per_reading']:12,} {row['per_solve']:12,}")
+
+
+def print_accuracy(folder: Path) -> None:
+    """Print a row for each recording, and what they come to."""
+    floats, doubles = build(HOST, folder, optimise="-O2"), build(HOST_DOUBLE, folder, optimise="-O2")
+    m4 = None if missing_tools() else build(M4, folder)
+    rows = [row for row in (compared(name, floats, doubles, m4) for name in recordings()) if row is not None]
+    print(f"{'recording':40} {'readings':>8} {'float-double':>20} {'of library':>16} {'of all readings':>22}")
+    for row in rows:
+        same = f"{row['rounding_ut']:9.4f} µT {row['claim_of_double']:8.3f}"
+        library = f"{row['claim_of_library']:9.2f} {WORDS[row['verdicts'][0]]:>3}/{WORDS[row['verdicts'][1]]:3}"
+        whole = f"{row['apart_deg']:8.2f}° {row['claim_deg']:6.2f}° {row['claim_of_all_deg']:6.2f}° {row['verdict']}"
+        print(f"{row['name'][-40:]:40} {row['readings']:8,} {same} {library:>16} {whole}")
+    print_summary(rows)
+
+
+def print_summary(rows: list[dict[str, Any]]) -> None:
+    """Print what the rows with a verdict of the board come to."""
+    given = [row for row in rows if row["verdicts"][0] < SEVERITIES.index("refuses")]
+    ratios = np.sort([row["claim_of_library"] for row in given])
+    alike = sum(row["verdicts"][0] == row["verdicts"][1] for row in given)
+    solves = [row["per_solve"] for row in rows]
+    beyond = sum(row["apart_deg"] > BOUND * row["claim_deg"] for row in given)
+    print(
+        f"\n{len(rows)} recordings, {len(given)} that the board does not refuse, of these:\n"
+        f"single off double by at most {max(row['rounding_ut'] for row in given):.4f} µT of 50, its claim by "
+        f"{max(abs(row['claim_of_double'] - 1.0) for row in given):.1%}, "
+        f"verdicts alike {sum(row['verdicts_of_precision'][0] == row['verdicts_of_precision'][1] for row in given)}\n"
+        f"claim over that of the library for the same readings: median {np.median(ratios):.2f}, "
+        f"{np.quantile(ratios, 0.1):.2f} to {np.quantile(ratios, 0.9):.2f} for eight of ten, "
+        f"verdicts alike {alike}\n"
+        f"off the fit of all readings by more than {BOUND} claims: {beyond}\n"
+        f"Cortex-M4F: off this machine by at most {max(row['m4_ut'] for row in given):.4f} µT, instructions of a "
+        f"solve: median {np.median(solves):,.0f}, at most {max(solves):,.0f}"
+    )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--sizes", action="store_true", help="sizes and instructions alone")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        print_costs(Path(folder))
+        if not arguments.sizes:
+            print_accuracy(Path(folder))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,159 @@
+// Calibrates an LIS3MDL on I2C, on the board, and prints what `flinders live` and `flinders calibrate` read.
+//
+// Turn the sensor through all directions, upside down too. Once a second the sketch says how much of the sphere it has
+// seen, what heading error to expect and how to hold the sensor next. The first good calibration is stored in EEPROM; one
+// that a computer sends (`flinders send --port`, MotionCal) is stored in its place and stays.
+//
+// Needs 24 kB of RAM. Boards without EEPROM: take out the lines of EEPROM, and nothing is stored.
+
+#include <EEPROM.h>
+#include <Wire.h>
+#include <flinders_board.h>
+
+const uint8_t ADDRESS = 0x1C;                // 0x1E where SDO/SA1 is high, as on Pololu's board
+const float UT_PER_COUNT = 100.0 / 6842.0;   // at 4 gauss
+const unsigned long SOLVE_MS = 1000;
+
+static flinders_board board;
+static flinders_answer inUse;                // calibration in EEPROM
+static unsigned char packet[FLINDERS_PACKET];
+static bool isStored = false;                // since the sketch began
+
+void writeRegister(uint8_t name, uint8_t value) {
+  Wire.beginTransmission(ADDRESS);
+  Wire.write(name);
+  Wire.write(value);
+  Wire.endTransmission();
+}
+
+// Ask for registers from one on; false where the sensor does not answer.
+bool request(uint8_t name, uint8_t count) {
+  Wire.beginTransmission(ADDRESS);
+  Wire.write((uint8_t)(name | 0x80));        // the next ones follow
+  if (Wire.endTransmission() != 0) return false;
+  return Wire.requestFrom(ADDRESS, count) == count;
+}
+
+bool beginSensor() {
+  if (!request(0x0F, 1) || Wire.read() != 0x3D) return false;
+  writeRegister(0x20, 0x7C);                 // x and y: best performance, 80 Hz
+  writeRegister(0x21, 0x00);                 // 4 gauss
+  writeRegister(0x23, 0x0C);                 // z: best performance
+  writeRegister(0x24, 0x40);                 // low and high bytes of one measurement
+  writeRegister(0x22, 0x00);                 // measure continuously
+  return true;
+}
+
+int16_t readCount() {
+  const uint8_t low = Wire.read();
+  return (int16_t)(low | (uint16_t)Wire.read() << 8);
+}
+
+bool readField(float field[3]) {
+  if (!request(0x27, 1) || !(Wire.read() & 8)) return false; // no new reading
+  if (!request(0x28, 6)) return false;
+  for (int axis = 0; axis < 3; axis++) field[axis] = readCount() * UT_PER_COUNT;
+  return true;
+}
+
+void store(const flinders_answer &answer) {
+  inUse = answer;
+  isStored = true;
+  flinders_packet_write(&inUse, packet);
+  for (int i = 0; i < FLINDERS_PACKET; i++) EEPROM.write(i, packet[i]);
+#if defined(ESP32) || defined(ESP8266) || defined(ARDUINO_ARCH_RP2040)
+  EEPROM.commit();
+#endif
+  memset(packet, 0, sizeof packet);
+}
+
+void load() {
+#if defined(ESP32) || defined(ESP8266) || defined(ARDUINO_ARCH_RP2040)
+  EEPROM.begin(FLINDERS_PACKET);
+#endif
+  for (int i = 0; i < FLINDERS_PACKET; i++) packet[i] = EEPROM.read(i);
+  if (flinders_packet_read(packet, &inUse) != 0) inUse.matrix[0] = inUse.matrix[4] = inUse.matrix[8] = 1;
+  memset(packet, 0, sizeof packet);
+}
+
+// Take what a computer sends.
+void receive() {
+  while (Serial.available() > 0)
+    if (flinders_packet_add(packet, (unsigned char)Serial.read())) {
+      flinders_answer sent = inUse;
+      flinders_packet_read(packet, &sent);
+      store(sent);
+    }
+}
+
+void printNumbers(const float *numbers, int count) {
+  for (int i = 0; i < count; i++) {
+    Serial.print(",");
+    Serial.print(numbers[i], 3);
+  }
+}
+
+// The calibration in use, as MotionCal and `flinders send` expect it.
+void printCalibration() {
+  Serial.print("Cal1:0.000,0.000,0.000,0.000,0.000,0.000"); // accelerometer and gyroscope
+  printNumbers(inUse.offset, 3);
+  printNumbers(&inUse.field, 1);
+  Serial.println();
+  Serial.print("Cal2:");
+  Serial.print(inUse.matrix[0], 3);
+  printNumbers(inUse.matrix + 1, 8);
+  Serial.println();
+}
+
+void printAnswer() {
+  static const char *const VERDICTS[] = {"", "good", "good with limits", "refused"};
+  const flinders_answer &answer = board.answer;
+  Serial.print("Seen of all directions (percent): ");
+  Serial.println(100 * flinders_board_seen(&board), 0);
+  if (answer.status != FLINDERS_OK) {
+    Serial.println(flinders_message(answer.status));
+    return;
+  }
+  Serial.print("Heading error to expect (degrees): ");
+  Serial.print(answer.heading_worst_deg, 2);
+  Serial.print(", ");
+  Serial.println(VERDICTS[answer.verdict]);
+  for (int i = 0; i < FLINDERS_RULES; i++)
+    if (answer.findings[i] > FLINDERS_NOTE) Serial.println(flinders_rules[i].action);
+  Serial.print("Next, hold the sensor ");
+  Serial.print(flinders_board_turn(&board));
+  Serial.println(" and turn it slowly once around");
+}
+
+void setup() {
+  Serial.begin(115200);
+  Wire.begin();
+  load();
+  flinders_board_begin(&board);
+  while (!beginSensor()) {
+    Serial.println("No LIS3MDL answers: check the wires and its address");
+    delay(1000);
+  }
+}
+
+void loop() {
+  static unsigned long solved = 0;
+  float field[3];
+  receive();
+  if (readField(field)) {
+    flinders_board_add(&board, field);
+    Serial.print("X: ");
+    Serial.print(field[0], 2);
+    Serial.print("\tY: ");
+    Serial.print(field[1], 2);
+    Serial.print("\tZ: ");
+    Serial.print(field[2], 2);
+    Serial.println(" uTesla");
+  }
+  if (millis() - solved < SOLVE_MS) return;
+  solved = millis();
+  flinders_board_solve(&board);
+  if (!isStored && board.answer.verdict == FLINDERS_NOTE) store(board.answer);
+  printAnswer();
+  printCalibration();
+}

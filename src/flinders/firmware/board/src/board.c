@@ -1,0 +1,357 @@
+/* A calibration that grows with each reading, in a few kilobytes: readings spread over the sphere, and the engine's fit of
+ * them. */
+#include "flinders_board.h"
+#include "residuals.h"
+#include "sums.h"
+
+enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 40 };
+
+#define BATCH ((real)0.01)      /* of the readings: those that advice is given for */
+#define MOST_FREEDOM ((real)1.3) /* that correlated residuals take from a covariance */
+#define MOVED ((real)0.1)       /* of the extent: cells are counted anew about a centre that is as far off */
+#define EFFORT_DEG ((real)2)    /* how much farther an attitude may miss the direction for each degree of effort */
+#define TO_DEG ((real)180 / FL_PI)
+
+#ifdef __GNUC__
+#define APART __attribute__((noinline)) static /* its locals are not on the stack of its caller */
+#else
+#define APART static
+#endif
+
+/* Begin. */
+void flinders_board_begin(flinders_board *board)
+{
+    memset(board, 0, sizeof *board);
+    board->dip_deg = 60, board->target_deg = 1, board->is_microtesla = 1;
+    board->answer.status = FLINDERS_TOO_FEW, board->answer.verdict = FLINDERS_REFUSES;
+    board->random = 1;
+}
+
+/* A random number below a bound (G. Marsaglia, Xorshift RNGs, J. Stat. Softw. 8 (2003)). */
+static uint32_t random_below(flinders_board *board, uint32_t bound)
+{
+    board->random ^= board->random << 13;
+    board->random ^= board->random >> 17;
+    board->random ^= board->random << 5;
+    return (uint32_t)((uint64_t)board->random * bound >> 32);
+}
+
+/* The direction of a reading from the centre. */
+static void direction_of(const flinders_board *board, const real reading[3], real direction[3])
+{
+    real local[3];
+    for (int axis = 0; axis < 3; axis++) local[axis] = reading[axis] - board->centre[axis];
+    fl_sym3_apply(board->inverse, local, direction);
+    const real length = fl_sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+    for (int axis = 0; axis < 3; axis++) direction[axis] /= length > FL_SHORT ? length : FL_SHORT;
+}
+
+/* The cell of the sphere that each of up to eight readings lies in. */
+static void cells_of(const flinders_board *board, const real *readings, int n, uint8_t *out)
+{
+    real direction[3], axes[3][FL_BLOCK];
+    uint32_t cells[FL_BLOCK];
+    for (int i = 0; i < n; i++) {
+        direction_of(board, readings + 3 * i, direction);
+        for (int axis = 0; axis < 3; axis++) axes[axis][i] = direction[axis];
+    }
+    fl_kernels_chosen(1)->cells(axes[0], axes[1], axes[2], (size_t)n, cells);
+    for (int i = 0; i < n; i++) out[i] = (uint8_t)cells[i];
+}
+
+/* Count cells anew about another centre; of readings that are not stored each cell has its share. */
+static void count_cells(flinders_board *board)
+{
+    const int count = board->count;
+    memset(board->stored, 0, sizeof board->stored);
+    for (int i = 0; i < count; i += FL_BLOCK)
+        cells_of(board, board->field + 3 * i, count - i < FL_BLOCK ? count - i : FL_BLOCK, board->cells + i);
+    for (int i = 0; i < count; i++) board->stored[board->cells[i]]++;
+    for (int cell = 0; cell < CELLS; cell++)
+        board->seen[cell] = (uint32_t)((uint64_t)board->stored[cell] * board->readings / board->count);
+}
+
+/* Widen the extent by a reading; before there is a fit its middle is the centre that directions are seen from. */
+static void widen(flinders_board *board, const real reading[3])
+{
+    int has_moved = board->readings == 1;
+    for (int axis = 0; axis < 3; axis++) {
+        real *const low = board->lowest + axis, *const high = board->highest + axis;
+        if (board->readings == 1 || reading[axis] < *low) *low = reading[axis];
+        if (board->readings == 1 || reading[axis] > *high) *high = reading[axis];
+        has_moved |= fl_abs((*low + *high) / 2 - board->centre[axis]) > MOVED * (*high - *low);
+    }
+    if (board->answer.status == FLINDERS_OK || !has_moved) return;
+    for (int axis = 0; axis < 3; axis++) board->centre[axis] = (board->lowest[axis] + board->highest[axis]) / 2;
+    for (int entry = 0; entry < 6; entry++) board->inverse[entry] = entry < 3;
+    if (board->count) count_cells(board);
+}
+
+/* Leave a stored reading out; those behind it move up, and stay in order. */
+static void leave_out(flinders_board *board, uint8_t cell, uint32_t which)
+{
+    int row = 0;
+    for (;; row++)
+        if (board->cells[row] == cell && which-- == 0) break;
+    board->count--, board->stored[cell]--;
+    for (int i = row; i < board->count; i++) board->cells[i] = board->cells[i + 1];
+    for (int i = 3 * row; i < 3 * board->count; i++) board->field[i] = board->field[i + 3];
+}
+
+/* Make room for a reading of a cell: one of the fullest cell goes. In that cell itself each reading that came has the same
+ * chance to stay (J. S. Vitter, Random sampling with a reservoir, ACM TOMS 11 (1985)). Nonzero where there is none. */
+static int make_room(flinders_board *board, uint8_t cell)
+{
+    uint8_t fullest = cell;
+    if (board->count < READINGS) return 0;
+    for (int other = 0; other < CELLS; other++)
+        if (board->stored[other] > board->stored[fullest]) fullest = (uint8_t)other;
+    const uint32_t which = random_below(board, fullest == cell ? board->seen[cell] : board->stored[fullest]);
+    if (which >= board->stored[fullest]) return 1;
+    leave_out(board, fullest, which);
+    return 0;
+}
+
+/* Add a reading. */
+int flinders_board_add(flinders_board *board, const real reading[3])
+{
+    uint8_t cell;
+    const real *const last = board->field + 3 * (board->count ? board->count - 1 : 0);
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(reading[axis])) return FLINDERS_NOT_FINITE;
+    if (board->count && !memcmp(last, reading, 3 * sizeof(real))) return FLINDERS_OK;
+    board->readings++;
+    widen(board, reading);
+    cells_of(board, reading, 1, &cell);
+    board->seen[cell]++;
+    if (make_room(board, cell)) return FLINDERS_OK;
+    memcpy(board->field + 3 * board->count, reading, 3 * sizeof(real));
+    board->cells[board->count++] = cell;
+    board->stored[cell]++;
+    return FLINDERS_OK;
+}
+
+/* Share of the cells that hold a reading. */
+real flinders_board_seen(const flinders_board *board)
+{
+    int count = 0;
+    for (int cell = 0; cell < CELLS; cell++) count += board->seen[cell] > 0;
+    return (real)count / CELLS;
+}
+
+/* The largest gap between directions of readings that are not rejected, degrees from its middle. */
+APART real hole_deg(const flinders_board *board, const real centres[CELLS][3], const unsigned char *rejected)
+{
+    real nearest[CELLS], farthest = 1, direction[3];
+    for (int cell = 0; cell < CELLS; cell++) nearest[cell] = -1;
+    for (int i = 0; i < board->count; i++) {
+        if (rejected && rejected[i]) continue;
+        direction_of(board, board->field + 3 * i, direction);
+        for (int cell = 0; cell < CELLS; cell++) {
+            const real *const c = centres[cell];
+            const real cosine = c[0] * direction[0] + c[1] * direction[1] + c[2] * direction[2];
+            nearest[cell] = cosine > nearest[cell] ? cosine : nearest[cell];
+        }
+    }
+    for (int cell = 0; cell < CELLS; cell++) farthest = nearest[cell] < farthest ? nearest[cell] : farthest;
+    return fl_acos(farthest) * TO_DEG;
+}
+
+/* Mean height of the directions, -1 to 1. */
+static real upright_of(const flinders_board *board, const real centres[CELLS][3])
+{
+    real sum = 0;
+    for (int cell = 0; cell < CELLS; cell++) sum += (real)board->seen[cell] * centres[cell][2] / (real)board->readings;
+    return sum;
+}
+
+/* Readings that say as much as an independent one: from the autocovariance of the residuals, in their order. */
+APART real correlation_time(flinders_board *board, const fl_view *view, const fl_surface *surface)
+{
+    real autocovariance[FL_LAGS];
+    size_t begins[2] = {0, fl_view_count(view)};
+    fl_residuals residuals = {.n = begins[1], .stretches = 1, .begins = begins, .distances = board->work};
+    fl_kernels_chosen(1)->distances(view, surface, board->work);
+    return fl_time_of(autocovariance, fl_autocovariance(&residuals, autocovariance));
+}
+
+/* Factor by which correlated residuals and few readings widen a covariance: `widening_by_few` of flinders.fitting.claim. */
+static real widening(real used, real time)
+{
+    const real independent = used / time, freedom = used - 9;
+    const real fewer = independent / (independent - 9 > 1 ? independent - 9 : 1);
+    const real few = freedom >= 3 ? freedom / (freedom - 2) : 3 * fl_pow(4, 3 - (freedom > 0 ? freedom : 0));
+    return few * (time > 1 ? time * (fewer < MOST_FREEDOM ? fewer : MOST_FREEDOM) : 1);
+}
+
+/* What the rules compare. */
+static void quantities(const flinders_board *board, const flinders_record *record, real time, real hole,
+                       real value[FLINDERS_QUANTITIES])
+{
+    real axes[3], extent = 0;
+    const real radius = record->radius, width = fl_sqrt(record->principal_variances[2]);
+    const real thickest = (real)FLINDERS_FLATTEST * width, thinnest = (real)FLINDERS_FLAT * width;
+    const real noisy = (real)FLINDERS_FLAT_NOISE * record->noise, flat = noisy > thinnest ? noisy : thinnest;
+    const real nearest = radius < FLINDERS_EARTH_WEAKEST ? FLINDERS_EARTH_WEAKEST
+                         : radius > FLINDERS_EARTH_STRONGEST ? FLINDERS_EARTH_STRONGEST : radius;
+    fl_sym3_values(record->shape, axes);
+    for (int axis = 0; axis < 3; axis++) {
+        const real here = record->highest[axis] - record->lowest[axis];
+        extent = here > extent ? here : extent;
+    }
+    value[FLINDERS_Q_FLATNESS] = fl_sqrt(record->principal_variances[0]) / width;
+    value[FLINDERS_Q_FLATNESS_LIMIT] = (flat < thickest ? flat : thickest) / width;
+    value[FLINDERS_Q_TARGET_DEG] = board->target_deg;
+    value[FLINDERS_Q_WORST_DEG] = record->level_worst_deg;
+    value[FLINDERS_Q_HOLE_DEG] = hole;
+    value[FLINDERS_Q_NOISE_SHARE] = record->noise / radius;
+    value[FLINDERS_Q_UNOBSERVED] = (real)record->unobserved;
+    value[FLINDERS_Q_PRIOR_SHARE] = record->unobserved ? 0 : record->prior_influence;
+    value[FLINDERS_Q_INDEPENDENT] = (real)record->used / time;
+    value[FLINDERS_Q_INDEPENDENT_NEEDED] = time > 1 ? FLINDERS_ENOUGH_CORRELATED : FLINDERS_ENOUGH;
+    value[FLINDERS_Q_INDEPENDENT_SHARE] = 1 / time;
+    value[FLINDERS_Q_INFLATION] = 2 * axes[2] / extent;
+    value[FLINDERS_Q_OUTLIER_SHARE] = (real)record->rejected / (real)record->rows;
+    value[FLINDERS_Q_AXIS_RATIO] = axes[2] / axes[0];
+    value[FLINDERS_Q_TIMES_OUTSIDE_EARTH] =
+        !board->is_microtesla ? 0 : radius > nearest ? radius / nearest : nearest / radius;
+}
+
+/* Whether a number is beyond a limit. */
+static int is_beyond(real number, char comparison, const flinders_limit *limit, const real *value)
+{
+    const real bound = limit->factor * (limit->of < FLINDERS_QUANTITIES ? value[limit->of] : 1);
+    return comparison == '<' ? number < bound : comparison == '>' ? number > bound : number >= bound;
+}
+
+/* Apply a rule: the last grade that holds is how severe it is. */
+static uint8_t severity_of(const flinders_rule *rule, const real *value)
+{
+    uint8_t severity = FLINDERS_NOTHING;
+    for (int i = 0; i < rule->grades; i++) {
+        if (!is_beyond(value[rule->quantity], rule->comparison, &rule->grade[i].limit, value)) break;
+        severity = rule->grade[i].severity;
+    }
+    for (int i = 0; i < rule->needs; i++)
+        if (!is_beyond(value[rule->need[i].quantity], rule->need[i].comparison, &rule->need[i].limit, value)) return 0;
+    return severity;
+}
+
+/* Apply all rules. What follows from a surface that nothing supports is no finding. */
+static void judge(flinders_board *board, const real *value)
+{
+    flinders_answer *const answer = &board->answer;
+    const uint8_t flat = severity_of(flinders_rules + FLINDERS_RULE_ONE_PLANE, value);
+    answer->verdict = FLINDERS_NOTE;
+    for (int i = 0; i < FLINDERS_RULES; i++) {
+        const int is_any = !flat || i == FLINDERS_RULE_ONE_PLANE;
+        const uint8_t severity = answer->findings[i] = is_any ? severity_of(flinders_rules + i, value) : 0;
+        if (severity > answer->verdict) answer->verdict = severity;
+    }
+}
+
+/* The direction in which a batch of readings would lower the variances of level headings most: flinders.heading.guidance. */
+APART void advise(flinders_board *board, const fl_surface *surface, const flinders_record *record, real variance,
+                   const real centres[CELLS][3])
+{
+    real rows[9][FL_HEADINGS], before[FL_HEADINGS], least = FL_HUGE, most = FL_TINY;
+    const real share = BATCH * (real)record->used, batch = share > 1 ? share : 1;
+    fl_level_rows(surface, record->dip_deg, rows);
+    for (int k = 0; k < FL_HEADINGS; k++) {
+        before[k] = 0;
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) before[k] += rows[i][k] * record->covariance[9 * i + j] * rows[j][k];
+        most = before[k] > most ? before[k] : most;
+    }
+    for (int cell = 0; cell < CELLS; cell++) {
+        real jacobian[9], lever[9], own = variance / batch, sum = 0, largest = 0;
+        fl_jacobian(surface, centres[cell], jacobian);
+        fl_multiply(record->covariance, jacobian, 9, 9, 1, lever);
+        for (int i = 0; i < 9; i++) own += jacobian[i] * lever[i];
+        for (int k = 0; k < FL_HEADINGS; k++) {
+            real shared = 0;
+            for (int i = 0; i < 9; i++) shared += rows[i][k] * lever[i];
+            const real after = (before[k] - shared * shared / own) / most, left = after > 0 ? after : 0;
+            sum += left * left * left * left;
+            largest = left > largest ? left : largest;
+        }
+        if (!(sum < least)) continue;
+        least = sum;
+        memcpy(board->answer.turn, centres[cell], sizeof board->answer.turn);
+        board->answer.after_deg = TO_DEG * fl_sqrt(largest * most);
+    }
+}
+
+/* Put the calibration of a record into the answer. */
+static void place(flinders_board *board, const flinders_record *record, const fl_surface *surface)
+{
+    static const unsigned char ENTRY[9] = {0, 3, 4, 3, 1, 5, 4, 5, 2};
+    flinders_answer *const answer = &board->answer;
+    memcpy(answer->offset, record->centre, sizeof answer->offset);
+    for (int i = 0; i < 9; i++) answer->matrix[i] = surface->inverse[ENTRY[i]] * record->radius;
+    answer->field = record->radius, answer->noise = record->noise;
+    answer->heading_rms_deg = record->level_rms_deg, answer->heading_worst_deg = record->level_worst_deg;
+    memcpy(board->centre, surface->centre, sizeof board->centre);
+    memcpy(board->inverse, surface->inverse, sizeof board->inverse);
+}
+
+/* Widen the covariance of a fit, and judge it. */
+APART void describe(flinders_board *board, const fl_view *view, const fl_surface *surface, flinders_record *record)
+{
+    real value[FLINDERS_QUANTITIES], centres[CELLS][3];
+    const real time = correlation_time(board, view, surface), wider = widening((real)record->used, time);
+    place(board, record, surface);
+    count_cells(board);
+    fl_sphere_centres(centres);
+    record->coverage = flinders_board_seen(board);
+    record->upright = upright_of(board, (const real(*)[3])centres);
+    for (int i = 0; i < 81; i++) record->covariance[i] = wider * record->textbook[i];
+    fl_heading_errors(surface, record, board->dip_deg);
+    place(board, record, surface);
+    quantities(board, record, time, hole_deg(board, (const real(*)[3])centres, view->rejected), value);
+    judge(board, value);
+    advise(board, surface, record, wider * record->noise * record->noise, (const real(*)[3])centres);
+}
+
+/* Fit and judge. */
+int flinders_board_solve(flinders_board *board)
+{
+    fl_view view = {board->field, board->count, NULL, 1};
+    fl_room room = {.order = (uint32_t *)(void *)board->work, .scratch = board->work, .distances = board->work + READINGS,
+                    .rejected = board->flags[0], .far = board->flags[1], .passed = board->flags[2]};
+    flinders_options options;
+    flinders_record record;
+    fl_fit fit;
+    flinders_default_options(&options);
+    options.statistics = 0, options.kernels = 1, options.dip_deg = board->dip_deg;
+    board->answer.verdict = FLINDERS_REFUSES;
+    memset(board->answer.findings, 0, sizeof board->answer.findings);
+    board->answer.status = board->count < FEWEST ? FLINDERS_TOO_FEW
+                           : fl_fit_view(fl_kernels_chosen(1), &view, &options, &room, &fit, &record);
+    if (board->answer.status == FLINDERS_OK) describe(board, &view, &fit.surface, &record);
+    return board->answer.status;
+}
+
+/* The simplest attitude whose vertical meets the field as the advised direction does: `Guidance.pose` of flinders. */
+const char *flinders_board_turn(const flinders_board *board)
+{
+    const real *const wanted = board->answer.turn;
+    const char *words = "";
+    real least = FL_HUGE;
+    for (int pose = 0; pose < FLINDERS_POSES; pose++) {
+        const flinders_pose *const held = flinders_poses + pose;
+        const real cosine = held->down[0] * wanted[0] + held->down[1] * wanted[1] + held->down[2] * wanted[2];
+        const real angle = fl_acos(cosine > 1 ? 1 : cosine < -1 ? -1 : cosine) * TO_DEG;
+        const real cost = fl_abs(angle - (90 - board->dip_deg)) + EFFORT_DEG * held->effort;
+        if (cost < least - (real)1e-3) least = cost, words = held->words;
+    }
+    return words;
+}
+
+/* Correct a reading. */
+void flinders_board_apply(const flinders_answer *answer, const real reading[3], real corrected[3])
+{
+    real local[3];
+    for (int axis = 0; axis < 3; axis++) local[axis] = reading[axis] - answer->offset[axis];
+    fl_multiply(answer->matrix, local, 3, 3, 1, corrected);
+}

@@ -1,0 +1,139 @@
+/* flinders_board.h - calibrates a magnetometer on the board that reads it, with the engine of flinders.h.
+ *
+ * Add every reading, solve every second or so, and look at the answer: which share of the sphere was seen, what heading
+ * error to expect, which findings there are, how to hold the sensor next, and the offset and matrix so far.
+ *
+ *     static flinders_board board;
+ *     flinders_board_begin(&board);
+ *     for (;;) {
+ *         flinders_board_add(&board, reading);
+ *         if (a second has passed && flinders_board_solve(&board) == FLINDERS_OK)
+ *             print(board.answer.heading_worst_deg, flinders_board_turn(&board));
+ *     }
+ *
+ * A reading is corrected by `flinders_board_apply`. Readings may come in any unit; with `is_microtesla` 0 their length is
+ * not compared with that of the earth's field.
+ *
+ * The board stores at most FLINDERS_BOARD_READINGS readings, in the order in which they came, spread over directions:
+ * a new one replaces one of the cell of the sphere that has most. The fit is that of the library to these readings. Its
+ * heading error allows for the correlation of their residuals and for few readings. What the library finds from the
+ * order or the number of all readings is not checked here: `flinders_unchecked` lists it.
+ */
+#ifndef FLINDERS_BOARD_H
+#define FLINDERS_BOARD_H
+
+#include "flinders.h"
+#include "flinders_rules.h" /* made from the library's catalogue of findings */
+
+#ifndef FLINDERS_BOARD_READINGS
+#define FLINDERS_BOARD_READINGS 300 /* 40 to 512; 24 bytes each in single precision */
+#endif
+
+/* What a finding makes of a calibration, and the worst of them its verdict: FLINDERS_NOTE is good, FLINDERS_LIMITS good
+ * with limits, and with FLINDERS_REFUSES there is none to use. */
+enum { FLINDERS_NOTHING, FLINDERS_NOTE, FLINDERS_LIMITS, FLINDERS_REFUSES };
+
+/* A number, or so many times a quantity; FLINDERS_QUANTITIES stands for none. */
+typedef struct flinders_limit {
+    flinders_real factor;
+    uint8_t of;
+} flinders_limit;
+
+/* A comparison of a quantity with limits, the least severe first, and what has to hold as well. */
+typedef struct flinders_rule {
+    const char *code, *action; /* its name at the library, and what to do */
+    uint8_t quantity, grades, needs;
+    char comparison; /* <, > or g: at least */
+    struct {
+        uint8_t severity;
+        flinders_limit limit;
+    } grade[3];
+    struct {
+        uint8_t quantity;
+        char comparison;
+        flinders_limit limit;
+    } need[2];
+} flinders_rule;
+
+/* An attitude but for its heading: what points down, in words after "hold it", and the angles to judge by eye. */
+typedef struct flinders_pose {
+    flinders_real down[3];
+    const char *words;
+    uint8_t effort;
+} flinders_pose;
+
+extern const flinders_rule flinders_rules[FLINDERS_RULES];
+extern const flinders_pose flinders_poses[FLINDERS_POSES];
+extern const char *const flinders_unchecked[FLINDERS_UNCHECKED]; /* codes of findings that only the library makes */
+
+typedef struct flinders_answer {
+    int32_t status;                     /* FLINDERS_OK, or why there is no fit: `flinders_message` has words */
+    int32_t verdict;                    /* the worst of `findings`; FLINDERS_REFUSES where there is no fit */
+    uint8_t findings[FLINDERS_RULES];   /* severity of each rule of `flinders_rules` */
+    flinders_real offset[3];            /* unit of the readings */
+    flinders_real matrix[9];            /* row by row, determinant 1: corrected = matrix (reading - offset) */
+    flinders_real field;                /* length of corrected readings, unit */
+    flinders_real noise;                /* standard deviation of the distances from the ellipsoid, unit */
+    flinders_real heading_rms_deg;      /* error of a level heading, 1 sigma, over all headings */
+    flinders_real heading_worst_deg;    /* at the worst heading */
+    flinders_real turn[3];              /* where the field should point next, a unit vector in corrected axes */
+    flinders_real after_deg;            /* worst heading error after a few readings there */
+} flinders_answer;
+
+typedef struct flinders_board {
+    flinders_real dip_deg;      /* inclination of the field, -89 to 89 (60) */
+    flinders_real target_deg;   /* heading error that is good enough (1) */
+    int32_t is_microtesla;      /* the unit of readings is microtesla (1) */
+    flinders_answer answer;     /* of the last `flinders_board_solve` */
+
+    /* What follows is the library's. */
+    uint32_t readings;          /* added, without repeats */
+    uint32_t random;
+    flinders_real centre[3], inverse[6]; /* of the surface that cells are counted about */
+    flinders_real lowest[3], highest[3];
+    uint16_t count;             /* readings stored */
+    uint16_t stored[100];       /* readings stored of each cell */
+    uint32_t seen[100];         /* readings added of each cell */
+    uint8_t cells[FLINDERS_BOARD_READINGS];
+    unsigned char flags[3][FLINDERS_BOARD_READINGS];
+    flinders_real field[3 * FLINDERS_BOARD_READINGS];
+    flinders_real work[2 * FLINDERS_BOARD_READINGS];
+} flinders_board;
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Begin without readings, with the defaults in parentheses above. */
+void flinders_board_begin(flinders_board *board);
+
+/* Add a reading; FLINDERS_NOT_FINITE for one that is none. One that equals the reading before it is not added. */
+int flinders_board_add(flinders_board *board, const flinders_real reading[3]);
+
+/* Share of a hundred equal cells of the sphere that hold a reading, 0 to 1. */
+flinders_real flinders_board_seen(const flinders_board *board);
+
+/* Fit the stored readings, and fill `answer`; returns its status. */
+int flinders_board_solve(flinders_board *board);
+
+/* How to hold the sensor next, after "hold it", for a full turn about the vertical: "with its +x side down". */
+const char *flinders_board_turn(const flinders_board *board);
+
+/* Correct a reading by an answer; both arrays may be the same. */
+void flinders_board_apply(const flinders_answer *answer, const flinders_real reading[3], flinders_real corrected[3]);
+
+/* MotionCal's packet of 68 bytes: what `flinders send --port` sends, and a board may keep in EEPROM. */
+enum { FLINDERS_PACKET = 68 };
+
+/* Take a byte of a stream into the packet; 1 where that completes it and its checksum is right. */
+int flinders_packet_add(unsigned char packet[FLINDERS_PACKET], unsigned char byte);
+
+/* Write and read offset, matrix and field of an answer; reading returns 1, and leaves the answer alone, for bytes that
+ * are no packet. */
+void flinders_packet_write(const flinders_answer *answer, unsigned char packet[FLINDERS_PACKET]);
+int flinders_packet_read(const unsigned char packet[FLINDERS_PACKET], flinders_answer *answer);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

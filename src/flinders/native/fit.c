@@ -1,0 +1,182 @@
+/* From readings to a fit: what is refused, sums and start, the likelihood, and a majority where residuals ask for it. */
+#include "record.h"
+#include "sums.h"
+
+enum { FEW_STEPS = 8 }; /* after which outliers are looked for, as they make for many */
+
+/* Of the noise of all readings, that of a majority which a load left alone. Of 1,200 simulated recordings of a minute or
+ * of 12 s with slow noise and no load, 14 are below it (tests/truth/test_switched_load.py). */
+#define QUIETER ((real)0.75)
+
+/* Fill options with their defaults. */
+void flinders_default_options(flinders_options *options)
+{
+    options->prior = (real)0.3;
+    options->dip_deg = 60;
+    options->robust = 1;
+    options->kernels = 0;
+    options->statistics = 1;
+    options->bias_correction = 1;
+}
+
+/* A status in words. */
+const char *flinders_message(int status)
+{
+    static const char *const MESSAGES[] = {
+        "the fit is complete",
+        "there are fewer readings than the ten unknowns: record more",
+        "a reading is not a finite number: leave it out",
+        "the readings are of no size that a magnetometer reads: check their unit",
+        "an axis never changes: check the wiring, or turn the sensor through all directions",
+        "the readings hardly vary: turn the sensor through all directions",
+        "no ellipsoid fits the readings: turn the sensor through all directions, away from iron",
+        "the readings leave parameters open: turn the sensor through more directions, or allow a prior",
+        "the workspace is too small: ask flinders_workspace_size",
+        "an option is out of its range: see flinders.h",
+    };
+    return status >= 0 && status < (int)(sizeof MESSAGES / sizeof *MESSAGES) ? MESSAGES[status] : "unknown status";
+}
+
+/* Nothing is known yet. */
+void fl_clear_record(flinders_record *record)
+{
+    real *numbers = record->centre;
+    memset(record, 0, sizeof *record);
+    for (; numbers < (real *)&record->backward_steps; numbers++) *numbers = FL_NOT_A_NUMBER;
+    record->version = FLINDERS_RECORD_VERSION;
+    record->dense = FL_NO_RUN;
+    record->rejected_beyond = 0;
+    for (int i = 0; i < 6; i++) record->first_swap[i] = -1;
+}
+
+/* The smallest power of two that is at least a number. */
+static real power_of_two_above(real value)
+{
+    int exponent;
+    const real mantissa = fl_frexp(value, &exponent);
+    return fl_ldexp(1, exponent - (mantissa == (real)0.5));
+}
+
+/* Put a surface into a record. */
+void fl_place(const fl_surface *surface, flinders_record *record)
+{
+    memcpy(record->centre, surface->centre, sizeof record->centre);
+    memcpy(record->shape, surface->shape, sizeof record->shape);
+    record->radius = surface->radius;
+}
+
+/* What sums alone say: mean, spread and principal variances. */
+void fl_place_sums(const flinders_sums *sums, flinders_record *record)
+{
+    real covariance[6];
+    memcpy(record->sums, sums->sums, sizeof record->sums);
+    memcpy(record->sums_origin, sums->origin, sizeof record->sums_origin);
+    record->sums_scale = sums->scale;
+    fl_sums_mean(sums, record->mean);
+    record->spread = fl_sums_spread(sums);
+    fl_sums_covariance(sums, covariance);
+    fl_sym3_values(covariance, record->principal_variances);
+    for (int i = 0; i < 3; i++)
+        if (record->principal_variances[i] < 0) record->principal_variances[i] = 0;
+}
+
+/* What no method can work with. */
+static int refused(const flinders_record *record, const flinders_options *options)
+{
+    real largest = 0, size = 0;
+    if (!(options->prior >= 0 && isfinite(options->prior)) || !(fl_abs(options->dip_deg) <= 89))
+        return FLINDERS_BAD_OPTION;
+    if (record->rows < 10 || (options->statistics && record->distinct < 10)) return FLINDERS_TOO_FEW;
+    for (int axis = 0; axis < 3; axis++) {
+        const real low = fl_abs(record->lowest[axis]), high = fl_abs(record->highest[axis]);
+        largest = low > largest ? low : largest;
+        largest = high > largest ? high : largest;
+    }
+    if (!((real)FL_SMALLEST < largest && largest < (real)FL_LARGEST)) return FLINDERS_OUT_OF_SCALE;
+    for (int axis = 0; axis < 3; axis++)
+        if (!(record->highest[axis] > record->lowest[axis])) return FLINDERS_STUCK_AXIS;
+    for (int axis = 0; axis < 3; axis++) size += record->mean[axis] * record->mean[axis];
+    return fl_sqrt(size) > 1000 * record->spread ? FLINDERS_UNMOVED : FLINDERS_OK;
+}
+
+/* Sums about a round number near the middle: no digit is lost to an offset, and they still add. */
+static void sum_up(const fl_kernels *kernels, const real *field, size_t rows, flinders_record *record)
+{
+    const fl_view view = {field, rows, NULL, 1};
+    flinders_sums sums;
+    real largest = 0, origin[3];
+    for (int axis = 0; axis < 3; axis++) {
+        const real extent = record->highest[axis] / 2 - record->lowest[axis] / 2;
+        largest = extent > largest ? extent : largest;
+    }
+    const real unit = power_of_two_above(largest > FL_TINY ? largest : FL_TINY);
+    for (int axis = 0; axis < 3; axis++)
+        origin[axis] = unit * fl_floor((record->highest[axis] / 2 + record->lowest[axis] / 2) / unit + (real)0.5);
+    flinders_sums_begin(&sums, origin, unit);
+    kernels->powers(&view, sums.origin, sums.scale, sums.sums);
+    fl_place_sums(&sums, record);
+}
+
+/* Put a fit into a record, but for what correlated residuals add to its covariance. */
+void fl_place_fit(const fl_fit *fit, flinders_record *record)
+{
+    fl_place(&fit->surface, record);
+    record->noise = fit->noise;
+    record->used = (int64_t)fit->used;
+    record->unobserved = fit->unseen;
+    record->steps = fit->steps;
+    record->prior_influence = fit->held;
+    memcpy(record->textbook, fit->covariance, sizeof record->textbook);
+}
+
+/* Fit all readings from a start, then the majority alone where that is asked for, or residuals ask and there is one. The
+ * majority has a start of its own, or NULL for that through a few readings. */
+int fl_fit_from(const fl_kernels *kernels, fl_view *view, const flinders_options *options, const fl_surface *start,
+                    const fl_surface *start_of_majority, const fl_room *room, fl_fit *fit, flinders_record *record)
+{
+    fl_fit most;
+    const int may_ask = options->robust && view->rows >= 12;
+    const int looks_early = may_ask && !start_of_majority;
+    int status = fl_polish(kernels, view, options, start, looks_early ? FEW_STEPS : FL_STEPS, room->some, fit);
+    int asks = may_ask && status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, &fit->surface, room) : 0;
+    if (asks != 1 && looks_early && status == FLINDERS_OK && fit->steps == FEW_STEPS) { /* it goes on from where it stands */
+        const fl_surface so_far = fit->surface;
+        status = fl_polish(kernels, view, options, &so_far, FL_STEPS - FEW_STEPS, room->some, fit);
+        fit->steps += FEW_STEPS;
+        asks = status == FLINDERS_OK ? fl_asks_for_robust(kernels, view, &fit->surface, room) : 0;
+    }
+    if (!asks && options->robust < 2) return status;
+    const int found = fl_robust(kernels, view, options, start_of_majority, room, &most, record);
+    const int is_proven = found == FLINDERS_OK && !(asks == FL_SUSPECTS && most.noise > QUIETER * fit->noise);
+    if (found != FLINDERS_OK || (!is_proven && options->robust < 2)) fl_forget_outliers(view, record);
+    if (!is_proven && options->robust < 2) return status;
+    *fit = most;
+    return found;
+}
+
+/* Fit all readings of a view in borrowed memory, or what remains of them without outliers. */
+int fl_fit_view(const fl_kernels *kernels, fl_view *view, const flinders_options *options, fl_room *room, fl_fit *fit,
+                flinders_record *record)
+{
+    fl_surface start;
+    flinders_sums sums;
+    real noise;
+    fl_clear_record(record);
+    record->rows = (int64_t)view->rows;
+    if (fl_quality(kernels, view->field, room->time, view->rows, options->statistics, room, record)) return FLINDERS_NOT_FINITE;
+    int status = refused(record, options);
+    if (status != FLINDERS_OK && status != FLINDERS_UNMOVED) return status;
+    sum_up(kernels, view->field, view->rows, record);
+    status = refused(record, options);
+    if (status != FLINDERS_OK) return status;
+    memcpy(sums.sums, record->sums, sizeof sums.sums);
+    memcpy(sums.origin, record->sums_origin, sizeof sums.origin);
+    sums.scale = record->sums_scale;
+    if (room->keys && (options->robust || options->statistics)) fl_cloud(kernels, view->field, view->rows, room);
+    if (fl_start(&sums, &start, &noise)) return FLINDERS_NOT_AN_ELLIPSOID;
+    status = fl_fit_from(kernels, view, options, &start, NULL, room, fit, record);
+    if (status == FLINDERS_UNDETERMINED) record->unobserved = fit->unseen;
+    if (status == FLINDERS_OK) fl_place_fit(fit, record);
+    return status;
+}
+

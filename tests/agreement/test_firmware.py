@@ -1,0 +1,351 @@
+"""The firmware agrees with the library: its numbers, rules, advice, and what its example prints and takes."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import select
+import shutil
+import subprocess
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.testing as npt
+import pytest
+from benchmarks import firmware
+from click.testing import CliRunner
+
+import flinders
+from flinders import simulate
+from flinders.cli import main
+from flinders.errors import OutputError, OutputExists
+from flinders.firmware import package, rules
+from flinders.fitting.verdict import fit_record
+from flinders.heading.guidance import guide
+from flinders.live import motioncal
+from flinders.native.build import system_compiler
+from flinders.summary.summary import Summary
+from flinders.targets.motioncal import MotionCalPacket
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.arrays import Floats
+    from flinders.findings import CatalogueRow
+
+pytestmark = pytest.mark.skipif(system_compiler() is None, reason="no C compiler")
+
+WORLDS: Final = {
+    "tumble": {"seed": 1, "n": 300},
+    "tilted": {"seed": 2, "n": 290, "motion": "tilted"},
+    "outliers": {"seed": 3, "n": 300, "outliers": 0.03},
+    "short": {"seed": 4, "n": 60},
+}
+RECORDINGS: Final = (
+    "aleksandrbazhin_ellipsoid/mag_out.txt",
+    "jremington_mpu9250/mag.txt",
+    "michaelwro_fxos8700/mag-readings.txt",
+    "pichim_betaflight/CalCareful_2282320.csv",
+    "sunsided_hmc5883l/full-sphere.csv",
+)
+SHIMS: Final = Path(__file__).parents[1] / "arduino"
+
+
+def world(name: str) -> Floats:
+    return simulate.tumble(**WORLDS[name]).samples.field  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("firmware")
+
+
+@pytest.fixture(scope="module")
+def single(folder: Path) -> Path:
+    return firmware.build(firmware.HOST, folder, optimise="-O0")
+
+
+@pytest.fixture(scope="module")
+def archive(folder: Path, single: Path) -> Path:
+    """The package as a static library in single precision."""
+    objects = folder / "objects"
+    objects.mkdir()
+    files = [str(path) for path in (single.parent / "package" / "src").glob("*.c")]
+    subprocess.run([*(system_compiler() or ()), "-O0", "-c", *files], cwd=objects, check=True)
+    subprocess.run(["ar", "rc", str(folder / "library.a"), *map(str, objects.glob("*.o"))], check=True)
+    return folder / "library.a"
+
+
+@pytest.fixture(scope="module")
+def double(folder: Path) -> Path:
+    return firmware.build(firmware.HOST_DOUBLE, folder, optimise="-O0")
+
+
+def alike(single: Path, double: Path, field: Floats) -> None:
+    one = firmware.run(firmware.HOST, single, field, unit=False)["answer"]
+    two = firmware.run(firmware.HOST_DOUBLE, double, field, unit=False)["answer"]
+    assert one["status"] == two["status"] == 0
+    npt.assert_allclose(one["offset"], two["offset"], atol=0.02 / 50 * two["field"])
+    npt.assert_allclose(one["matrix"], two["matrix"], atol=1e-3)
+    npt.assert_allclose(one["heading_worst_deg"], two["heading_worst_deg"], rtol=0.05)
+    npt.assert_array_equal(one["findings"], two["findings"])
+
+
+@pytest.mark.parametrize("name", ["tumble", "tilted", "outliers"])
+def test_single_precision_is_as_good_as_double(name: str, single: Path, double: Path) -> None:
+    alike(single, double, world(name).astype(np.float32))
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_single_precision_is_as_good_as_double_on_real_readings(
+    name: str, single: Path, double: Path, recordings: Callable[[str], Path]
+) -> None:
+    outcome = firmware.run(firmware.HOST, single, flinders.read(recordings(name)).field, unit=False)
+    alike(single, double, outcome["readings"][: outcome["count"]])
+
+
+@pytest.mark.parametrize("name", ["tumble", "tilted"])
+def test_a_board_claims_what_the_library_claims_of_independent_readings(name: str, double: Path) -> None:
+    fit = flinders.fit(world(name), unit="uT")
+    answer = firmware.run(firmware.HOST_DOUBLE, double, world(name))["answer"]
+    npt.assert_allclose(answer["offset"], fit.calibration.offset, atol=1e-3)
+    npt.assert_allclose(answer["heading_worst_deg"], fit.heading_error_deg.worst, rtol=0.02)
+    npt.assert_allclose(answer["noise"], fit.noise, rtol=1e-3)
+    assert answer["verdict"] == firmware.verdict_of(fit)
+
+
+def test_a_board_advises_what_the_library_advises(double: Path) -> None:
+    fit = flinders.fit(world("tilted"), unit="uT")
+    answer = firmware.run(firmware.HOST_DOUBLE, double, world("tilted"))["answer"]
+    advice = guide(fit.ellipsoid, fit.covariance, noise=fit.noise, coverage=fit.coverage, dip_deg=60.0)
+    npt.assert_allclose(answer["turn"], advice.direction, atol=1e-9)
+    npt.assert_allclose(answer["after_deg"], advice.after_deg, rtol=0.05)
+
+
+def test_a_long_recording_is_spread_over_directions_and_time(double: Path) -> None:
+    tumble = simulate.tumble(seed=5, n=4000).samples.field
+    resting = np.repeat(tumble[:1], 3000, axis=0) + np.random.default_rng(1).normal(scale=0.5, size=(3000, 3))
+    outcome = firmware.run(firmware.HOST_DOUBLE, double, np.concatenate([resting, tumble]))
+    stored = outcome["readings"][: outcome["count"]]
+    assert outcome["count"] == firmware.READINGS
+    directions, others = (
+        (field - outcome["answer"]["offset"]) @ outcome["answer"]["matrix"].T / outcome["answer"]["field"]
+        for field in (tumble[::40], stored)
+    )
+    assert np.rad2deg(np.arccos(np.clip(np.max(directions @ others.T, axis=1), -1, 1))).max() < 25
+    assert outcome["answer"]["heading_worst_deg"] < 0.4
+
+
+CHECKED: Final = """
+#include "board.c"
+#include <stdio.h>
+int main(void)
+{
+    real value[FLINDERS_QUANTITIES];
+    for (;;) {
+        for (int i = 0; i < FLINDERS_QUANTITIES; i++)
+            if (scanf("%f", value + i) != 1) return 0;
+        for (int i = 0; i < FLINDERS_RULES; i++) printf("%d ", severity_of(flinders_rules + i, value));
+        printf("\\n");
+    }
+}
+"""
+
+
+def severity_of(row: CatalogueRow, record: dict[str, float]) -> int:
+    return firmware.SEVERITIES.index((row.rule and row.rule.severity(record)) or "")
+
+
+def test_rules_of_the_board_are_those_of_the_catalogue(folder: Path, archive: Path) -> None:
+    """Every rule, at random numbers around its limits."""
+    source = folder / "package" / "src"
+    (folder / "checked.c").write_text(CHECKED)
+    command = [*(system_compiler() or ()), "-I", str(source), str(folder / "checked.c"), str(archive), "-lm"]
+    subprocess.run([*command, "-o", str(folder / "checked")], check=True)
+    numbers = np.exp(np.random.default_rng(1).normal(0.0, 3.0, size=(500, len(rules.QUANTITIES))).astype(np.float32))
+    text = "\n".join(" ".join(f"{number:.9g}" for number in row) for row in numbers)
+    done = subprocess.run([str(folder / "checked")], input=text, capture_output=True, text=True, check=True)
+    found = np.array([line.split() for line in done.stdout.splitlines()], dtype=int)
+    records = [dict(zip(rules.QUANTITIES, line, strict=True)) for line in numbers]
+    expected = [[severity_of(row, record) for row in rules.on_board()] for record in records]
+    npt.assert_array_equal(found, expected)
+    assert set(found.ravel()) == {0, 1, 2, 3}
+
+
+def test_quantities_of_the_board_are_quantities_of_a_verdict() -> None:
+    samples = simulate.tumble(seed=1).samples
+    fit = flinders.fit(samples)
+    known = {*fit_record(fit, Summary.of(samples).statistics), "axis_ratio", "times_outside_earth"}
+    assert set(rules.QUANTITIES) <= known
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-30, 1e30, 3e38, math.inf, math.nan])
+def test_no_readings_break_it(value: float, single: Path) -> None:
+    rng = np.random.default_rng(1)
+    with np.errstate(all="ignore"):
+        wild = [value * rng.normal(size=(400, 3)), rng.integers(-1, 2, (400, 3)) * value, np.full((400, 3), value)]
+        for field in wild:
+            answer = firmware.run(firmware.HOST, single, field)["answer"]
+            assert answer["status"] != 0 or answer["verdict"] in {1, 2, 3}
+
+
+@pytest.mark.nightly
+def test_memory_is_used_as_it_should_be(folder: Path) -> None:
+    """Under the sanitizers, over readings of every kind."""
+    target = firmware.Target("sanitized", ("-fsanitize=address,undefined", "-fno-sanitize-recover=all"))
+    try:
+        program = firmware.build(target, folder, optimise="-O1")
+    except subprocess.CalledProcessError as failed:
+        if os.environ.get("FLINDERS_SANITIZERS") == "required":
+            raise
+        pytest.skip(f"no sanitizers: {failed.stderr[-200:]}")
+    rng = np.random.default_rng(2)
+    level = simulate.tumble(seed=2, motion="level", n=700).samples.field
+    wild = rng.normal(size=(600, 3)) * 10.0 ** rng.uniform(-20, 20, size=(600, 1))
+    for field in (level, wild, world("outliers"), level[:41], level[:3], np.repeat(level[:50], 9, axis=0)):
+        firmware.run(target, program, field)
+
+
+# the package
+
+
+def test_the_package_says_what_it_is(tmp_path: Path) -> None:
+    files = package.write(tmp_path / "new" / "library")
+    manifest = json.loads((tmp_path / "new" / "library" / "library.json").read_text())
+    assert manifest["version"] == flinders.__version__
+    assert f"version={flinders.__version__}\n" in (tmp_path / "new" / "library" / "library.properties").read_text()
+    assert (tmp_path / "new" / "library" / "LICENSE").read_text().startswith("BSD 3-Clause License")
+    assert all(path.is_file() for path in files)
+
+
+def test_a_package_that_is_there_is_not_replaced(tmp_path: Path) -> None:
+    package.write(tmp_path)
+    with pytest.raises(OutputExists):
+        package.write(tmp_path)
+    package.write(tmp_path, force=True)
+    with pytest.raises(OutputError, match="no folder can be made"):
+        package.write(tmp_path / "LICENSE" / "library")
+
+
+def test_the_command_writes_it(tmp_path: Path) -> None:
+    done = CliRunner().invoke(main, ["firmware", "--out", str(tmp_path / "library"), "--json"])
+    assert done.exit_code == 0
+    assert {Path(name).suffix for name in json.loads(done.stdout)["files"]} >= {".c", ".h", ".ino", ".json"}
+
+
+# the example
+
+
+class Sketch:
+    """The example as a byte source: what it prints, and what is sent to it."""
+
+    name, is_framed = "sketch", False
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self.process, self.printed = process, b""
+        self._into, self._out = process.stdin, process.stdout
+
+    def read(self, timeout: float) -> bytes:
+        if not select.select([self._out], [], [], timeout)[0]:
+            return b""
+        content = os.read(self._out.fileno(), 65536)
+        self.printed += content
+        return content
+
+    def write(self, content: bytes) -> None:
+        self._into.write(content)
+        self._into.flush()
+
+    def reopen(self) -> None:
+        raise AssertionError("it never went away")
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self._into.close()
+        self._out.close()
+
+
+@pytest.fixture(scope="module")
+def example(folder: Path, archive: Path) -> Path:
+    """The sketch with the library, compiled as C++ over `tests/arduino`."""
+    compiler = next((name for name in ("g++", "clang++") if shutil.which(name)), None)
+    if compiler is None:
+        pytest.skip("no C++ compiler for the example")
+    source = folder / "package"
+    sketch = source / "examples" / "LIS3MDL" / "LIS3MDL.ino"
+    command = [compiler, "-std=c++11", "-Wall", "-Wextra", "-Werror", "-I", str(SHIMS), "-I", str(source / "src")]
+    command += ["-include", "Arduino.h", "-x", "c++", str(sketch), "-x", "none", str(archive), "-lm"]
+    subprocess.run([*command, "-o", str(folder / "sketch")], check=True)
+    return folder / "sketch"
+
+
+@contextmanager
+def running(example: Path, place: Path, field: Floats) -> Iterator[Sketch]:
+    np.savetxt(place / "readings.txt", np.round(field * 68.42), fmt="%d")
+    process = subprocess.Popen([str(example)], cwd=place, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    sketch = Sketch(process)
+    try:
+        yield sketch
+    finally:
+        sketch.close()
+
+
+def printed_until(sketch: Sketch, words: bytes) -> str:
+    for _ in itertools.count():
+        if words in sketch.printed:
+            break
+        assert sketch.read(10.0), sketch.printed[-500:]
+    return sketch.printed.decode()
+
+
+def test_what_the_example_prints_is_read_and_a_good_calibration_is_stored(example: Path, tmp_path: Path) -> None:
+    simulated = simulate.tumble(seed=6, n=2000)
+    with running(example, tmp_path, simulated.samples.field) as sketch:
+        text = printed_until(sketch, b", good\r\n")
+    (tmp_path / "print.txt").write_text(text.rpartition("\n")[0])
+    samples = flinders.read(tmp_path / "print.txt")
+    npt.assert_allclose(samples.field, simulated.samples.field[: len(samples)], atol=0.02)
+    assert samples.unit.inside == "uT"
+    stored = MotionCalPacket.decode((tmp_path / "eeprom.bin").read_bytes())
+    npt.assert_allclose(stored.offset, flinders.fit(samples).calibration.offset, atol=0.5)
+
+
+def test_the_example_takes_what_flinders_sends_and_keeps_it(example: Path, tmp_path: Path) -> None:
+    packet = MotionCalPacket(np.array([12.5, -30.25, 7.0]), 50.0, np.diag([1.25, 1.0, 0.8]))
+    with running(example, tmp_path, world("short")) as sketch:
+        assert motioncal.send(sketch, packet).tries == 1
+    assert (tmp_path / "eeprom.bin").read_bytes() == packet.encode()
+    with running(example, tmp_path, world("short")) as sketch:
+        printed_until(sketch, "\r\n".join(motioncal.echo_lines(packet)).encode())
+
+
+# boards
+
+
+@pytest.mark.skipif(bool(firmware.missing_tools()), reason=f"{firmware.missing_tools()} not installed")
+class TestBoards:
+    """Cortex-M, compiled with warnings as errors and run in QEMU."""
+
+    @pytest.mark.parametrize(
+        "target",
+        [firmware.M4, *(pytest.param(target, marks=pytest.mark.nightly) for target in (firmware.M0, firmware.M7))],
+        ids=lambda target: target.name,
+    )
+    def test_every_processor_gives_the_numbers_of_this_machine(
+        self, target: firmware.Target, folder: Path, single: Path
+    ) -> None:
+        program, field = firmware.build(target, folder), world("outliers")
+        outcome, here = firmware.run(target, program, field), firmware.run(firmware.HOST, single, field)
+        npt.assert_allclose(outcome["answer"]["offset"], here["answer"]["offset"], atol=1e-3)
+        npt.assert_array_equal(outcome["answer"]["findings"], here["answer"]["findings"])
+        assert outcome["state"] <= 8 * 1024
+        if target == firmware.M4:
+            assert firmware.sizes(program)["flash"] <= 64 * 1024
+            assert outcome["per_solve"] <= 12_000_000
