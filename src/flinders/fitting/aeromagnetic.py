@@ -42,7 +42,7 @@ class Coefficient(Struct, frozen=True, forbid_unknown_fields=True):
     sigma: NotNegative
 
 
-class Document(
+class CoefficientFile(
     Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="tolles-lawson"
 ):
     """What a file of coefficients holds."""
@@ -112,7 +112,7 @@ def whole(recording: Recording) -> Samples:
 def as_dict(fit: TollesLawson) -> dict[str, Any]:
     """JSON-ready: what stands in the file."""
     each = zip(NAMES, fit.coefficients.tolist(), fit.sigma.tolist(), strict=True)
-    document = Document(
+    document = CoefficientFile(
         coefficients={name: Coefficient(value, sigma) for name, value, sigma in each},
         covariance=tuple(map(tuple, fit.covariance.tolist())),
         **{name: getattr(fit, name) for name in KEPT},
@@ -139,7 +139,7 @@ def dumps(fit: TollesLawson) -> str:
 def loads(text: str | bytes, *, source: str = "coefficients") -> TollesLawson:
     """Understand the text of such a file; raises `DocumentError` for what is wrong with it."""
     what = "a file of coefficients, as `flinders tolles-lawson` writes it"
-    document = understood(text, Document, source, what=what, refused=DocumentError)
+    document = understood(text, CoefficientFile, source, what=what, refused=DocumentError)
     return TollesLawson(
         np.array([document.coefficients[name].value for name in NAMES]),
         np.array(document.covariance),
