@@ -2,7 +2,6 @@
  * them. */
 #include "flinders_board.h"
 #include "residuals.h"
-#include "sums.h"
 
 enum { READINGS = FLINDERS_BOARD_READINGS, CELLS = 100, FEWEST = 40 };
 
