@@ -214,7 +214,7 @@ def test_pairs_that_are_alike_are_no_pairs(tmp_path: Path) -> None:
 
 def test_corrected_pairs_get_columns_of_their_own(tmp_path: Path) -> None:
     recording: Any = open_recording(pairs(tmp_path))
-    with pytest.raises(UsageError, match=r"in pairs \(mag_x_set_uT, mag_x_reset_uT\).*--add"):
+    with pytest.raises(UsageError, match=r"in pairs \(mag_x_set_uT, mag_x_reset_uT\).*add=True"):
         next(recording.corrected_lines(lambda field: field))
     header = next(recording.corrected_lines(lambda field: field, add=True))
     assert header.rstrip().endswith("mag_x_set_uT_cal,mag_y_set_uT_cal,mag_z_set_uT_cal")

@@ -260,7 +260,7 @@ def test_a_given_field_strength_is_judged_too() -> None:
 REFUSALS = [
     ("tumble.truth.json calibration.json", 2, "the calibration comes first: flinders evaluate calibration.json"),
     ("calibration.json calibration.json", 5, "calibration.json: is JSON, but not the truth of a recording"),
-    ("tumble.csv tumble.truth.json", 5, "tumble.csv: cannot be read as JSON"),
+    ("tumble.csv tumble.truth.json", 2, "tumble.csv is a recording, calibrate it first: flinders calibrate tumble.csv"),
     ("calibration.json tumble.csv", 5, "tumble.csv: cannot be read as JSON"),
     ("calibration.json none.json", 5, "none.json: cannot be read: no such file"),
     ("calibration.json -", 2, "the truth must be a file"),

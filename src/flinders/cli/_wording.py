@@ -18,9 +18,9 @@ import shlex
 from typing import Final
 
 SAME: Final = (
-    "acceleration", "acceleration_axes", "as_logged", "axes", "batch_column", "columns", "compass", "field_strength",
-    "force", "level", "lossy", "mounting", "name", "pattern", "pointing", "previous", "resume", "scale", "scheduler",
-    "sensor", "topic", "unit", "unit_column",
+    "acceleration", "acceleration_axes", "add", "as_logged", "axes", "batch_column", "columns", "compass",
+    "field_strength", "force", "level", "lossy", "mounting", "name", "pattern", "pointing", "previous", "resume",
+    "scale", "scheduler", "sensor", "topic", "unit", "unit_column",
 )  # fmt: skip
 """Keywords of Python that are options with the same name."""
 

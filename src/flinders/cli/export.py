@@ -47,7 +47,8 @@ class ExportCommand(option.Group):
     "export",
     ExportCommand,
     cls=NamingTargets,
-    common=("target", "output", "compass", "mounting", "listed", "lossy", "name", "force", "as_json"),
+    common=("target", "output", "compass", "listed", "lossy", "name", "force", "as_json"),
+    headings={"Vehicle": ("mounting",)},
     short_help="Write a calibration for what uses it.",
     epilog="""\b
 Example:

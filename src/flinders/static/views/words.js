@@ -189,6 +189,7 @@ export const REASONS = Object.freeze({
     "recordings-differ": "The recordings differ.",
     "axis-swap": "An axis changed its sign or place.",
     alternating: "Every second reading is off to the other side.",
+    "attitude-dependent": "Something magnetic moves with the attitude.",
     outliers: "Many readings are outliers.",
     structure: "The readings do not fit an ellipsoid.",
     "nonlinear-axis": "An axis of the sensor is not linear.",
