@@ -37,8 +37,8 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "
     os.environ.setdefault(_threads, "1")
 
 # A shared machine is sometimes slow for a moment: no deadline. On CI the same examples every time.
-settings.register_profile("default", deadline=None, max_examples=30)
-settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True, max_examples=30)
+settings.register_profile("default", deadline=None, max_examples=20)
+settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True, max_examples=20)
 settings.register_profile("full", deadline=None, print_blob=True, max_examples=100)
 settings.load_profile("ci" if ON_CI else "default")
 
