@@ -81,7 +81,7 @@ export class Store {
             this.state = message.state;
             this.view = message.view;
             this.generation = -1;
-            this.points = noPoints();
+            Object.assign(this.points, noPoints());
             this.now = null;
         } else if (message.type === "state") {
             this.state = message;
@@ -108,7 +108,7 @@ export class Store {
         if (generation !== this.generation) {
             this.generation = generation;
             this.hovered = null;
-            this.points = noPoints();
+            Object.assign(this.points, noPoints()); // the same object, which charts that were drawn before look into
             from = 0;
         }
         if (stride !== this.points.stride) {
