@@ -126,5 +126,5 @@ def _card(deviation: Deviation, step_deg: float) -> Iterator[dict[str, Any]]:
             "heading": shown_heading(heading),
             "steer": shown_heading(float(steer[place])),
             "deviation": sided(float(values[place])),
-            "sigma": "" if sigmas is None else f"± {sigmas[place]:.1f}°",
+            "sigma": "" if sigmas is None else f"± {max(float(sigmas[place]), 0.01):.2f}°",
         }

@@ -101,13 +101,13 @@ def swing_drawing(deviation: Deviation) -> str:
     panel = Panel(Axis(0.0, 360.0), Axis(-step * count, step * count), draw, x_ticks=compass_ticks(), y_ticks=numbers)
     plot = panel.at(92, 84, 576, 300)
     edge = rectangle("", plot.left - 8, plot.top, plot.width + 16, plot.height)
-    pairs = zip(NAMES, deviation.coefficients_deg, strict=True)
+    pairs = zip(NAMES, (deviation.coefficients_deg.round(2) + 0.0).tolist(), strict=True)  # no −0.00
     return drawing(
         720,
         452,
         "Deviation over compass heading",
         text(24, 30, "Deviation, magnetic less compass", "start", "title"),
-        text(24, 58, "\N{EM SPACE}".join(minus(f"{name} {value + 0.0:+.2f}°") for name, value in pairs), "start"),
+        text(24, 58, "\N{EM SPACE}".join(minus(f"{name} {value:+.2f}°") for name, value in pairs), "start"),
         key(696, 30, ("raw", "seen"), ("corrected", "curve" if sigma is None else "curve ± 1 σ")),
         panel.grid(plot, gap=24),
         clipped("inside", edge, *panel.draw(plot), _observed(deviation, plot)),

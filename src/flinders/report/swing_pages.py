@@ -131,7 +131,7 @@ def _rule_verdict(rule: Standard | None, conformity: Conformity | None) -> Rende
 
 def conformity_words(conformity: Conformity) -> str:
     """How a curve keeps a limit, in a sentence."""
-    sigma = "" if conformity.sigma_deg is None else f" ± {conformity.sigma_deg:.1f}°"
+    sigma = "" if conformity.sigma_deg is None else f" ± {max(conformity.sigma_deg, 0.01):.2f}°"
     what = "a reading" if conformity.is_reading else "the curve"
     seen = f"{what} deviates by {conformity.largest_deg:.1f}°{sigma} on {shown_heading(conformity.compass_deg, 0)}"
     limit = f"the limit of {conformity.limit_deg:g}°"
