@@ -29,7 +29,7 @@ from flinders.report.view import TilesView, View
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "file"]
+Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "phone", "file"]
 Link = Literal["connected", "waiting", "gone", "ended"]
 Phase = Literal["waiting", "collecting", "good", "limited", "wrong"]
 Goal = Literal["heading", "attitude"]
