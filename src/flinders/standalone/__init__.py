@@ -1,1 +1,1 @@
-"""The live page as a folder of static files, which needs no program: `package` writes it, the rest is its data."""
+"""The page that needs no program: a folder of static files, and the data that its JavaScript shares with this library."""

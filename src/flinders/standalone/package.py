@@ -19,6 +19,7 @@ from flinders.errors import OutputError
 from flinders.firmware.package import licence
 from flinders.report.html_file import asset, joined
 from flinders.report.view import tiles_view
+from flinders.standalone import lines
 from flinders.standalone.index_page import index_page
 from flinders.standalone.rules import session_rules
 from flinders.standalone.simulated import simulated_sensor
@@ -111,6 +112,7 @@ def page_data() -> dict[str, Any]:
         "tiles": msgspec.to_builtins(tiles_view()),
         "session": session_rules(),
         "simulated": simulated_sensor(),
+        "lines": lines.data(),
     }
 
 

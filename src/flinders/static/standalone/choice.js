@@ -74,7 +74,7 @@ export class Choice {
         const port = await ports.requestPort().catch(() => {
             throw new Refusal(NO_PORT);
         });
-        await this.link.use(new Board(ports, port, Number(byId("baud", HTMLSelectElement).value), this.data.lines));
+        await this.link.use(new Board(ports, port, Number(byId("baud", HTMLSelectElement).value), this.data));
     }
 
     /** Take what is pasted anywhere but into another field, and what is typed into ours. */

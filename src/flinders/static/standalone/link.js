@@ -6,9 +6,11 @@
  */
 
 import { Refusal } from "../dom.js";
-import { countOf, notice, seriesOf, Session } from "./session.js";
+import { notice, seriesOf, Session } from "./session.js";
 import { Cursor, sessionState } from "./state.js";
 import { readLog } from "./lines.js";
+import { labelOf } from "./sources.js";
+import { Unreadable } from "./tables.js";
 import { calibrationFile, exported, targetsOf } from "./targets.js";
 
 /** @typedef {import("../connection.js").Link} Link */
@@ -144,14 +146,26 @@ export class OwnLink {
      * @param {Blob} content
      */
     async open(name, content) {
-        const log = readLog(this.data.lines, name, new Uint8Array(await content.arrayBuffer()));
-        const series = seriesOf(this.data.session, log);
+        const log = this.log(name, new Uint8Array(await content.arrayBuffer()));
+        const series = seriesOf(this.data.session, { ...log, unit: labelOf(log.unit) });
         this.session.openedLog(this.now, name, series);
         this.isUrgent = true;
-        this.tell([...log.words, countOf(series)].join("; "));
+        this.tell(log.words.join("; "));
         this.step();
         this.onChange();
         return new Response();
+    }
+
+    /**
+     * @param {string} name
+     * @param {Uint8Array} bytes
+     */
+    log(name, bytes) {
+        try {
+            return readLog(this.data, name, bytes);
+        } catch (error) {
+            throw error instanceof Unreadable ? new Refusal(error.message) : error;
+        }
     }
 
     /** @param {string} target */

@@ -6,7 +6,6 @@
  */
 
 import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
-import { things } from "../views/words.js";
 
 /** @typedef {import("./buffer.js").Rows} Rows */
 /** @typedef {import("./buffer.js").Span} Span */
@@ -479,9 +478,4 @@ export function seriesOf(rules, { time, field, unit }) {
     const times = time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
     series.buffer.extend({ time: new Timeline().take(times), field });
     return series;
-}
-
-/** @param {Series} series @returns {string} */
-export function countOf(series) {
-    return things(series.buffer.total, "reading");
 }

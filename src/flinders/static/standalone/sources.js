@@ -33,10 +33,10 @@ import { LineReader } from "./lines.js";
 
 /** @typedef {EventTarget & {requestPort: () => Promise<Port>}} Serial */
 
-/** Lines that arrive together differ by so much in time. */
-const STEP_S = 1e-4;
-/** Seconds without a reading after which somebody is told what to check. */
-const SILENT_MS = 3000;
+/** From one look at a silent port to the next: lines may wait to be recognised, or advice be due. */
+const WATCH_MS = 1000;
+/** Looks without a reading after which somebody is told what to check. */
+const SILENT_LOOKS = 3;
 const PORT_BYTES = 1 << 16;
 
 /** @returns {Serial | null} */
@@ -50,15 +50,18 @@ export class Board {
      * @param {Serial} ports
      * @param {Port} port
      * @param {number} baudRate
-     * @param {unknown} lines  what printed lines look like
+     * @param {{lines: object}} data
      */
-    constructor(ports, port, baudRate, lines) {
+    constructor(ports, port, baudRate, data) {
         this.name = "the board";
         this.kind = /** @type {const} */ ("serial");
         this.ports = ports;
         this.port = port;
         this.baudRate = baudRate;
-        this.lines = lines;
+        this.data = data;
+        this.lines = new LineReader(data);
+        this.said = "";
+        this.silent = 0;
         this.isStopped = false;
         /** @type {ReadableStreamDefaultReader<Uint8Array> | null} */
         this.reader = null;
@@ -75,21 +78,20 @@ export class Board {
             throw new Refusal(`The port cannot be opened: close other programs that use it, such as a serial monitor. (${words(error)})`);
         }
         this.ports.addEventListener("connect", this.plugged);
-        this.silent = window.setTimeout(() => feed.link("waiting", this.advice()), SILENT_MS);
+        this.timer = window.setInterval(() => this.watch(), WATCH_MS);
         this.read();
     }
 
     async stop() {
         this.isStopped = true;
         this.ports.removeEventListener("connect", this.plugged);
-        window.clearTimeout(this.silent);
+        window.clearInterval(this.timer);
         await this.reader?.cancel().catch(() => {});
         await this.port.close().catch(() => {});
     }
 
     /** Read until the port is gone; an error of the line, as a wrong baud rate makes, ends only one stream of it. */
     async read() {
-        const lines = new LineReader(this.lines);
         const decoder = new TextDecoder();
         while (this.port.readable && !this.isStopped) {
             this.reader = this.port.readable.getReader();
@@ -97,7 +99,7 @@ export class Board {
                 for (;;) {
                     const { value, done } = await this.reader.read();
                     if (done) break;
-                    this.take(lines, decoder.decode(value, { stream: true }));
+                    this.take(decoder.decode(value, { stream: true }));
                 }
             } catch {
                 continue;
@@ -111,17 +113,24 @@ export class Board {
         this.feed?.link("gone", "the board is gone: plug it in again, and the page goes on");
     }
 
-    /**
-     * @param {LineReader} lines
-     * @param {string} text
-     */
-    take(lines, text) {
-        const { rows, unit } = lines.take(text);
-        if (rows.length === 0) return;
-        window.clearTimeout(this.silent);
+    /** @param {string} text */
+    take(text) {
         const at = (performance.now() - (this.begun ?? 0)) / 1000;
-        const time = rows.map((row, j) => row.time ?? at + STEP_S * j);
-        this.feed?.take({ time, field: rows.flatMap(({ field }) => field) }, unit);
+        const { rows, unit } = this.lines.take(text, at);
+        if (rows.length === 0) return;
+        this.silent = 0;
+        this.feed?.take({ time: rows.map(({ time }) => time ?? at), field: rows.flatMap(({ field }) => field) }, labelOf(unit));
+        if (this.lines.words === this.said) return;
+        this.said = this.lines.words;
+        this.feed?.tell(`understood as ${this.said}`);
+    }
+
+    /** Read what waits, and say what to check where no reading comes. */
+    watch() {
+        if (!this.port.readable) return;
+        this.silent += 1;
+        this.take("");
+        if (this.silent === SILENT_LOOKS && this.lines.advice) this.feed?.link("waiting", this.lines.advice);
     }
 
     /**
@@ -131,6 +140,7 @@ export class Board {
     async again(port) {
         if (this.isStopped || this.port.readable) return;
         this.port = port;
+        this.lines = new LineReader(this.data);
         try {
             await port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });
         } catch {
@@ -138,10 +148,6 @@ export class Board {
         }
         this.feed?.link("connected", "the board is back");
         this.read();
-    }
-
-    advice() {
-        return `nothing that arrives is a reading: check that the board prints its magnetometer, and that ${this.baudRate} is its baud rate`;
     }
 }
 
@@ -243,6 +249,11 @@ export class Simulated {
 /** A number of the normal distribution: Box and Muller. */
 function normal() {
     return Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
+}
+
+/** @param {string} unit  as lines have it @returns {string} as the page shows it */
+export function labelOf(unit) {
+    return unit === "uT" ? "µT" : unit;
 }
 
 /** @param {unknown} error */
