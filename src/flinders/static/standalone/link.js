@@ -209,8 +209,10 @@ export class OwnLink {
         if (isOther && this.isUnsaved) {
             throw new Refusal(`There are readings of ${session.source.name}: save them with Finish, Readings, and press Start again first.`);
         }
-        await this.source?.stop();
-        this.link("ended", "");
+        if (this.source) {
+            await this.source.stop();
+            this.link("ended", "");
+        }
         if (session.opened) session.requested(this.now, { type: "back_to_live" });
         if (isOther && session.live.buffer.total > 0) session.requested(this.now, { type: "clear" });
         this.source = null;
