@@ -150,6 +150,17 @@ class Rule:
     number: str = ""
     limit: Limit | None = None
 
+    @property
+    def compared(self) -> frozenset[str]:
+        """Names of the quantities that it compares."""
+        factors = (factor.of for factor in (*self.grades, *self.needs))
+        return frozenset({self.quantity, *factors, *(need.quantity for need in self.needs)} - {""})
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the quantities that it compares or states."""
+        return self.compared | {name for name in (self.number, self.limit.of if self.limit else "") if name}
+
     def severity(self, record: Mapping[str, Any]) -> Severity | None:
         """How severe it is for one record; None where it is not found."""
         number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None

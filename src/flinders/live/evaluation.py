@@ -80,6 +80,23 @@ STILL_DEG: Final = 5.0
 LEAST_DEG: Final = 0.001  # A smaller difference is not shown as a number
 OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
+SAID: Final = {
+    "stale": (
+        "the last {readings} are all the same: the sensor has stopped measuring, or a loop prints faster than it is read; "
+        "check its wiring and its mode"
+    ),
+    "frozen-axis": (
+        "axis {axis} has been the same for {seconds} s while the others change: turn the sensor another way, and where "
+        "that does not wake it, the sensor or its wiring is at fault; then start again"
+    ),
+    "no-rotation": "it has not been turned for {seconds} s",
+    "wrong-unit": "the field is {radius} µT, and the earth's {low} to {high} µT: {hint}. Headings do not depend on it",
+    "other-unit": "as readings in {unit} would be; try {unit} as their unit",
+    "no-unit": "check unit and scale",
+}
+"""Sentences of reasons, by their codes; the page that needs no program takes them, too (`flinders.standalone`)."""
+INFORMATIVE: Final = ("stale-repeats", "mirrored-axes")
+"""Findings that are told as they come, and warn of nothing."""
 
 
 def evaluate(session: LiveSession) -> Evaluated:
@@ -157,7 +174,7 @@ def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
     for finding in fit.findings:
         if CATALOGUE[finding.code].alarm and finding.severity != "note" and (converged or finding.code in AT_ONCE):
             yield Reason(finding.code, finding.advice, spans=spans if finding.code in DISTURBED else ())
-        elif finding.code in ("stale-repeats", "mirrored-axes"):
+        elif finding.code in INFORMATIVE:
             yield Reason(finding.code, finding.advice, "info")
     if converged and not fit.is_flat:
         yield from _of_unit(fit)
@@ -212,12 +229,9 @@ def _of_unit(fit: Fit) -> Iterator[Reason]:
     if calibration.unit != MICROTESLA or low <= radius <= high:
         return
     likely = [unit for unit, factor in OTHER_UNITS.items() if low <= radius / factor <= high]
-    hint = f"as readings in {likely[0]} would be; try {likely[0]} as their unit" if likely else "check unit and scale"
-    yield Reason(
-        "wrong-unit",
-        f"the field is {figures(radius, 3)} µT, and the earth's {low:g} to {high:g} µT: {hint}. Headings do not depend "
-        "on it",
-    )
+    hint = SAID["other-unit"].format(unit=likely[0]) if likely else SAID["no-unit"]
+    words = SAID["wrong-unit"].format(radius=figures(radius, 3), low=f"{low:g}", high=f"{high:g}", hint=hint)
+    yield Reason("wrong-unit", words)
 
 
 def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
@@ -228,22 +242,14 @@ def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
         time = np.arange(float(count))
     same = _equal_at_the_end(samples.field)
     if same >= STALE_ROWS and time[-1] - time[-same] >= STALE_S:
-        yield Reason(
-            "stale",
-            f"the last {counted(same, 'reading')} are all the same: the sensor has stopped measuring, or a loop prints "
-            "faster than it is read; check its wiring and its mode",
-        )
+        yield Reason("stale", SAID["stale"].format(readings=counted(same, "reading")))
     elif frozen := _frozen(samples.field, time):
         axis, seconds = frozen
-        yield Reason(
-            "frozen-axis",
-            f"axis {axis} has been the same for {seconds:.1f} s while the others change: turn the sensor another "
-            "way, and where that does not wake it, the sensor or its wiring is at fault; then start again",
-        )
+        yield Reason("frozen-axis", SAID["frozen-axis"].format(axis=axis, seconds=f"{seconds:.1f}"))
     elif fit is not None and not fit.is_flat and time[-1] - time[0] > STILL_S:
         newest = samples.field[time >= time[-1] - STILL_S]
         if len(newest) > 3 and _widest_deg(fit.calibration.apply(newest)) < STILL_DEG:
-            yield Reason("no-rotation", f"it has not been turned for {STILL_S:.0f} s", "info")
+            yield Reason("no-rotation", SAID["no-rotation"].format(seconds=f"{STILL_S:.0f}"), "info")
 
 
 def _frozen(field: Floats, time: Floats) -> tuple[str, float] | None:
