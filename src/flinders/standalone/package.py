@@ -12,14 +12,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-import msgspec
-
 from flinders.core.files import make_folder, write_bytes
 from flinders.errors import OutputError
 from flinders.firmware.package import licence
+from flinders.native import build
 from flinders.report.html_file import asset, joined
-from flinders.report.view import tiles_view
-from flinders.standalone import lines
+from flinders.standalone import engine, lines
 from flinders.standalone.index_page import index_page
 from flinders.standalone.rules import session_rules
 from flinders.standalone.simulated import simulated_sensor
@@ -88,7 +86,7 @@ def contents() -> dict[str, bytes]:
     files = {
         "index.html": index_page().encode(),
         DATA: json.dumps(page_data(), separators=(",", ":"), ensure_ascii=False).encode(),
-        "flinders.wasm": b"",
+        "flinders.wasm": build.library(target=build.WEB).read_bytes(),
         "LICENSE": licence().encode(),
         **{name: asset(path).encode() for name, path in ASSETS.items()},
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
@@ -109,9 +107,9 @@ def page_data() -> dict[str, Any]:
     return {
         "flinders_page": 1,
         "version": VERSION,
-        "tiles": msgspec.to_builtins(tiles_view()),
         "session": session_rules(),
         "simulated": simulated_sensor(),
+        "engine": engine.data(),
         "lines": lines.data(),
     }
 

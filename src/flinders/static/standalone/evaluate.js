@@ -25,6 +25,7 @@ import { viewOf } from "./view.js";
  * @property {string[]} alarms Codes of warnings that more turning may end.
  * @property {number} used
  * @property {number} rejected
+ * @property {number} coverage Share of the sphere that has been seen.
  * @property {object | null} record The part `fit` of a calibration file; null where there is no calibration to use.
  */
 
@@ -41,7 +42,7 @@ export function evaluate(engine, data, asked) {
     const readings = { field, time };
     if (!(fit instanceof Fit)) {
         const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false, data));
-        return { view: null, reasons: ordered(reasons), refusal: fit.words, alarms: [], used: 0, rejected: 0, record: null };
+        return { view: null, reasons: ordered(reasons), refusal: fit.words, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
     }
     const findings = judge(fit);
     const view = viewOf(fit, findings, { field, numbers, goal });
@@ -56,6 +57,7 @@ export function evaluate(engine, data, asked) {
         alarms: alarms.map(({ code }) => code),
         used,
         rejected: time.length - used,
+        coverage: fit.coverage.fraction,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
     };
 }

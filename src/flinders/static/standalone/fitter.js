@@ -7,10 +7,10 @@
 export class Fitter {
     /**
      * @param {string} script  address of the worker
-     * @param {string} engine  address of the engine
-     * @param {unknown} data  of the engine
+     * @param {string} address  of the engine
+     * @param {import("./data.d.ts").EngineData} data
      */
-    constructor(script, engine, data) {
+    constructor(script, address, data) {
         /** @type {Map<number, {task: Task, done: (timed: Timed) => void}>} */
         this.running = new Map();
         this.asked = 0;
@@ -18,7 +18,7 @@ export class Fitter {
         this.worker = new Worker(script, { type: "module" });
         this.worker.addEventListener("message", ({ data: { number, evaluated, seconds } }) => this.#done(number, { evaluated, seconds }));
         this.worker.addEventListener("error", (event) => this.#fail(event.message || "its script cannot be loaded"));
-        this.worker.postMessage({ engine, data });
+        this.worker.postMessage({ address, data });
     }
 
     /**
@@ -57,6 +57,6 @@ export class Fitter {
  * @returns {Timed}
  */
 function refused({ key }, refusal) {
-    const evaluated = { key, view: null, refusal, reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [] };
+    const evaluated = { key, view: null, refusal, reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null };
     return { evaluated, seconds: 1 };
 }

@@ -27,11 +27,10 @@ import { calibrationFile, exported, targetsOf } from "./targets.js";
  * What Python wrote for the page: `flinders.standalone.package.page_data`.
  * @typedef {object} PageData
  * @property {string} version
- * @property {import("../messages.d.ts").TilesView} tiles
  * @property {Rules} session
  * @property {import("./sources.js").Simulation} simulated
- * @property {any} engine
- * @property {any} lines
+ * @property {import("./data.d.ts").EngineData} engine
+ * @property {object} lines
  * @property {any} targets
  */
 
@@ -104,7 +103,7 @@ export class OwnLink {
 
     /** Say everything again. */
     renew() {
-        const { version, tiles } = this.data;
+        const { version, engine: { tiles } } = this.data;
         const state = sessionState(this.session);
         this.cursor = new Cursor();
         this.view = this.session.shown.evaluated.view;

@@ -13,7 +13,7 @@ async function begin() {
     const answer = await fetch(address("page.json"));
     const data = /** @type {import("./link.js").PageData} */ (await answer.json());
     const keeper = await Keeper.open();
-    const fitter = new Fitter(address("static/worker.js"), address("flinders.wasm"), data);
+    const fitter = new Fitter(address("static/worker.js"), address("flinders.wasm"), data.engine);
     /** @type {OwnLink[]} */
     const links = [];
     start((listener) => {

@@ -48,6 +48,7 @@ import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
  * @property {number} rejected
  * @property {number} coverage  share of the sphere that has been seen
  * @property {string[]} alarms  codes of reasons that more turning may end
+ * @property {object | null} record  the part `fit` of a calibration file
  */
 
 /**
@@ -66,7 +67,7 @@ import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
  */
 
 /** @type {Evaluated} */
-const NO_FIT = { key: -1, view: null, refusal: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [] };
+const NO_FIT = { key: -1, view: null, refusal: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null };
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
 const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 

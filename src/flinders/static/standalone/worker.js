@@ -3,32 +3,28 @@
 import { loadEngine } from "./engine.js";
 import { evaluate } from "./evaluate.js";
 
-/** @typedef {import("./session.js").Evaluated} Evaluated */
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./session.js").Task} Task */
+/** @typedef {{address: string, data: EngineData}} Start */
+/** @typedef {{number: number, task: Task}} Fit */
 
-/** @type {Promise<any>} */
-let engine;
-/** @type {any} */
-let data;
+/** @type {Promise<{engine: import("./engine.js").Engine, data: EngineData}>} */
+let ready;
 
-self.addEventListener("message", async (event) => {
-    if (event.data.engine) {
-        data = event.data.data;
-        engine = loadEngine(new URL(event.data.engine));
-        return;
-    }
-    const { number, task } = /** @type {{number: number, task: Task}} */ (event.data);
-    const ready = await engine;
-    const begun = performance.now();
-    const evaluated = fitted(ready, task);
-    self.postMessage({ number, evaluated, seconds: (performance.now() - begun) / 1000 });
+self.addEventListener("message", async (/** @type {MessageEvent<Start | Fit>} */ { data: asked }) => {
+    if ("address" in asked) ready = begun(asked);
+    else self.postMessage(await answered(asked));
 });
 
-/**
- * @param {any} ready  the engine
- * @param {Task} task
- * @returns {Evaluated}
- */
-function fitted(ready, task) {
-    return { ...evaluate(ready, data, task), key: task.key };
+/** @param {Start} start */
+async function begun({ address, data }) {
+    return { engine: await loadEngine(new URL(address), data.layouts), data };
+}
+
+/** @param {Fit} fit */
+async function answered({ number, task }) {
+    const { engine, data } = await ready;
+    const begin = performance.now();
+    const evaluated = { ...evaluate(engine, data, task), key: task.key };
+    return { number, evaluated, seconds: (performance.now() - begin) / 1000 };
 }
