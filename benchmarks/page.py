@@ -110,8 +110,11 @@ def main() -> None:
 def measure(page: Page, readings: float) -> None:
     """Fits and memory of a page whose sensor runs."""
     until(page, f"flinders.store.state.readings > {READINGS}")
+    page.locator("#pause").click()
+    until(page, "!flinders.connection.session.isFitting")
     took = [1000.0 * each for each in page.evaluate(FIT, READINGS)]
     report(f"fit of {READINGS:,} readings, {min(took):.1f} to {max(took):.1f}", median(took), FIT_LIMIT_MS, "ms")
+    page.locator("#pause").click()
     until(page, f"flinders.store.state.readings > {max(0.1 * readings, READINGS)}")
     begun = heap_mb(page)
     until(page, f"flinders.store.state.readings >= {readings}")
