@@ -124,5 +124,7 @@ def _files() -> dict[str, Any]:
         "suffixes": {suffix: row.title for row in rows for suffix in row.suffixes if suffix not in (".log", ".zip")},
         "starts": {start.hex(): row.title for row in rows for start in row.starts if len(start) > 1},
         "others": {start.hex(): list(kind) for start, kind in _source.MAGIC.items()},
+        "controls": list(_source.CONTROLS),
+        "most_controls": _source.MOST_CONTROLS,
         "pages": {start.decode(): name for start, name in _source.PAGES.items()},
     }

@@ -276,7 +276,7 @@ function secondsOf({ date, hour, minute, second, fraction, zone }) {
  */
 export function stamped(rules, lines, behind, table, isMarked) {
     const filled = lines.filter((line) => line.trim());
-    const stamps = filled.flatMap((line) => ahead(rules.STAMP, line) ?? []);
+    const stamps = filled.map((line) => ahead(rules.STAMP, line)).filter((stamp) => stamp !== null);
     if (!stamps.length || stamps.length < rules.MOST * filled.length) return null;
     const marks = stamps.map((stamp) => stamp.groups?.mark ?? "");
     if (isMarked && marks.some((mark) => [",", ";", "\t"].includes(mark))) return null;
@@ -453,7 +453,7 @@ export function labelled(prints, rules, lines, isMarked) {
     const all = filled.map((line) => heading.joined(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
     const ofThree = counted(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
     const enough = OFTEN * Math.max(0, ...ofThree.values());
-    const read = all.filter(({ numbers, isSetting, isPlain }) => numbers.length && !isSetting && !(isPlain && isMarked));
+    const read = all.filter(({ numbers, isSetting, isPlain }) => numbers.length && !isSetting && !(isPlain && !isMarked));
     const counts = counted(read.map(({ kind }) => kind));
     const kinds = [...new Set(read.filter(({ isLabelled }) => isLabelled || !isMarked).map(({ kind }) => kind))];
     const often = (/** @type {number} */ least) => kinds.filter((kind) => (counts.get(kind) ?? 0) >= least);

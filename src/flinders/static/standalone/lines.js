@@ -7,7 +7,7 @@
 
 import { hexadecimal, jsonLines, labelled, marked, parsed, stamped } from "./dialects.js";
 import { Names } from "./names.js";
-import { revived } from "./patterns.js";
+import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
 import { Tables, Unreadable } from "./tables.js";
 
@@ -89,14 +89,14 @@ class Language {
         const { layout, marked: programs, json, wrapped } = this.rules;
         const tried = lines.slice(0, layout.TRIED);
         const below = lines.slice(layout.HEADING, layout.TRIED);
-        if (below.length && below.every((line) => /^(?:[-+.,;\s\d]|[eE][-+]?\d|nan)*$/.test(line))) return null;
+        if (below.length && below.every((line) => whole(layout._PLAIN, line))) return null;
         const has = (/** @type {RegExp} */ sign) => tried.some((line) => sign.test(line));
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
-            (has(/^\s*[[{]/) && jsonLines(this.prints, json, tried)) ||
-            (has(/\d:\d\d:\d\d/) && stamped(wrapped, tried, (rest) => this.recognised(rest), (rest) => this.tableRows(rest), true)) ||
+            (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
+            (has(layout._CLOCK) && stamped(wrapped, tried, (rest) => this.recognised(rest), (rest) => this.tableRows(rest), true)) ||
             (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest))) ||
-            (has(/\p{L}/u) && labelled(this.prints, this.rules.labelled, tried, true)) ||
+            (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
         );
     }
@@ -155,6 +155,7 @@ class Language {
         const rows = lines.map((line) => trial.row(line) ?? []).filter((row) => row.length).slice(0, this.rules.layout.SAMPLED);
         if (!rows.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
         const columns = this.tables.columns(dialect.names, rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN)));
+        this.tables.refuseOthers(dialect.names, rows, columns, ".");
         const own = dialect.fresh();
         return this.formOf(dialect.words, columns, (line) => {
             const row = own.row(line);
@@ -237,6 +238,7 @@ export class LineReader {
         this.rules = this.language.rules.transcript;
         /** @type {Form | null} */
         this.form = null;
+        this.isTimed = false;
         this.rest = "";
         this.isCut = true;
         this.isDropping = false;
@@ -327,8 +329,13 @@ export class LineReader {
 
     settle() {
         const lines = this.waiting.map(({ line }) => line);
+        const all = [...this.before, ...lines];
         try {
-            this.form = this.language.form([...this.before, ...lines]);
+            const trial = this.language.form(all);
+            const times = all.flatMap((line) => trial.reading(line) ?? []).map(({ time }) => time ?? NaN);
+            if (!times.length) throw new Unreadable("no line has a reading");
+            this.isTimed = trial.isTimed && ascend(times);
+            this.form = this.language.form(all); // its trial remembers parts of a reading
         } catch (error) {
             if (!(error instanceof Unreadable)) throw error;
             lines.forEach((line) => this.note(line));
@@ -350,11 +357,17 @@ export class LineReader {
         }
         this.unlike = 0;
         this.readings++;
-        if (reading.time === null && !this.form?.isTimed && at !== null) {
-            reading.time = this.last === null ? at : Math.max(at, this.last + this.rules.STEP_S);
-            this.last = reading.time;
-        }
-        return reading;
+        return this.isTimed ? reading : { field: reading.field, time: this.arrival(at) };
+    }
+
+    /**
+     * The time of a reading whose line has none; those that arrive together differ by a step.
+     * @param {number | null} at
+     */
+    arrival(at) {
+        if (at === null) return null;
+        this.last = this.last === null ? at : Math.max(at, this.last + this.rules.STEP_S);
+        return Number(this.last.toFixed(4));
     }
 
     /** @param {string} line */
@@ -363,6 +376,15 @@ export class LineReader {
         this.unlike += Number(this.form !== null);
         this.example = line.trim().slice(0, this.language.rules.tokenizer.CUT);
     }
+}
+
+/**
+ * Whether times do what a clock does; `T_C` may be a temperature.
+ * @param {number[]} times
+ */
+function ascend(times) {
+    const isOrdered = times.every((time, i) => i === 0 || !(time < times[i - 1]));
+    return isOrdered && (times.length < 2 || times[times.length - 1] > times[0]);
 }
 
 /**
@@ -448,23 +470,25 @@ function refuseForeign(files, name, bytes) {
     const head = Array.from(bytes.subarray(0, 64), (byte) => byte.toString(16).padStart(2, "0")).join("");
     const kindOf = (/** @type {Record<string, any>} */ starts) => Object.keys(starts).find((start) => head.startsWith(start));
     const suffix = (/\.[^.]+$/.exec(name)?.[0] ?? "").toLowerCase();
-    const log = files.starts[kindOf(files.starts) ?? ""] ?? (isBinary(bytes) ? files.suffixes[suffix] : undefined);
+    const isText = !isBinary(files, bytes);
+    const log = (isText ? undefined : files.suffixes[suffix]) ?? files.starts[kindOf(files.starts) ?? ""];
     if (log) throw new Unreadable(`${name} is a recording of another kind (${log}): calibrate it with \`flinders calibrate ${name}\``);
     const other = files.others[kindOf(files.others) ?? ""];
-    if (other && isBinary(bytes)) throw new Unreadable(`${name} is ${other[0]}: ${other[1]}`);
+    if (other && !isText) throw new Unreadable(`${name} is ${other[0]}: ${other[1]}`);
     const start = new TextDecoder().decode(bytes.subarray(0, 64)).trimStart().toLowerCase();
     const page = Object.keys(files.pages).find((each) => start.startsWith(each));
     if (page) throw new Unreadable(`${name} is ${files.pages[page]}: download the raw file that it shows`);
-    if (isBinary(bytes)) throw new Unreadable(`${name} is a binary file: give a text log, or calibrate it with \`flinders calibrate\``);
+    if (!isText) throw new Unreadable(`${name} is a binary file: give a text log, or calibrate it with \`flinders calibrate\``);
 }
 
 /**
  * Whether bytes hold what text does not.
+ * @param {import("./patterns.js").Constants} files
  * @param {Uint8Array} bytes
  */
-function isBinary(bytes) {
+function isBinary(files, bytes) {
     const isWide = (bytes[0] === 0xff && bytes[1] === 0xfe) || (bytes[0] === 0xfe && bytes[1] === 0xff);
     const head = bytes.subarray(0, 1 << 16);
-    const controls = head.filter((byte) => byte < 32 && ![9, 10, 12, 13, 27].includes(byte)).length;
-    return !isWide && controls > 0.02 * head.length;
+    const controls = head.filter((byte) => files.controls.includes(byte)).length;
+    return !isWide && controls > files.most_controls * head.length;
 }

@@ -40,6 +40,8 @@ export class Tables {
     constructor(rules, prints) {
         this.rules = rules;
         this.layout = rules.layout;
+        /** @type {[string, string][]} Delimiter and decimal sign. */
+        this.signs = rules.layout.SIGNS;
         this.prints = prints;
         this.names = prints.names;
     }
@@ -57,7 +59,7 @@ export class Tables {
             const best = largest(cuts, ({ rows, numbers }) => [rows.size, numbers]);
             if (best?.rows.size) return this.table(texts, best);
         }
-        const headed = lines.slice(0, this.layout.MOST_ABOVE).some(({ text }) => this.layout.SIGNS.some(([/** @type {string} */ sign]) => this.names.magnetometer(this.prints.split(text, sign))));
+        const headed = lines.slice(0, this.layout.MOST_ABOVE).some(({ text }) => this.signs.some(([sign]) => this.names.magnetometer(this.prints.split(text, sign))));
         if (headed) throw new Unreadable("it has a header and no readings below it: record again, or check what was saved");
         throw new Unreadable(`no readings are recognised (line ${lines[0].place + 1}: '${lines[0].text.trim().slice(0, 60)}'): need three columns of numbers, or labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT'`);
     }
@@ -69,7 +71,7 @@ export class Tables {
      */
     signsOf(lines) {
         const has = (/** @type {string} */ sign) => lines.some(({ text }) => text.includes(sign));
-        return this.layout.SIGNS.filter(([delimiter, decimal]) => decimal === "." || has(delimiter === "," ? '"' : ","));
+        return this.signs.filter(([delimiter, decimal]) => decimal === "." || has(delimiter === "," ? '"' : ","));
     }
 
     /**
@@ -112,8 +114,7 @@ export class Tables {
         const values = sampled.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
         if (!names.length) this.refuseNumbered(alike);
         const columns = this.columns(names, values, units);
-        if (!names.length || this.names.isBare(names[columns.field[0]])) this.refuseMixed(alike);
-        this.refuseThousands(alike, columns, decimal);
+        this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
         return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText: place < 0 ? "" : texts[place], columns };
     }
@@ -198,6 +199,7 @@ export class Tables {
      * @returns {Columns}
      */
     byName(names, values, units) {
+        this.refusePulses(names);
         const meanings = names.map((name, place) => {
             const own = this.names.meaning(name);
             return units[place] && !own.unit ? this.names.meaning(`${name} (${units[place]})`) : own;
@@ -329,11 +331,32 @@ export class Tables {
         if (own[0].toLowerCase().startsWith("magadc")) {
             throw new Unreadable("it is a blackbox log, whose readings may be corrected already: `flinders calibrate` reads it");
         }
-        const afterSet = folded.filter((name) => this.rules.names.SET.test(name));
-        const afterReset = afterSet.map((name) => replaced(this.rules.names.SET, (word) => word.replace(/set/i, "reset"), name));
+    }
+
+    /**
+     * Refuse readings after set and after reset pulses.
+     * @param {readonly string[]} names
+     */
+    refusePulses(names) {
+        const trimmed = names.map((name) => name.trim());
+        const folded = trimmed.map((name) => name.toLowerCase());
+        const afterSet = trimmed.filter((name) => this.rules.names.SET.test(name));
+        const afterReset = afterSet.map((name) => replaced(this.rules.names.SET, (word) => word.replace(/set/i, "reset"), name).toLowerCase());
         if (afterReset.some((name) => folded.includes(name))) {
             throw new Unreadable("it has readings after set and after reset pulses: `flinders calibrate` takes both");
         }
+    }
+
+    /**
+     * Refuse readings of several sensors, and numbers that are not clear.
+     * @param {readonly string[]} names
+     * @param {string[][]} rows
+     * @param {Columns} columns
+     * @param {string} decimal
+     */
+    refuseOthers(names, rows, columns, decimal) {
+        if (!names.length || this.names.isBare(names[columns.field[0]])) this.refuseMixed(rows);
+        this.refuseThousands(rows, columns, decimal);
     }
 
     /**
