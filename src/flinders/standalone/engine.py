@@ -19,7 +19,7 @@ from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
 from flinders.estimators import data as readings
-from flinders.estimators import outliers
+from flinders.estimators import auto, level, outliers
 from flinders.findings import CATALOGUE, fit, limit_of
 from flinders.findings.causes import CAUSES
 from flinders.findings.conditions import OF_A_TUMBLE, stated
@@ -88,6 +88,8 @@ NUMBERS: Final = {
     "WIDEST_OFFSET": shrinkage.OFFSETS[-1],
     "UNMOVED_FEWEST": unmoved.FEWEST,
     "UNMOVED_ROUNDING": unmoved.ROUNDING,
+    **{name: getattr(auto, name) for name in ("TRIMS", "TRIMMED", "FEWEST_LEFT")},
+    "UPRIGHT": float(level.UPRIGHT),
     **{name: getattr(readings, name) for name in ("WINDOW", "MARGIN")},
     **{name: getattr(outliers, name) for name in ("TOGETHER", "LISTED")},
     **{

@@ -78,9 +78,9 @@ function ordered(reasons) {
  * @returns {object}
  */
 function recordOf(fit, findings, view) {
-    const { covariance, data, coverage } = fit;
+    const { covariance, data, record } = fit;
     const known = (/** @type {number} */ number) => (Number.isFinite(number) ? number : null);
-    const [x, y, z] = coverage.hole.map((part) => Number(part.toFixed(4)));
+    const [x, y, z] = record.hole.map((part) => Number(part.toFixed(4)));
     return {
         method: fit.method,
         samples: fit.samples,
@@ -89,7 +89,7 @@ function recordOf(fit, findings, view) {
         covariance: data.parameters.map((_, i) => Array.from(covariance.slice(9 * i, 9 * i + 9))),
         verdict: verdictOf(findings),
         heading_error_deg: view.heading_error_deg,
-        coverage: { fraction: coverage.fraction, hole_deg: Number(coverage.holeDeg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
+        coverage: { fraction: record.coverage, hole_deg: Number(record.hole_deg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
         findings: findings.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),
         ...(view.condition ? { conditions: data.conditions } : {}),
     };

@@ -7,6 +7,7 @@ import { shrunk, widening } from "./claim.js";
 import { cellCounts, corrected } from "./coverage.js";
 import { attitudeLimitDeg, levelBoundDeg, levelError, rawTurn, surfaceOf, tiltedError, withStructure } from "./heading.js";
 import { leftOut, runsOf } from "./outliers.js";
+import { hidesPlane } from "./plane.js";
 import { axisSwapOf } from "./swaps.js";
 import { unmovedDeg, wasTurned } from "./unmoved.js";
 import { filled, general } from "./wording.js";
@@ -37,15 +38,26 @@ const DEG = 180 / Math.PI;
 /** Codes of statuses of the engine, as `flinders.errors` has them. */
 const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis", "unmoved", "not-an-ellipsoid", "undetermined"];
 
+/**
+ * Readings that were fitted, with what was left out of them.
+ * @typedef {object} Left
+ * @property {Float64Array} some Those at no end of an axis.
+ * @property {Float64Array} near Those of them close to the surface.
+ * @property {Outlier[]} outliers
+ * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
+ * @property {Uint8Array} isRail … whether it is at an end of an axis.
+ */
+
 /** A fit before it is judged. */
 export class Fit {
     /**
      * @param {Request} request
      * @param {Fitted} whole Record of all readings.
      * @param {Fitted} record Record of those at no end of an axis.
+     * @param {Left} left
      * @param {EngineData} data
      */
-    constructor(request, whole, record, data) {
+    constructor(request, whole, record, left, data) {
         const { repetition, factor } = widening(record, whole.rows, whole.distinct);
         const surface = surfaceOf(record.centre, record.shape);
         const claimed = record.covariance.map((part) => part * factor);
@@ -56,46 +68,41 @@ export class Fit {
         this.dipDeg = request.dipDeg;
         this.dipAssumed = request.dipAssumed;
         this.whole = whole;
+        this.record = record;
+        this.left = left;
         this.method = record.is_robust ? "robust" : "likelihood";
         this.isShrunk = nearer !== null;
-        this.fitted = surface;
         this.surface = nearer?.surface ?? surface;
         this.covariance = nearer?.covariance ?? Float64Array.from(claimed);
         this.textbook = nearer ? null : record.textbook;
         this.noise = record.noise;
         this.samples = record.used || whole.rows;
-        this.priorInfluence = record.prior_influence;
-        this.unobserved = record.unobserved;
         this.correlation = correlationOf(record);
         this.independent = independentOf(this.correlation, whole, repetition);
         this.distortion = this.correlation?.direction ?? 0;
-        this.coverage = { fraction: record.coverage, holeDeg: record.hole_deg, hole: record.hole };
         this.statistics = statisticsOf(request, whole);
-        const isWhole = whole === record && !record.unobserved;
-        this.nonlinearity = isWhole ? nonlinearityIn(record, data) : null;
-        this.axisLag = isWhole ? lagIn(record, data) : null;
-        this.lags = record.axis_lag;
-        /** @type {Outlier[]} */
-        this.outliers = [];
+        /** Whether the record shows the axes themselves: not where all may lie in one plane. */
+        this.isPlain = isPlain(request, whole, left, data);
+        const showsAxes = this.isPlain && !record.unobserved;
+        this.nonlinearity = showsAxes ? nonlinearityIn(record, data) : null;
+        this.axisLag = showsAxes ? lagIn(record, data) : null;
+        const alone = nearer
+            ? levelError(this.surface, this.covariance, record.dip_deg)
+            : { rms: Math.sqrt(factor) * record.level_rms_deg, worst: Math.sqrt(factor) * record.level_worst_deg };
+        this.structureDeg = this.#structureDeg();
+        this.headingError = {
+            rms: Math.hypot(alone.rms, this.structureDeg),
+            worst: Math.hypot(alone.worst, this.structureDeg),
+            dipDeg: record.dip_deg,
+        };
+        const sigma = (this.structureDeg / DEG) * Math.cos(record.dip_deg / DEG);
+        this.claimed = withStructure(this.surface, this.covariance, sigma);
+        /** Readings in each of a hundred cells. */
+        this.counts = cellCounts(corrected(left.near, surface), data);
         /** @type {Drift | null} */
         this.drift = null;
         /** @type {import("./swaps.js").AxisSwap | null} */
         this.swap = null;
-        /** @type {Uint8Array} Of each reading of the request, whether it was left out, and … */
-        this.isOut = new Uint8Array(request.field.length / 3);
-        /** @type {Uint8Array} … whether it is at an end of an axis. */
-        this.isRail = new Uint8Array(request.field.length / 3);
-        /** @type {Float64Array} Readings in each of a hundred cells. */
-        this.counts = new Float64Array(100);
-        const alone = nearer
-            ? levelError(this.surface, this.covariance, record.dip_deg)
-            : { rms: Math.sqrt(factor) * record.level_rms_deg, worst: Math.sqrt(factor) * record.level_worst_deg };
-        this.headingError = { ...alone, dipDeg: record.dip_deg };
-        this.structureDeg = this.#structureDeg();
-        this.headingError.rms = Math.hypot(alone.rms, this.structureDeg);
-        this.headingError.worst = Math.hypot(alone.worst, this.structureDeg);
-        const sigma = (this.structureDeg / DEG) * Math.cos(record.dip_deg / DEG);
-        this.claimed = withStructure(this.surface, this.covariance, sigma);
         /** @type {number | null} */
         this.limit = null;
     }
@@ -140,7 +147,7 @@ export class Fit {
 
     /** Heading error from what belongs to the direction. */
     #structureDeg() {
-        const across = this.distortion / (this.surface.radius * Math.cos(this.headingError.dipDeg / DEG));
+        const across = this.distortion / (this.surface.radius * Math.cos(this.record.dip_deg / DEG));
         const proven = [this.nonlinearity, this.axisLag].map((fault) => (fault?.isProven ? fault.headingDeg : 0));
         return Math.max(DEG * across, ...proven);
     }
@@ -167,32 +174,48 @@ export function fitOf(engine, data, request) {
     const [some, when] = whole.rails ? [chosen(field, isFree, 3), time && chosen(time, isFree, 1)] : [field, time];
     const record = whole.rails ? engine.fit(some, when, { dipDeg }) : whole;
     if (record.status) return { code: CODES[record.status] ?? "", words: engine.message(record.status) };
-    const fit = new Fit(request, whole, record, data);
-    leaveOut(fit, engine, data, { some, when, isFree, record });
+    const left = leftOf(engine, data, record, { some, when, isFree });
+    const fit = new Fit(request, whole, record, left, data);
+    fit.drift = driftOf(fit, engine);
+    if (mayBeSwapped(fit)) fit.swap = axisSwapOf(engine, some, fit.noise, data);
     return fit;
 }
 
 /**
- * Find what was left out, and test for what the readings show beside the record.
- * @param {Fit} fit
+ * What a fit left out: outliers, and what is at an end of an axis.
  * @param {Engine} engine
  * @param {EngineData} data
- * @param {{some: Float64Array, when: Float64Array | null, isFree: Uint8Array, record: Fitted}} fitted
+ * @param {Fitted} record
+ * @param {{some: Float64Array, when: Float64Array | null, isFree: Uint8Array}} fitted
+ * @returns {Left}
  */
-function leaveOut(fit, engine, data, { some, when, isFree, record }) {
-    let out = new Uint8Array(some.length / 3);
-    if (record.is_robust) {
-        const distances = engine.distances(some, record.majority_centre, record.majority_shape).map(Math.abs);
-        out = new Uint8Array(leftOut(distances, record.rejected_beyond, record.dense, data));
-        fit.outliers = runsOf(out, distances, when, data);
-    }
+function leftOf(engine, data, record, { some, when, isFree }) {
+    const isRail = isFree.map((free) => 1 - free);
+    if (!record.is_robust) return { some, near: some, outliers: [], isOut: isRail, isRail };
+    const limit = record.rejected_beyond;
+    const distances = engine.distances(some, record.majority_centre, record.majority_shape).map(Math.abs);
+    const out = leftOut(distances, limit, record.dense, data);
+    const own = engine.distances(some, record.centre, record.shape);
     let next = 0;
-    fit.isRail = isFree.map((free) => 1 - free);
-    fit.isOut = isFree.map((free) => (free ? out[next++] : 1));
-    const used = chosen(some, out.map((is) => Number(!is)), 3);
-    fit.counts = cellCounts(corrected(used, fit.fitted), data);
-    fit.drift = driftOf(fit, engine, data, some, record);
-    if (mayBeSwapped(fit, record, data)) fit.swap = axisSwapOf(engine, some, fit.noise, data);
+    return {
+        some,
+        near: chosen(some, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3),
+        outliers: runsOf(out, distances, when, data),
+        isOut: isFree.map((free) => (free ? out[next++] : 1)),
+        isRail,
+    };
+}
+
+/**
+ * Whether the engine's record of readings in memory is all that the program looks at.
+ * @param {Request} request
+ * @param {Fitted} whole
+ * @param {Left} left
+ * @param {EngineData} data
+ * @returns {boolean}
+ */
+function isPlain({ unit }, whole, { outliers, near }, data) {
+    return wasTurned(whole, unit !== "counts", data) && !(outliers.length && hidesPlane(near, data));
 }
 
 /**
@@ -321,21 +344,14 @@ function fault(headingDeg, byChance, { numbers }) {
  * A steady change over the recording; null where nothing can be told of it.
  * @param {Fit} fit
  * @param {Engine} engine
- * @param {EngineData} data
- * @param {Float64Array} some
- * @param {Fitted} record
  * @returns {Drift | null}
  */
-function driftOf(fit, engine, data, some, record) {
-    if (fit.whole === record && !fit.outliers.length) return driftIn(record);
-    if (fit.unobserved || !fit.correlation || fit.correlation.isWhite) return null;
-    const { centre, shape } = fit.fitted;
-    const limit = record.is_robust ? record.rejected_beyond : Infinity;
-    const distances = engine.distances(some, centre, shape);
-    const near = chosen(some, Uint8Array.from(distances, (distance) => Number(Math.abs(distance) <= limit)), 3);
-    const stride = Math.max(Math.ceil(near.length / 3 / data.numbers.LOOKED_AT), 1);
-    const thinned = near.filter((_, i) => Math.floor(i / 3) % stride === 0);
-    return driftIn(engine.drift(thinned, centre, shape, fit.headingError.dipDeg));
+function driftOf({ isPlain: isOfRecord, left, record, correlation, headingError, data }, engine) {
+    if (isOfRecord && !left.outliers.length) return driftIn(record);
+    if (record.unobserved || !correlation || correlation.isWhite) return null;
+    const stride = Math.max(Math.ceil(left.near.length / 3 / data.numbers.LOOKED_AT), 1);
+    const thinned = left.near.filter((_, i) => Math.floor(i / 3) % stride === 0);
+    return driftIn(engine.drift(thinned, record.centre, record.shape, headingError.dipDeg));
 }
 
 /**
@@ -350,14 +366,13 @@ function driftIn(record) {
 /**
  * Whether the readings may have swapped axes: residuals are not white then.
  * @param {Fit} fit
- * @param {Fitted} record
- * @param {EngineData} data
  * @returns {boolean}
  */
-function mayBeSwapped({ outliers, correlation, unobserved }, record, { numbers }) {
+function mayBeSwapped({ left, correlation, record, data: { numbers } }) {
     if (!record.swaps.some(Boolean)) return false;
-    if (outliers.length) return true;
-    return correlation !== null && !correlation.isWhite && (unobserved > 0 || correlation.lagOne >= numbers.SWAP_LAG_ONE);
+    if (left.outliers.length) return true;
+    const isLasting = correlation !== null && correlation.lagOne >= numbers.SWAP_LAG_ONE;
+    return correlation !== null && !correlation.isWhite && (record.unobserved > 0 || isLasting);
 }
 
 /**

@@ -12,7 +12,8 @@ const SWEEPS = 60;
  * @param {Numbers} shape
  * @returns {number[]}
  */
-export function full([a, b, c, d, e, f]) {
+export function full(shape) {
+    const [a, b, c, d, e, f] = Array.from(shape);
     return [a, d, e, d, b, f, e, f, c];
 }
 

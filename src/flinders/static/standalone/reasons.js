@@ -46,7 +46,7 @@ export function ofFit(fit, findings, { time }) {
     const { numbers, rows, at_once, disturbed, informative } = fit.data;
     const isConverged =
         fit.headingError.worst < numbers.CONVERGED * fit.targetDeg ||
-        fit.coverage.fraction >= numbers.CONVERGED_FRACTION ||
+        fit.record.coverage >= numbers.CONVERGED_FRACTION ||
         time[time.length - 1] - time[0] >= numbers.CONVERGED_S;
     const spans = disturbedSpans(fit, findings);
     const isAlarm = new Set(rows.filter(({ alarm }) => alarm).map(({ code }) => code));
@@ -66,7 +66,7 @@ export function ofFit(fit, findings, { time }) {
  * @param {Finding[]} findings
  * @returns {[number, number][]}
  */
-function disturbedSpans({ outliers, data: { numbers } }, findings) {
+function disturbedSpans({ left: { outliers }, data: { numbers } }, findings) {
     if (findings.every(({ code, severity }) => code !== "outliers" || severity === "note")) return [];
     const runs = joined(outliers, numbers.DENSE).filter(({ start, end }) => start < end);
     const longest = runs.sort((one, other) => other.end - other.start - (one.end - one.start)).slice(0, numbers.OFFERED);

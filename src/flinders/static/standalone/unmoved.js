@@ -1,7 +1,8 @@
 /** Whether a sensor was hardly turned: `flinders.diagnostics.unmoved`, where the reasons and their measures are. */
 
-import { dot, eigen } from "./linear.js";
 import { threes } from "./coverage.js";
+import { dot, eigen } from "./linear.js";
+import { principal } from "./plane.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./engine.js").Fitted} Fitted */
@@ -40,25 +41,24 @@ function levelOf(size, isMicrotesla, { EARTH_WEAKEST, EARTH_STRONGEST }) {
  */
 export function unmovedDeg(field, isMicrotesla, { numbers }) {
     if (field.length < 3 * numbers.UNMOVED_FEWEST) return null;
-    const cloud = placesOf(threes(field));
-    const { mean, apart, reach } = spread(cloud.places);
-    const size = Math.hypot(...mean);
-    if (!(reach > numbers.UNMOVED_ROUNDING * size && size > 0)) return null;
+    const cloud = spread(placesOf(threes(field)));
+    const size = Math.hypot(...cloud.mean);
+    if (!(cloud.reach > numbers.UNMOVED_ROUNDING * size && size > 0)) return null;
     const level = levelOf(size, isMicrotesla, numbers);
-    const isPoint = isMicrotesla && size >= numbers.EARTH_WEAKEST && reach < numbers.POINT * level;
-    if (isPoint) return DEG * Math.atan2(reach, level);
-    if (!isNarrow(apart, level, reach, numbers)) return null;
+    const isPoint = isMicrotesla && size >= numbers.EARTH_WEAKEST && cloud.reach < numbers.POINT * level;
+    if (isPoint) return DEG * Math.atan2(cloud.reach, level);
+    if (!isNarrow(cloud, level, numbers)) return null;
     const isCoarse = isCoarseCloud(cloud, field.length / 3, numbers);
-    const radius = isCoarse ? 0 : radiusSeen(apart, numbers);
+    const radius = isCoarse ? 0 : radiusSeen(cloud, numbers);
     const seen = radius > numbers.MOST_IRON * size ? Math.min(level, radius) : level;
-    if (!isNarrow(apart, seen, reach, numbers) || !(isCoarse || isFilled(apart, numbers))) return null;
-    return DEG * Math.atan2(reach, seen);
+    if (!isNarrow(cloud, seen, numbers) || !(isCoarse || isFilled(cloud, numbers))) return null;
+    return DEG * Math.atan2(cloud.reach, seen);
 }
 
 /**
  * Readings by place: each cell counts once, by its mean.
  * @param {number[][]} readings
- * @returns {{places: number[][]}}
+ * @returns {number[][]}
  */
 function placesOf(readings) {
     const side = naturalSide(readings);
@@ -69,7 +69,7 @@ function placesOf(readings) {
         const sums = cells.get(key) ?? [0, 0, 0, 0];
         cells.set(key, [sums[0] + x, sums[1] + y, sums[2] + z, sums[3] + 1]);
     }
-    return { places: [...cells.values()].map(([x, y, z, count]) => [x / count, y / count, z / count]) };
+    return [...cells.values()].map(([x, y, z, count]) => [x / count, y / count, z / count]);
 }
 
 /**
@@ -88,13 +88,18 @@ function naturalSide(readings) {
 }
 
 /**
+ * A cloud of places: those about its mean, how far the farthest is, and standard deviations along its axes.
+ * @typedef {{mean: number[], apart: number[][], reach: number, deviations: number[], axes: number[][]}} Cloud
+ */
+
+/**
  * @param {number[][]} points
- * @returns {{mean: number[], apart: number[][], reach: number}}
+ * @returns {Cloud}
  */
 function spread(points) {
-    const mean = [0, 1, 2].map((axis) => points.reduce((sum, point) => sum + point[axis], 0) / points.length);
-    const apart = points.map((point) => point.map((part, axis) => part - mean[axis]));
-    return { mean, apart, reach: greatest(apart.map((local) => Math.hypot(...local))) };
+    const { mean, local, values, vectors } = principal(points);
+    const deviations = values.map((value) => Math.sqrt(Math.max(value, 0)));
+    return { mean, apart: local, reach: greatest(local.map((place) => Math.hypot(...place))), deviations, axes: vectors };
 }
 
 /**
@@ -107,28 +112,14 @@ function greatest(numbers) {
 }
 
 /**
- * Ascending standard deviations along principal axes, and these.
- * @param {number[][]} apart
- * @returns {{deviations: number[], axes: number[][]}}
- */
-function principal(apart) {
-    const gram = [0, 1, 2].flatMap((i) =>
-        [0, 1, 2].map((j) => apart.reduce((sum, local) => sum + local[i] * local[j], 0) / apart.length),
-    );
-    const { values, vectors } = eigen(gram, 3);
-    return { deviations: values.map((value) => Math.sqrt(Math.max(value, 0))), axes: vectors };
-}
-
-/**
  * Whether a cloud is small beside the distance of its centre, and no place far off the others.
- * @param {number[][]} apart
+ * @param {Cloud} cloud
  * @param {number} level
- * @param {number} reach
  * @param {Record<string, number>} numbers
  * @returns {boolean}
  */
-function isNarrow(apart, level, reach, numbers) {
-    const [thickness, , width] = principal(apart).deviations;
+function isNarrow({ deviations, reach }, level, numbers) {
+    const [thickness, , width] = deviations;
     const isBall = thickness > numbers.BALL * width;
     const limit = isBall ? numbers.NARROW_BALL : numbers.NARROW;
     const tails = isBall ? numbers.TAILS_BALL : numbers.TAILS;
@@ -137,12 +128,11 @@ function isNarrow(apart, level, reach, numbers) {
 
 /**
  * Whether some places are near the mean, along the axes in which the cloud is not thin.
- * @param {number[][]} apart
+ * @param {Cloud} cloud
  * @param {Record<string, number>} numbers
  * @returns {boolean}
  */
-function isFilled(apart, numbers) {
-    const { deviations, axes } = principal(apart);
+function isFilled({ apart, deviations, axes }, numbers) {
     const thick = [0, 1, 2].filter((i) => deviations[i] > numbers.THIN * deviations[2]);
     const squares = apart.map((local) => thick.reduce((sum, i) => sum + (dot(local, axes[i]) / deviations[i]) ** 2, 0));
     const close = squares.filter((square) => square < numbers.CLOSE * thick.length);
@@ -151,12 +141,11 @@ function isFilled(apart, numbers) {
 
 /**
  * Radius of the sphere or circle through places; infinite where they do not show a curve.
- * @param {number[][]} apart
+ * @param {Cloud} cloud
  * @param {Record<string, number>} numbers
  * @returns {number}
  */
-function radiusSeen(apart, numbers) {
-    const { deviations, axes } = principal(apart);
+function radiusSeen({ apart, deviations, axes }, numbers) {
     const across = apart.map((local) => [dot(local, axes[1]), dot(local, axes[2])]);
     return Math.min(radiusOf(apart, deviations[0], numbers), radiusOf(across, deviations[1], numbers));
 }
@@ -197,15 +186,15 @@ function leastSquares(rows, targets) {
 
 /**
  * Whether readings take a few values only on each axis, and each place many times.
- * @param {{places: number[][]}} cloud
+ * @param {Cloud} cloud
  * @param {number} rows
  * @param {Record<string, number>} numbers
  * @returns {boolean}
  */
-function isCoarseCloud({ places }, rows, { COARSE, OFTEN, UNMOVED_ROUNDING }) {
-    if (places.length > COARSE ** 3 || rows < OFTEN * places.length) return false;
+function isCoarseCloud({ mean, apart }, rows, { COARSE, OFTEN, UNMOVED_ROUNDING }) {
+    if (apart.length > COARSE ** 3 || rows < OFTEN * apart.length) return false;
     return [0, 1, 2].every((axis) => {
-        const ordered = places.map((place) => place[axis]).sort((a, b) => a - b);
+        const ordered = apart.map((place) => place[axis] + mean[axis]).sort((one, other) => one - other);
         const least = UNMOVED_ROUNDING * greatest(ordered.map(Math.abs));
         return 1 + ordered.filter((value, i) => i > 0 && value - ordered[i - 1] > least).length <= COARSE;
     });

@@ -120,17 +120,17 @@ export function firstCauses(findings, { causes }) {
  * @returns {Record<string, number>}
  */
 export function quantities(fit) {
-    const { surface, targetDeg, samples, unobserved, coverage, noise } = fit;
+    const { surface, targetDeg, samples, record, noise } = fit;
     return {
         target_deg: targetDeg,
         samples,
         worst_deg: Number.isNaN(fit.headingError.worst) ? Infinity : fit.headingError.worst,
         uncorrected_deg: fit.isShrunk ? fit.uncorrected.worst : NaN,
         is_planar: 0,
-        hole_deg: coverage.holeDeg,
-        covered: coverage.fraction,
-        unobserved,
-        prior_share: unobserved ? NaN : fit.priorInfluence,
+        hole_deg: record.hole_deg,
+        covered: record.coverage,
+        unobserved: record.unobserved,
+        prior_share: record.unobserved ? NaN : record.prior_influence,
         noise_share: noise / surface.radius,
         inflation: (2 * surface.axes[2]) / Math.max(fit.statistics.extent, Number.MIN_VALUE),
         ...flatness(fit),
@@ -172,6 +172,7 @@ function independence({ independent, samples, data }) {
 /** @param {Fit} fit */
 function changes(fit) {
     const { drift, swap, correlation, statistics, noise, surface, headingError, samples } = fit;
+    const { outliers } = fit.left;
     const next = correlation?.lagOne ?? 0;
     const repeated = statistics.repeats / Math.max(statistics.rows, 1);
     const unlike = Math.max(next - repeated, 0) / Math.max(1 - repeated, Number.EPSILON);
@@ -189,8 +190,8 @@ function changes(fit) {
         next_correlation: next,
         alternating_limit: Math.min(fit.data.numbers.ALTERNATING, -4 / Math.sqrt(Math.max(samples, 1))),
         alternating_deg: DEG * Math.atan2(off, level),
-        outlier_share: outlierRows(fit.outliers) / Math.max(statistics.rows, 1),
-        farthest: fit.outliers.length ? Math.max(...fit.outliers.map(({ farthest }) => farthest)) : NaN,
+        outlier_share: outlierRows(outliers) / Math.max(statistics.rows, 1),
+        farthest: outliers.length ? Math.max(...outliers.map(({ farthest }) => farthest)) : NaN,
     };
 }
 
@@ -249,7 +250,7 @@ const WORDS = {
     why: () => "",
     unit: ({ unit }) => unit,
     length: ({ surface, unit }) => `${figures(surface.radius, 4)} ${unit}`,
-    rings: ({ unobserved }) => (unobserved === 1 ? ", as two rings of readings would" : ""),
+    rings: ({ record }) => (record.unobserved === 1 ? ", as two rings of readings would" : ""),
     where_flat: whereFlat,
     independent_readings: independentReadings,
     correlation: correlationWords,
@@ -258,8 +259,8 @@ const WORDS = {
     swap: swapWords,
     halves: () => "",
     leave,
-    outliers: ({ outliers }) => outlierCount(outliers),
-    runs: ({ outliers }) => longestRuns(outliers),
+    outliers: ({ left }) => outlierCount(left.outliers),
+    runs: ({ left }) => longestRuns(left.outliers),
     again,
     rails: ({ statistics }) => statistics.rails.map(railWords).join(", "),
     often: ({ statistics: { backwardSteps: times } }) => (times === 1 ? "once" : `${grouped(times)} times`),
@@ -316,7 +317,7 @@ function correlationWords({ correlation, textbookWorstDeg }) {
 }
 
 /** @param {Fit} fit */
-function lagWords({ lags, statistics }) {
+function lagWords({ record: { axis_lag: lags }, statistics }) {
     const axis = lags.reduce((most, lag, i) => (Math.abs(lag) > Math.abs(lags[most]) ? i : most), 0);
     const apart = 1.5 * lags[axis];
     const amount = statistics.isTimed ? `${Math.abs(apart * 1000).toFixed(0)} ms` : `${Math.abs(apart).toFixed(2)} readings`;
@@ -337,13 +338,13 @@ function leave(fit) {
     if (fit.uncorrected.worst > fit.data.numbers.NOT_BY_CHANCE * fit.headingError.worst) {
         return "the calibration is worth having";
     }
-    const isCovered = fit.coverage.holeDeg <= fit.data.numbers.COVERAGE_LIMIT;
+    const isCovered = fit.record.hole_deg <= fit.data.numbers.COVERAGE_LIMIT;
     return isCovered ? "leave them as they are" : "leave them as they are, or turn the sensor further";
 }
 
 /** @param {Fit} fit */
-function again({ outliers, statistics, data }) {
-    const share = outlierRows(outliers) / Math.max(statistics.rows, 1);
+function again({ left, statistics, data }) {
+    const share = outlierRows(left.outliers) / Math.max(statistics.rows, 1);
     return share > data.numbers.OUTLIERS_LIMIT ? "; see what it was, and record again without" : "";
 }
 

@@ -27,7 +27,7 @@ export function viewOf(fit, findings, { field, numbers, goal }) {
     const verdict = verdictOf(findings);
     const shown = firstCauses(findings, fit.data);
     const isFlat = findings.some(({ code }) => code === "one-plane");
-    const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.isOut[Math.floor(i / 3)]);
+    const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.left.isOut[Math.floor(i / 3)]);
     const vectors = corrected(used, fit.surface);
     const tiles = threes(fit.data.tiles.centres);
     const errors = isFlat ? [] : tileErrorsDeg(fit.surface, fit.claimed, fit.headingError.dipDeg, tiles);
@@ -196,7 +196,7 @@ function guidance(fit, goal) {
  * @param {ArrayLike<number> | null} numbers
  * @returns {[number, number][]}
  */
-function rejectedRuns({ isRail, outliers }, numbers) {
+function rejectedRuns({ left: { isRail, outliers } }, numbers) {
     const numbered = (/** @type {number} */ i) => numbers?.[i] ?? i;
     const free = Array.from(isRail.keys()).filter((i) => !isRail[i]);
     /** @type {[number, number][]} */
