@@ -49,10 +49,11 @@ import { Cursor, sessionState } from "%(folder)s/state.js";
 const { events, rules } = JSON.parse(await new Response(process.stdin).text());
 const session = new Session(rules);
 const cursor = new Cursor();
+const unit = { inside: "uT", recorded: "uT", scale: 1 };
 const act = {
-    arrived: ({ at, time, field }) => session.arrived(at, { time: time.map((t) => t ?? NaN), field }, "µT"),
+    arrived: ({ at, time, field }) => session.arrived(at, { time: time.map((t) => t ?? NaN), field }, unit),
     linked: ({ at, link, words }) => session.linked(at, link, words),
-    opened: ({ at, name, field }) => session.openedLog(at, name, seriesOf(rules, { time: null, field, unit: "µT" })),
+    opened: ({ at, name, field }) => session.openedLog(at, name, seriesOf(rules, { time: null, field, unit })),
     requested: ({ at, command }) => session.requested(at, command),
     ticked: ({ at }) => session.ticked(at),
     begun: ({ at }) => session.wantsFit(at) && session.beginFit().numbers.length,

@@ -17,7 +17,7 @@ from flinders.errors import OutputError
 from flinders.firmware.package import licence
 from flinders.native import build
 from flinders.report.html_file import asset, joined
-from flinders.standalone import engine, lines
+from flinders.standalone import engine, lines, targets
 from flinders.standalone.index_page import index_page
 from flinders.standalone.rules import session_rules
 from flinders.standalone.simulated import simulated_sensor
@@ -111,6 +111,7 @@ def page_data() -> dict[str, Any]:
         "simulated": simulated_sensor(),
         "engine": engine.data(),
         "lines": lines.data(),
+        "targets": targets.data(),
     }
 
 

@@ -57,7 +57,7 @@ export function evaluate(engine, data, asked) {
         alarms: alarms.map(({ code }) => code),
         used,
         rejected: time.length - used,
-        coverage: fit.coverage.fraction,
+        coverage: fit.record.coverage,
         record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
     };
 }

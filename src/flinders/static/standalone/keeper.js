@@ -6,7 +6,7 @@
 
 /** @typedef {import("./buffer.js").ReadingBuffer} ReadingBuffer */
 /** @typedef {import("../messages.d.ts").SourceState["kind"]} Kind */
-/** @typedef {{name: string, kind: Kind, unit: string}} Of */
+/** @typedef {{name: string, kind: Kind, unit: import("./session.js").Unit}} Of */
 /** @typedef {Of & {time: Float64Array, field: Float64Array}} Kept */
 
 const NAME = "flinders-readings";

@@ -22,7 +22,8 @@ import { Tables, Unreadable } from "./tables.js";
 
 /**
  * A log: (3N) field in `unit`, (N) times in s or null, and what was recognised.
- * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", words: string[]}} Log
+ * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
+ *     words: string[]}} Log
  */
 
 /** Bytes of a log; a larger one takes the command line. */
@@ -37,6 +38,7 @@ const REMEMBERED = 20;
  * @typedef {object} Form
  * @property {string} words
  * @property {"uT" | "counts"} unit
+ * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
  * @property {boolean} isTimed
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
@@ -203,6 +205,7 @@ class Language {
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
+            raw: { unit, scale },
             isTimed: time !== null,
             reading: (line) => {
                 const row = numbers(line);
@@ -258,6 +261,11 @@ export class LineReader {
     /** Unit of the readings; empty while it is not known. */
     get unit() {
         return this.form?.unit ?? "";
+    }
+
+    /** The recorded unit, and what one of it is in `unit`. */
+    get raw() {
+        return this.form?.raw ?? { unit: this.unit, scale: 1 };
     }
 
     /** How lines are written, for people; empty while that is not known. */
@@ -425,6 +433,7 @@ export function readLog(data, name, bytes) {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
+        raw: form.raw,
         words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
     };
 }

@@ -6,12 +6,13 @@
  */
 
 import { Refusal } from "../dom.js";
+import { degrees } from "../views/words.js";
 import { notice, seriesOf, Session } from "./session.js";
 import { Cursor, sessionState } from "./state.js";
 import { readLog } from "./lines.js";
-import { labelOf } from "./sources.js";
+import { unitOf } from "./sources.js";
 import { Unreadable } from "./tables.js";
-import { calibrationFile, exported, targetsOf } from "./targets.js";
+import { calibrationFile, exported, NotExportable, targetsOf } from "./targets.js";
 
 /** @typedef {import("../connection.js").Link} Link */
 /** @typedef {import("../connection.js").Listener} Listener */
@@ -21,6 +22,7 @@ import { calibrationFile, exported, targetsOf } from "./targets.js";
 /** @typedef {import("./fitter.js").Fitter} Fitter */
 /** @typedef {import("./keeper.js").Keeper} Keeper */
 /** @typedef {import("./session.js").Rules} Rules */
+/** @typedef {import("./session.js").Unit} Unit */
 /** @typedef {import("./sources.js").Source} Source */
 
 /**
@@ -68,8 +70,8 @@ export class OwnLink {
         this.view = null;
         /** @type {Source | null} */
         this.source = null;
-        /** @type {{time: number[], field: number[], unit: string}} */
-        this.queue = { time: [], field: [], unit: "" };
+        /** @type {{time: number[], field: number[], unit: Unit}} */
+        this.queue = { time: [], field: [], unit: this.session.live.unit };
         this.begun = performance.now();
         this.statedAt = -1;
         this.statedRevision = -1;
@@ -109,7 +111,7 @@ export class OwnLink {
         this.view = this.session.shown.evaluated.view;
         this.listener.onLink("open", 0);
         const limits = { upload_bytes: UPLOAD_BYTES };
-        this.listener.onMessage({ type: "hello", version, session: "page", tiles, targets: targetsOf(this.data.targets), limits, state, view: this.view });
+        this.listener.onMessage({ type: "hello", version, session: "page", tiles, targets: targetsOf(this.data), limits, state, view: this.view });
     }
 
     /**
@@ -146,7 +148,7 @@ export class OwnLink {
      */
     async open(name, content) {
         const log = this.log(name, new Uint8Array(await content.arrayBuffer()));
-        const series = seriesOf(this.data.session, { ...log, unit: labelOf(log.unit) });
+        const series = seriesOf(this.data.session, { ...log, unit: unitOf(log) });
         this.session.openedLog(this.now, name, series);
         this.isUrgent = true;
         this.tell(log.words.join("; "));
@@ -169,29 +171,38 @@ export class OwnLink {
 
     /** @param {string} target */
     async export(target) {
-        const { text, filename, warnings = [] } = exported(this.data.targets, target, await this.final());
-        return Response.json({ text, filename, warnings });
+        const { calibration } = await this.final();
+        try {
+            return Response.json(exported(this.data, target, calibration));
+        } catch (error) {
+            if (error instanceof NotExportable) return Response.json({ refusal: error.message });
+            throw error;
+        }
     }
 
     async calibration() {
-        return download(calibrationFile(this.data.targets, await this.final()), "calibration.json");
+        const { calibration, fit } = await this.final();
+        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files: [] };
+        return download(calibrationFile(this.data, calibration, { fit, provenance }), "calibration.json");
     }
 
     /** The readings of the sensor that are in memory, as a table. */
     async readings() {
         const { buffer, unit } = this.session.shown;
-        this.saved = this.session.live.buffer.total;
-        const suffix = unit === "µT" ? "_uT" : "";
+        if (this.session.opened === null) this.saved = buffer.total;
+        const suffix = unit.inside === "uT" ? "_uT" : "";
         const rows = [["t_s", ...["x", "y", "z"].map((axis) => `mag_${axis}${suffix}`)].join(",")];
         for (let j = 0; j < buffer.count; j++) rows.push([buffer.time[j].toFixed(4), ...buffer.field.subarray(3 * j, 3 * j + 3)].join(","));
         return download(`${rows.join("\n")}\n`, "readings.csv");
     }
 
-    /** The fit of all readings that are shown and not left out. */
+    /** The calibration of all readings that are shown and not left out, and what is known of it. */
     async final() {
+        const { shown, openedName, source } = this.session;
         const { evaluated } = await this.fitter.fit(this.session.task(Infinity));
-        if (!evaluated.view?.offset) throw new Refusal(evaluated.refusal || "There is no calibration yet.");
-        return { ...evaluated, name: this.session.openedName || this.session.source.name };
+        const calibration = calibrationOf(evaluated.view, shown.unit, openedName || source.name);
+        if (calibration === null) throw new Refusal(evaluated.refusal || "There is no calibration yet.");
+        return { calibration, fit: evaluated.record };
     }
 
     // Sources ----------------------------------------------------------------------------------------------------------
@@ -248,7 +259,7 @@ export class OwnLink {
         this.tell(words);
     }
 
-    /** @param {{time: ArrayLike<number>, field: ArrayLike<number>}} rows @param {string} unit */
+    /** @param {{time: ArrayLike<number>, field: ArrayLike<number>}} rows @param {Unit} unit */
     take({ time, field }, unit) {
         this.queue.time.push(...Array.from(time));
         this.queue.field.push(...Array.from(field));
@@ -319,6 +330,28 @@ export class OwnLink {
         const frame = this.cursor.frame(session);
         if (frame) listener.onFrame(frame);
     }
+}
+
+/**
+ * What is exported of a fit; null where it gives no calibration.
+ * @param {import("../messages.d.ts").View | null} view
+ * @param {Unit} unit
+ * @param {string} name  of the recording
+ * @returns {import("./targets.js").Calibration | null}
+ */
+function calibrationOf(view, unit, name) {
+    if (!view?.offset || !view.matrix || view.field_strength === null) return null;
+    const { verdict, findings, heading_error_deg: error } = view;
+    const limits = findings.filter(({ severity }) => severity === "limits").map(({ advice }) => `limited: ${advice}`);
+    return {
+        matrix: view.matrix,
+        offset: view.offset,
+        fieldStrength: view.field_strength,
+        fieldStrengthKnown: view.field_strength_known,
+        unit: unit.inside === "uT" ? "uT" : "counts",
+        raw: { unit: unit.recorded, scale: unit.scale },
+        about: [`from ${name}`, `the calibration is ${verdict}: headings good to ${degrees(error?.worst)} (1 σ)`, ...limits],
+    };
 }
 
 /**

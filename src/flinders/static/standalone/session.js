@@ -38,6 +38,14 @@ import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
  */
 
 /**
+ * The unit that readings are in, the one they were recorded in, and what one of that is in the first.
+ * @typedef {{inside: string, recorded: string, scale: number}} Unit
+ */
+
+/** @type {Unit} */
+const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
+
+/**
  * Result of a fit.
  * @typedef {object} Evaluated
  * @property {number} key  of the series that was fitted
@@ -75,10 +83,10 @@ const NO_PLACE = "this page has no model of the earth's field: look up the incli
 export class Series {
     /**
      * @param {number} capacity
-     * @param {string} unit
+     * @param {Unit} unit
      * @param {boolean} isTimed
      */
-    constructor(capacity, unit = "counts", isTimed = true) {
+    constructor(capacity, unit = COUNTS, isTimed = true) {
         this.buffer = new ReadingBuffer(capacity);
         this.unit = unit;
         this.isTimed = isTimed;
@@ -158,7 +166,7 @@ export class Session {
      * Add readings to those of the sensor; also while a log is shown.
      * @param {number} at
      * @param {Rows} rows
-     * @param {string} unit
+     * @param {Unit} unit
      */
     arrived(at, rows, unit) {
         this.at = at;
@@ -374,7 +382,7 @@ export class Session {
             field,
             time: Float64Array.from(used, (place) => buffer.time[place]),
             numbers: used.map((place) => place * buffer.stride),
-            unit: shown.unit,
+            unit: labelOf(shown.unit),
             targetDeg: this.targetDeg,
             dipDeg,
             dipAssumed,
@@ -471,7 +479,7 @@ function nextAfter(value) {
 /**
  * A log as a series of its own; without times, a reading counts a second.
  * @param {Rules} rules
- * @param {{time: Float64Array | null, field: Float64Array, unit: string}} log
+ * @param {{time: Float64Array | null, field: Float64Array, unit: Unit}} log
  * @returns {Series}
  */
 export function seriesOf(rules, { time, field, unit }) {
@@ -479,4 +487,9 @@ export function seriesOf(rules, { time, field, unit }) {
     const times = time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
     series.buffer.extend({ time: new Timeline().take(times), field });
     return series;
+}
+
+/** @param {Unit} unit @returns {string} As the page shows it. */
+export function labelOf({ inside }) {
+    return inside === "uT" ? "µT" : inside;
 }

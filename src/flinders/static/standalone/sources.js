@@ -9,7 +9,7 @@ import { LineReader } from "./lines.js";
 /**
  * What a source tells.
  * @typedef {object} Feed
- * @property {(rows: import("./buffer.js").Rows, unit: string) => void} take
+ * @property {(rows: import("./buffer.js").Rows, unit: import("./session.js").Unit) => void} take
  * @property {(link: SourceState["link"], words: string) => void} link
  * @property {(words: string, severity?: Notice["severity"]) => void} tell
  */
@@ -38,6 +38,8 @@ const WATCH_MS = 1000;
 /** Looks without a reading after which somebody is told what to check. */
 const SILENT_LOOKS = 3;
 const PORT_BYTES = 1 << 16;
+
+const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
 
 /** @returns {Serial | null} */
 export function serial() {
@@ -116,10 +118,10 @@ export class Board {
     /** @param {string} text */
     take(text) {
         const at = (performance.now() - (this.begun ?? 0)) / 1000;
-        const { rows, unit } = this.lines.take(text, at);
+        const { rows } = this.lines.take(text, at);
         if (rows.length === 0) return;
         this.silent = 0;
-        this.feed?.take({ time: rows.map(({ time }) => time ?? at), field: rows.flatMap(({ field }) => field) }, labelOf(unit));
+        this.feed?.take({ time: rows.map(({ time }) => time ?? at), field: rows.flatMap(({ field }) => field) }, unitOf(this.lines));
         if (this.lines.words === this.said) return;
         this.said = this.lines.words;
         this.feed?.tell(`understood as ${this.said}`);
@@ -171,7 +173,7 @@ export class Phone {
         const begun = performance.now();
         this.sensor.addEventListener("reading", () => {
             const { x, y, z, timestamp } = this.sensor;
-            feed.take({ time: [((timestamp ?? performance.now()) - begun) / 1000], field: [x, y, z] }, "µT");
+            feed.take({ time: [((timestamp ?? performance.now()) - begun) / 1000], field: [x, y, z] }, MICROTESLA);
         });
         this.sensor.addEventListener("error", (/** @type {any} */ event) => feed.link("gone", refusedSensor(event.error)));
         this.sensor.start();
@@ -226,7 +228,7 @@ export class Simulated {
             const seconds = ((performance.now() - begun) / 1000) * this.speed;
             const due = Math.floor(seconds * rate_hz) - this.count;
             const time = Array.from({ length: due }, (_, j) => (this.count + j) / rate_hz);
-            feed.take({ time, field: time.flatMap((_, j) => this.reading(this.count + j)) }, "µT");
+            feed.take({ time, field: time.flatMap((_, j) => this.reading(this.count + j)) }, MICROTESLA);
             this.count += due;
             while (left.length > 0 && seconds >= left[0][0]) feed.tell(left.shift()?.[1] ?? "");
         }, 1000 / rate_hz);
@@ -251,9 +253,13 @@ function normal() {
     return Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
 }
 
-/** @param {string} unit  as lines have it @returns {string} as the page shows it */
-export function labelOf(unit) {
-    return unit === "uT" ? "µT" : unit;
+/**
+ * The unit of what was read of lines.
+ * @param {{unit: string, raw: {unit: string, scale: number}}} read
+ * @returns {import("./session.js").Unit}
+ */
+export function unitOf({ unit, raw }) {
+    return { inside: unit, recorded: raw.unit, scale: raw.scale };
 }
 
 /** @param {unknown} error */

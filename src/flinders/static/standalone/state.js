@@ -1,6 +1,7 @@
 /** What the page shows of a session: its state in words and numbers, and new points. `flinders.live.page_state` there. */
 
 import { capital } from "../views/words.js";
+import { labelOf } from "./session.js";
 
 /** @typedef {import("./session.js").Session} Session */
 /** @typedef {import("../messages.d.ts").Reason} Reason */
@@ -23,7 +24,7 @@ export function sessionState(session) {
         type: "state",
         revision: session.revision,
         source: session.source,
-        unit: shown.unit,
+        unit: labelOf(shown.unit),
         readings: buffer.total,
         used: evaluated.used,
         rejected: evaluated.rejected,
