@@ -37,7 +37,10 @@ PAINT: Final = "performance.getEntriesByName('first-contentful-paint')[0]?.start
 FIT: Final = """async (count) => {
     const { session, fitter } = flinders.connection;
     const task = session.task(Infinity);
-    const part = { ...task, field: task.field.slice(0, 3 * count), time: task.time.slice(0, count), numbers: task.numbers.slice(0, count) };
+    const first = ({ field, time, numbers }) => ({
+        field: field.slice(0, 3 * count), time: time.slice(0, count), numbers: numbers.slice(0, count),
+    });
+    const part = { ...task, ...first(task) };
     const took = [];
     for (let turn = 0; turn < FITS; turn++) took.push((await fitter.fit(part)).seconds);
     return took;

@@ -38,6 +38,7 @@ from flinders.standalone.rules import session_rules
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.live.messages import Link
 
 RATE_HZ: Final = 50.0
 UT: Final = Unit.of("uT")
@@ -83,7 +84,7 @@ class Recorded:
         time = [None if np.isnan(each) else each for each in rows[:, 0].tolist()]
         self._note({"type": "arrived", "at": at, "time": time, "field": rows[:, 1:4].ravel().tolist()})
 
-    def linked(self, at: float, link: Any, words: str) -> None:
+    def linked(self, at: float, link: Link, words: str) -> None:
         self.session, _ = step(self.session, Linked(at, link, words))
         self._note({"type": "linked", "at": at, "link": link, "words": words})
 
@@ -211,5 +212,5 @@ def same(event: dict[str, Any], expected: dict[str, Any], seen: dict[str, Any]) 
     assert seen["fitted"] == expected["fitted"], kind
     assert (seen["points"] is None) == (expected["points"] is None), kind
     if expected["points"] is not None:
-        frames = [np.frombuffer(frame, "<f4") for frame in (expected["points"], b64decode(seen["points"]))]
-        np.testing.assert_array_equal(*frames, err_msg=str(kind))
+        wanted, frame = (np.frombuffer(each, "<f4") for each in (expected["points"], b64decode(seen["points"])))
+        np.testing.assert_array_equal(frame, wanted, err_msg=str(kind))

@@ -37,7 +37,10 @@ def _hidden(name: str) -> tuple[str, str]:
 
 
 EDITS: Final = (
-    ('<meta charset="utf-8">', f'<meta charset="utf-8">\n  <meta http-equiv="Content-Security-Policy" content="{CSP}">'),
+    (
+        '<meta charset="utf-8">',
+        f'<meta charset="utf-8">\n  <meta http-equiv="Content-Security-Policy" content="{CSP}">',
+    ),
     ("static/live.js", "static/standalone.js"),
     (
         '<link rel="stylesheet" href="static/page.css">',

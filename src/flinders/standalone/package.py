@@ -1,7 +1,7 @@
 """Writes the folder of the page that needs no program: static files that any host serves under any path.
 
->>> sorted(name for name in contents() if "/" not in name)
-['LICENSE', 'flinders.wasm', 'index.html', 'page.json', 'sw.js']
+>>> sorted(name for name in contents() if "." in name and "/" not in name)
+['flinders.wasm', 'index.html', 'page.json', 'sw.js']
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flinders.core.files import make_folder, write_bytes
-from flinders.errors import OutputError
+from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
 from flinders.native import build
 from flinders.report.html_file import asset, joined
@@ -59,6 +59,8 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
     ------
     OutputError
         Where the folder has other files and `force` is not given; where a file cannot be written.
+    NoEngine
+        Where the engine has to be compiled for browsers, and cannot be.
     """
     folder = Path(directory)
     _refuse_others(folder, force=force)
@@ -71,7 +73,7 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
 
 def _refuse_others(folder: Path, *, force: bool) -> None:
     """Raise where a folder has files, and they are not of a page."""
-    if force or not folder.exists() or not any(folder.iterdir()):
+    if force or not folder.is_dir() or not any(folder.iterdir()):
         return
     try:
         is_page = "flinders_page" in json.loads((folder / DATA).read_bytes())
@@ -86,12 +88,31 @@ def contents() -> dict[str, bytes]:
     files = {
         "index.html": index_page().encode(),
         DATA: json.dumps(page_data(), separators=(",", ":"), ensure_ascii=False).encode(),
-        "flinders.wasm": build.library(target=build.WEB).read_bytes(),
+        **_engine(),
         "LICENSE": licence().encode(),
+        **_of_others(),
         **{name: asset(path).encode() for name, path in ASSETS.items()},
         **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
     }
     return {**files, "sw.js": service_worker(files).encode()}
+
+
+def _engine() -> dict[str, bytes]:
+    """The engine for browsers, compiled where it is not there, and the licences of what was linked with it."""
+    try:
+        module = build.library(target=build.WEB)
+    except build.NoCompiler as error:
+        raise NoEngine(str(error)) from error
+    licences = {path.name: path.read_bytes() for path in module.parent.glob("LICENSE-*")}
+    return {"flinders.wasm": module.read_bytes(), **licences}
+
+
+def _of_others() -> dict[str, bytes]:
+    """The licence of three.js, where the 3-D view is there."""
+    try:
+        return {"LICENSE-three": asset("vendor/LICENSE").encode()}
+    except FileNotFoundError:
+        return {}
 
 
 def _script(entry: str, exported: tuple[str, ...]) -> bytes | None:
@@ -120,6 +141,7 @@ def service_worker(files: dict[str, bytes]) -> str:
     digest = hashlib.sha256()
     for name in sorted(files):
         digest.update(name.encode() + b"\0" + files[name] + b"\0")
-    names = ["./", *sorted(name for name in files if name not in (SCENE, "LICENSE", "index.html"))]
+    left_out = (SCENE, "index.html")
+    names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith("LICENSE"))]
     page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE}
     return f"const PAGE = {json.dumps(page)};\n{asset('standalone/sw.js')}"
