@@ -18,8 +18,8 @@ import msgspec
 from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
-from flinders.estimators import auto, level, outliers
 from flinders.estimators import data as readings
+from flinders.estimators import auto, level, outliers
 from flinders.findings import CATALOGUE, fit, limit_of
 from flinders.findings.causes import CAUSES
 from flinders.findings.conditions import OF_A_TUMBLE, stated
@@ -128,8 +128,7 @@ def data() -> dict[str, Any]:
         "informative": evaluation.INFORMATIVE,
         "other_units": evaluation.OTHER_UNITS,
         "poses": [
-            {"down": pose.down.tolist(), "words": pose.words, "effort": pose.effort}
-            for pose in guidance.POSES["sensor"]
+            {"down": pose.down.tolist(), "words": pose.words, "effort": pose.effort} for pose in guidance.POSES["sensor"]
         ],
         "cells": CELLS.tolist(),
         "bands": BANDS.tolist(),
