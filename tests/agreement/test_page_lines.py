@@ -41,8 +41,9 @@ const attempt = (read) => {
     }
 };
 const ofFile = ({ name, content }) => {
-    const { field, time, unit } = readLog(given, name, Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0)));
-    return { field: [...field], time: time && [...time], unit };
+    const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
+    const { field, time, unit, recorded } = readLog(given, name, bytes);
+    return { field: [...field], time: time && [...time], unit, recorded };
 };
 const ofWire = ({ pieces, later }) => {
     const reader = new LineReader(given);
@@ -52,11 +53,12 @@ const ofWire = ({ pieces, later }) => {
 return { files: given.files.map((file) => attempt(() => ofFile(file))), wires: given.wires.map(ofWire) };
 """
 COLUMNS: Final = (
-    "magADC[0]", "MAGNETIC FIELD Y (î¼T)", "gyro_z_dps", "Time (s)", "mag_x_cal", "mag1_x", "imu2.mag.x", "rm3100_y", "rm3100x",
-    "imu_mx", "Bx", "b_y", "hz", "x", "Y", "T_C", "t", "timestamp_us", "header.stamp.secs", "accel_x_mps2", "ax", "linear acc x",
-    "temperature", "temps", "current_A", "throttle_share", "motor1_current (mA)", "attitude_w", "igrf_total", "reference field (nT)",
-    "mag_ref_x", "unit_x", "mag_unit_x", "covariance_mag_x", "heading", "latitude", "field strength z", "constructor",
-    "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x", "angular_velocity.z", "day time", "elapsed (ms)", "",
+    "magADC[0]", "MAGNETIC FIELD Y (î¼T)", "gyro_z_dps", "Time (s)", "mag_x_cal", "mag1_x", "imu2.mag.x", "rm3100_y",
+    "rm3100x", "imu_mx", "Bx", "b_y", "hz", "x", "Y", "T_C", "t", "timestamp_us", "header.stamp.secs", "accel_x_mps2",
+    "ax", "linear acc x", "temperature", "temps", "current_A", "throttle_share", "motor1_current (mA)", "attitude_w",
+    "igrf_total", "reference field (nT)", "mag_ref_x", "unit_x", "mag_unit_x", "covariance_mag_x", "heading",
+    "latitude", "field strength z", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
+    "angular_velocity.z", "day time", "elapsed (ms)", "",
 )  # fmt: skip
 """Names of columns of many kinds, and of none."""
 
@@ -132,6 +134,7 @@ def test_a_dropped_text_gives_the_numbers_of_the_library(name: str, by_page: dic
         return
     assert found.get("field") == samples.field.ravel().tolist(), found.get("refusal")
     assert found["unit"] == samples.unit.inside
+    assert found["recorded"] == {"unit": samples.unit.name, "scale": samples.unit.scale}
     assert found["time"] == (None if samples.time is None else samples.time.tolist())
 
 

@@ -1,1 +1,1 @@
-"""The page that needs no program: a folder of static files, and the data that its JavaScript shares with Python."""
+"""The page that needs no program: static files, and the data that its JavaScript shares with this library."""

@@ -1,4 +1,4 @@
-"""Targets as templates: what each writer of `flinders.targets` makes of placeholders, cut where these are.
+r"""Targets as templates: what each writer of `flinders.targets` makes of placeholders, cut where these are.
 
 The writers remain the only source: a calibration whose numbers occur nowhere else goes through them, and each number in
 the text is looked up among the quantities and the formats that a target may use. A template is a list of texts and of
@@ -7,7 +7,7 @@ numbers of slots, and a slot says which quantity is written there, and how.
 >>> px4 = next(row for row in data()["rows"] if row["name"] == "px4")
 >>> template = px4["variants"]["uT known"]
 >>> [piece for piece in template["body"] if isinstance(piece, str)][0], data()["slots"][template["body"][1]]
-('1\\t1\\tCAL_MAG0_XOFF\\t', {'of': 'offset', 'at': 0, 'over': 100.0, 'sign': 1, 'format': 'general'})
+('1\t1\tCAL_MAG0_XOFF\t', {'of': 'offset', 'at': 0, 'over': 100.0, 'sign': 1, 'format': 'general'})
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from flinders.arrays import Floats
+    from flinders.core.calibration_file import Rotation
     from flinders.targets import Export, Target
 
 NAMES: Final = (
@@ -51,7 +52,7 @@ MATRIX: Final = np.array(
 )  # fmt: skip
 SKEW: Final = 1e-5 * np.array([[0.0, 0.0, 0.0], [3.1728394, 0.0, 0.0], [-5.9182736, 7.1928374, 0.0]])
 """Added where a target holds any matrix, so that rows and columns are told apart."""
-OFFSET: Final = (12.345678912, -23.192837465, 34.564738291)
+OFFSET: Final = np.array([12.345678912, -23.192837465, 34.564738291])
 STRENGTH: Final = 47.123584967
 SCALE: Final = 0.7310585786
 """Of the recorded unit that stands for any. All of these are placeholders."""
@@ -133,7 +134,9 @@ def _row(target: Target, slots: _Slots) -> dict[str, Any]:
 
 def _variants(target: Target) -> Iterator[tuple[str, Calibration]]:
     """Calibrations that are written differently: by their unit, and by whether the field strength is known."""
-    matrix, rotation = (MATRIX + SKEW, "composed") if target.keeps == "all" else (MATRIX, "symmetric")
+    is_any = target.keeps == "all"
+    matrix: Floats = MATRIX + SKEW if is_any else MATRIX
+    rotation: Rotation = "composed" if is_any else "symmetric"
     units = {MICROTESLA: Unit(RECORDED, SCALE, MICROTESLA), COUNTS: Unit.of(COUNTS)}
     for (name, raw), known in product(units.items(), (False, True)):
         words = "known" if known else "relative"

@@ -21,9 +21,13 @@ import { Tables, Unreadable } from "./tables.js";
  */
 
 /**
+ * The unit of what is printed, and what one of it is in the unit of the readings.
+ * @typedef {{unit: string, scale: number}} Recorded
+ */
+
+/**
  * A log: (3N) field in `unit`, (N) times in s or null, and what was recognised.
- * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
- *     words: string[]}} Log
+ * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", recorded: Recorded, words: string[]}} Log
  */
 
 /** Bytes of a log; a larger one takes the command line. */
@@ -38,7 +42,7 @@ const REMEMBERED = 20;
  * @typedef {object} Form
  * @property {string} words
  * @property {"uT" | "counts"} unit
- * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
+ * @property {Recorded} recorded
  * @property {boolean} isTimed
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
@@ -135,16 +139,16 @@ class Language {
             if (error instanceof Unreadable) return null;
             throw error;
         }
-        const { delimiter, decimal, width, header, columns } = layout;
+        const { delimiter, decimal, width, header } = layout;
         const nameless = width === 3 ? ["x", "y", "z"] : Array.from({ length: width }, (_, i) => `${i + 1}`);
         /** @type {Dialect} */
         const rows = {
             words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
             names: header.length ? header : nameless,
-            row: (line) => (this.cells(line, layout) ?? null) && this.prints.split(line, delimiter).slice(0, width || undefined).map((cell) => cell.trim().replace(decimal, ".")),
+            row: (line) => this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined).map((cell) => cell.trim().replace(decimal, ".")),
             fresh: () => rows,
         };
-        return columns ? rows : null;
+        return rows;
     }
 
     /**
@@ -205,7 +209,7 @@ class Language {
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
-            raw: { unit, scale },
+            recorded: { unit, scale },
             isTimed: time !== null,
             reading: (line) => {
                 const row = numbers(line);
@@ -263,9 +267,9 @@ export class LineReader {
         return this.form?.unit ?? "";
     }
 
-    /** The recorded unit, and what one of it is in `unit`. */
-    get raw() {
-        return this.form?.raw ?? { unit: this.unit, scale: 1 };
+    /** The unit of what is printed; null while it is not known. */
+    get recorded() {
+        return this.form?.recorded ?? null;
     }
 
     /** How lines are written, for people; empty while that is not known. */
@@ -433,7 +437,7 @@ export function readLog(data, name, bytes) {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
-        raw: form.raw,
+        recorded: form.recorded,
         words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
     };
 }

@@ -1,6 +1,6 @@
 /** What names of columns say: which sensor, axis and unit. The rows are those of `readers/_names.py`. */
 
-import { ahead, every, largest, replaced, stripped, strippedStart, whole } from "./patterns.js";
+import { ahead, every, largest, replaced, strippedStart, whole } from "./patterns.js";
 
 /** @typedef {import("./patterns.js").Constants} Constants */
 /** @typedef {import("./patterns.js").Rules} Rules */
