@@ -257,10 +257,24 @@ export function directionError(surface, covariance) {
  */
 export function tileErrorsDeg(surface, covariance, dipDeg, directions) {
     return directions.map((u) => {
-        const rows = directionRows(surface, u).flat();
-        const carried = multiply(multiply(rows, covariance, 3, 9, 9), transposed(rows, 3, 9), 3, 9, 3);
-        return (DEG * Math.sqrt(Math.max(eigen(carried, 3).values[2], 0))) / Math.cos(dipDeg / DEG);
+        const rows = directionRows(surface, u);
+        return (DEG * Math.sqrt(largestAcross(rows, covariance))) / Math.cos(dipDeg / DEG);
     });
+}
+
+/**
+ * Largest eigenvalue of G C Gᵀ for three rows of G that have only two directions: its other ones are one, and zero.
+ * @param {number[][]} rows
+ * @param {Numbers} covariance
+ * @returns {number}
+ */
+function largestAcross([a, b, c], covariance) {
+    const [ofA, ofB] = [multiply(a, covariance, 1, 9, 9), multiply(b, covariance, 1, 9, 9)];
+    const [aa, bb, cc] = [dot(a, ofA), dot(b, ofB), variance(c, covariance)];
+    const [ab, ac, bc] = [dot(b, ofA), dot(c, ofA), dot(c, ofB)];
+    const half = (aa + bb + cc) / 2;
+    const minors = aa * bb - ab * ab + aa * cc - ac * ac + bb * cc - bc * bc;
+    return Math.max(half + Math.sqrt(Math.max(half * half - minors, 0)), 0);
 }
 
 /**
