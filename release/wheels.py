@@ -153,9 +153,12 @@ def inspect_wheel(wheel: Path, tag: str, target: build.Platform) -> list[str]:
     with zipfile.ZipFile(wheel) as opened, tempfile.TemporaryDirectory() as folder:
         compiled = {Path(name).name: name for name in opened.namelist() if "/native/compiled/" in name}
         licences = {name for name in compiled if name.startswith("LICENSE")}
-        libraries = sorted(set(compiled) - licences)
+        modules = {name for name in compiled if name.endswith(".wasm")}
+        libraries = sorted(set(compiled) - licences - modules)
         wrong = [] if len(libraries) == 1 else [f"it has {len(libraries)} libraries, and has to have one"]
-        wanted = {"LICENSE-zig", *(["LICENSE-mingw-w64"] if target.system == "win32" else [])}
+        wrong += [] if len(modules) == 1 else [f"it has {len(modules)} WebAssembly modules, and has to have one"]
+        own = ["LICENSE-mingw-w64"] if target.system == "win32" else []
+        wanted = {"LICENSE-zig", "LICENSE-wasi-libc", *own}
         wrong += [f"it lacks {name}, the licence of what zig links" for name in sorted(wanted - licences)]
         wrong += [] if f"-py3-none-{tag}." in wheel.name else [f"its name does not say {tag}"]
         for name in libraries:

@@ -84,7 +84,8 @@ class Platform(NamedTuple):
     def options(self) -> list[str]:
         """Options of the compiler that belong to the platform."""
         position = [] if self.system in ("win32", "wasi") else ["-fPIC"]
-        return [*position, *(["-DFL_WITH_AVX2"] if self.machine == "x86_64" else [])]
+        wide = {"x86_64": ["-DFL_WITH_AVX2"], "wasm32": ["-msimd128"]}
+        return [*position, *wide.get(self.machine, [])]
 
     def link_options(self, name: str) -> list[str]:
         """Options of the linker that belong to the platform, for a library of this name."""

@@ -14,8 +14,10 @@ import { apply } from "./linear.js";
 export function corrected(field, { centre, inverse }) {
     const out = new Float64Array(field.length);
     for (let i = 0; i < field.length; i += 3) {
-        const local = [field[i] - centre[0], field[i + 1] - centre[1], field[i + 2] - centre[2]];
-        out.set(apply(inverse, local), i);
+        const [x, y, z] = apply(inverse, [field[i] - centre[0], field[i + 1] - centre[1], field[i + 2] - centre[2]]);
+        out[i] = x;
+        out[i + 1] = y;
+        out[i + 2] = z;
     }
     return out;
 }
@@ -55,24 +57,28 @@ function cellOf(x, y, z, bands) {
  */
 export function tileCounts(vectors, centres) {
     const counts = new Array(centres.length / 3).fill(0);
-    for (let i = 0; i < vectors.length; i += 3) counts[tileOf(vectors, i, centres)]++;
+    const packed = Float64Array.from(centres);
+    for (let i = 0; i < vectors.length; i += 3) counts[tileOf(vectors[i], vectors[i + 1], vectors[i + 2], packed)]++;
     return counts;
 }
 
 /**
- * @param {Float64Array} vectors
- * @param {number} at
- * @param {number[]} centres
+ * @param {number} x
+ * @param {number} y
+ * @param {number} z
+ * @param {Float64Array} centres
  * @returns {number}
  */
-function tileOf(vectors, at, centres) {
-    const [x, y, z] = [vectors[at], vectors[at + 1], vectors[at + 2]];
-    let [nearest, largest] = [0, -Infinity];
-    for (let tile = 0; tile < centres.length; tile += 3) {
-        const cosine = x * centres[tile] + y * centres[tile + 1] + z * centres[tile + 2];
-        if (cosine > largest) [nearest, largest] = [tile / 3, cosine];
+function tileOf(x, y, z, centres) {
+    let nearest = 0;
+    let largest = -Infinity;
+    for (let at = 0; at < centres.length; at += 3) {
+        const cosine = x * centres[at] + y * centres[at + 1] + z * centres[at + 2];
+        if (cosine <= largest) continue;
+        largest = cosine;
+        nearest = at;
     }
-    return nearest;
+    return nearest / 3;
 }
 
 /**

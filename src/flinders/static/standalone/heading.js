@@ -43,19 +43,18 @@ export function surfaceOf(centre, shape) {
 
 /**
  * Coefficients of v·δb + vᵀ δS u in the nine parameters.
- * @param {Numbers} v
- * @param {Numbers} u
+ * @param {number[]} v
+ * @param {number[]} u
  * @returns {number[]}
  */
-export function gathered(v, u) {
-    const products = ENTRIES.map(([i, j]) => (i === j ? v[i] * u[i] : v[i] * u[j] + v[j] * u[i]));
-    return [v[0], v[1], v[2], ...products];
+export function gathered([v0, v1, v2], [u0, u1, u2]) {
+    return [v0, v1, v2, v0 * u0, v1 * u1, v2 * u2, v0 * u1 + v1 * u0, v0 * u2 + v2 * u0, v1 * u2 + v2 * u1];
 }
 
 /**
  * Jacobian of the distance from the surface, at a unit direction.
  * @param {Surface} surface
- * @param {Numbers} direction
+ * @param {number[]} direction
  * @returns {number[]}
  */
 export function jacobian(surface, direction) {
@@ -144,12 +143,14 @@ export function withStructure({ matrix }, covariance, sigma) {
 export function tiltedError(surface, covariance, dipDeg, tiltDeg) {
     const { mean } = levelRows(surface, dipDeg);
     const turn = levelTurn(dipDeg);
-    const variances = tiltsBack(tiltDeg / DEG).flatMap((back) =>
-        turn.map(({ field, across }) => {
-            const row = gathered(apply(surface.inverse, apply(back, across)), apply(back, field));
-            return variance(row.map((part, i) => part - mean[i]), covariance);
-        }),
-    );
+    const variances = tiltsBack(tiltDeg / DEG).flatMap((back) => {
+        const bend = multiply(surface.inverse, back, 3, 3, 3);
+        return turn.map(({ field, across }) => {
+            const row = gathered(apply(bend, across), apply(back, field));
+            for (let i = 0; i < row.length; i++) row[i] -= mean[i];
+            return variance(row, covariance);
+        });
+    });
     return inDegrees(variances);
 }
 
@@ -223,7 +224,7 @@ function fibonacci(count) {
 /**
  * How the direction of the corrected field changes with each parameter: three rows, those of (1 − uuᵀ) S⁻¹.
  * @param {Surface} surface
- * @param {Numbers} u
+ * @param {number[]} u
  * @returns {number[][]}
  */
 export function directionRows(surface, u) {
@@ -256,10 +257,24 @@ export function directionError(surface, covariance) {
  */
 export function tileErrorsDeg(surface, covariance, dipDeg, directions) {
     return directions.map((u) => {
-        const rows = directionRows(surface, u).flat();
-        const carried = multiply(multiply(rows, covariance, 3, 9, 9), transposed(rows, 3, 9), 3, 9, 3);
-        return (DEG * Math.sqrt(Math.max(eigen(carried, 3).values[2], 0))) / Math.cos(dipDeg / DEG);
+        const rows = directionRows(surface, u);
+        return (DEG * Math.sqrt(largestAcross(rows, covariance))) / Math.cos(dipDeg / DEG);
     });
+}
+
+/**
+ * Largest eigenvalue of G C Gᵀ for three rows of G that have only two directions: its other ones are one, and zero.
+ * @param {number[][]} rows
+ * @param {Numbers} covariance
+ * @returns {number}
+ */
+function largestAcross([a, b, c], covariance) {
+    const [ofA, ofB] = [multiply(a, covariance, 1, 9, 9), multiply(b, covariance, 1, 9, 9)];
+    const [aa, bb, cc] = [dot(a, ofA), dot(b, ofB), variance(c, covariance)];
+    const [ab, ac, bc] = [dot(b, ofA), dot(c, ofA), dot(c, ofB)];
+    const half = (aa + bb + cc) / 2;
+    const minors = aa * bb - ab * ab + aa * cc - ac * ac + bb * cc - bc * bc;
+    return Math.max(half + Math.sqrt(Math.max(half * half - minors, 0)), 0);
 }
 
 /**

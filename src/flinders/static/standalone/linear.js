@@ -48,7 +48,8 @@ export function inverse3(m) {
  * @returns {number[]}
  */
 export function apply(m, v) {
-    return [0, 3, 6].map((row) => m[row] * v[0] + m[row + 1] * v[1] + m[row + 2] * v[2]);
+    const [x, y, z] = [v[0], v[1], v[2]];
+    return [m[0] * x + m[1] * y + m[2] * z, m[3] * x + m[4] * y + m[5] * z, m[6] * x + m[7] * y + m[8] * z];
 }
 
 /**
