@@ -31,7 +31,8 @@ PIECE: Final = 37  # Bytes that arrive together
 LATER_S: Final = 0.02
 LARGEST: Final = 2 << 20  # Bytes of a recording that is compared
 PROGRAM: Final = """
-const { readLog, LineReader, Unreadable } = await load("lines.js");
+const { readLog, LineReader } = await load("lines.js");
+const { Unreadable } = await load("tables.js");
 const attempt = (read) => {
     try {
         return read();
