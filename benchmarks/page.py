@@ -49,7 +49,7 @@ FIT: Final = """async (count) => {
 
 def wire() -> dict[str, int]:
     """Bytes of each file of a first visit, and of the 3-D view, as gzip packs them."""
-    return {name: len(gzip.compress(content)) for name, content in package.contents().items() if name != "LICENSE"}
+    return {name: len(gzip.compress(content)) for name, content in package.contents().items() if "LICENSE" not in name}
 
 
 def paint_ms(browser: Browser, site: Site) -> float:

@@ -158,6 +158,15 @@ def test_what_the_page_cannot_read_is_refused_with_advice(visitor: Visitor) -> N
     expect(page.locator("#source-name")).to_have_text("pasted text")
 
 
+def test_an_engine_that_does_not_come_is_said(visitor: Visitor) -> None:
+    context = visitor.context()
+    context.route("**/flinders.wasm", lambda route: route.fulfill(status=404))
+    page = visitor.page(context)
+    pasted(page, log_of(TUMBLE.field[:200]))
+    expect(page.locator("#phase-words")).to_contain_text("could not be fitted in this browser")
+    visitor.forgive(404)
+
+
 READ_EACH: Final = """async (shapes) => {
     const { connection } = flinders;
     const until = async (isSo) => { while (!isSo()) await new Promise((done) => setTimeout(done, 5)); };

@@ -48,7 +48,7 @@ EDITS: Final = (
     ),
     ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
     ('<main class="board">', '<main class="board">\n    {start}'),
-    *map(_hidden, ("save-report", "send", "place", "previous-title", "previous-row")),
+    *map(_hidden, ("open", "save-report", "send", "place", "previous-title", "previous-row")),
     ("the dip is assumed: give it, or the place", "the dip is assumed: look it up for your place, and type it"),
     ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
     ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),

@@ -98,5 +98,5 @@ export class Choice {
 
 /** How fast the simulation is, as `?speed=` of the address says. */
 function speed() {
-    return Number(new URLSearchParams(window.location.search).get("speed")) || 1;
+    return Math.max(Number(new URLSearchParams(window.location.search).get("speed")), 0) || 1;
 }

@@ -16,7 +16,7 @@ export class Fitter {
         this.asked = 0;
         this.failure = "";
         this.worker = new Worker(script, { type: "module" });
-        this.worker.addEventListener("message", ({ data: { number, evaluated, seconds } }) => this.#done(number, { evaluated, seconds }));
+        this.worker.addEventListener("message", ({ data }) => this.#answered(data));
         this.worker.addEventListener("error", (event) => this.#fail(event.message || "its script cannot be loaded"));
         this.worker.postMessage({ address, data });
     }
@@ -35,20 +35,25 @@ export class Fitter {
         });
     }
 
-    /**
-     * @param {number} number
-     * @param {Timed} timed
-     */
-    #done(number, timed) {
-        this.running.get(number)?.done(timed);
+    /** @param {{number: number, fault?: string} & Timed} answer */
+    #answered({ number, fault, evaluated, seconds }) {
+        const asked = this.running.get(number);
+        if (!asked) return;
         this.running.delete(number);
+        asked.done(fault === undefined ? { evaluated, seconds } : refused(asked.task, faultOf(fault)));
     }
 
-    /** @param {string} words */
+    /** @param {string} words  why the worker cannot run */
     #fail(words) {
-        this.failure = `the engine does not run in this browser (${words}): load the page again, or use flinders calibrate`;
-        for (const [number, { task }] of this.running) this.#done(number, refused(task, this.failure));
+        this.failure = faultOf(words);
+        for (const { task, done } of this.running.values()) done(refused(task, this.failure));
+        this.running.clear();
     }
+}
+
+/** @param {string} words @returns {string} What to say of a fault that is none of the readings. */
+function faultOf(words) {
+    return `these readings could not be fitted in this browser (${words}): save them, and use flinders calibrate`;
 }
 
 /**

@@ -19,6 +19,8 @@ export class Keeper {
         /** @type {Kept[]} */
         this.waiting = [];
         this.timer = 0;
+        /** Called where the browser has no more room. */
+        this.onFull = () => {};
     }
 
     /** @returns {Promise<Keeper>} */
@@ -55,7 +57,12 @@ export class Keeper {
         const { waiting } = this;
         this.waiting = [];
         if (!this.database || waiting.length === 0) return;
-        this.database.transaction(NAME, "readwrite").objectStore(NAME).add(united(waiting));
+        const transaction = this.database.transaction(NAME, "readwrite");
+        transaction.objectStore(NAME).add(united(waiting));
+        transaction.addEventListener("abort", () => {
+            this.database = null;
+            this.onFull();
+        });
     }
 
     /** Forget all of them. */

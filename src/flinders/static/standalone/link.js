@@ -80,6 +80,10 @@ export class OwnLink {
         this.saved = 0;
         /** Called where the source is another, or a log was opened. */
         this.onChange = () => {};
+        keeper.onFull = () => {
+            this.session.recording = "";
+            this.tell("This browser has no room to keep more readings: save them with Finish, Readings.", "error");
+        };
         queueMicrotask(() => this.renew());
         window.setInterval(() => this.step(), TICK_MS);
     }

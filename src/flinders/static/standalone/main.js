@@ -1,6 +1,7 @@
 /** The page that needs no program: its session is its own, and it begins with a choice of where readings come from. */
 
 import { start } from "../app.js";
+import { byId, setText } from "../dom.js";
 import { Choice } from "./choice.js";
 import { Fitter } from "./fitter.js";
 import { Keeper } from "./keeper.js";
@@ -11,6 +12,7 @@ const address = (path) => new URL(path, document.baseURI).href;
 
 async function begin() {
     const answer = await fetch(address("page.json"));
+    if (!answer.ok) throw new Error(`page.json gave ${answer.status}`);
     const data = /** @type {import("./link.js").PageData} */ (await answer.json());
     const keeper = await Keeper.open();
     const fitter = new Fitter(address("static/worker.js"), address("flinders.wasm"), data.engine);
@@ -41,4 +43,12 @@ function guard(link, keeper) {
     window.addEventListener("pagehide", () => keeper.write());
 }
 
-begin();
+/** @param {unknown} error  why there is no page */
+function failed(error) {
+    const words = error instanceof Error ? error.message : String(error);
+    byId("lost", HTMLElement).hidden = false;
+    setText(byId("lost-words", HTMLElement), `This page could not be loaded: ${words}.`);
+    byId("retry", HTMLElement).addEventListener("click", () => window.location.reload());
+}
+
+begin().catch(failed);

@@ -29,6 +29,7 @@ import { LineReader } from "./lines.js";
  * @property {(options: {baudRate: number, bufferSize?: number}) => Promise<void>} open
  * @property {() => Promise<void>} close
  * @property {ReadableStream<Uint8Array> | null} readable
+ * @property {() => object} [getInfo]  whose device it is
  */
 
 /** @typedef {EventTarget & {requestPort: () => Promise<Port>}} Serial */
@@ -140,13 +141,14 @@ export class Board {
      * @param {Port} port
      */
     async again(port) {
-        if (this.isStopped || this.port.readable) return;
+        const isSame = JSON.stringify(port.getInfo?.()) === JSON.stringify(this.port.getInfo?.());
+        if (this.isStopped || this.port.readable || !isSame) return;
         this.port = port;
         this.lines = new LineReader(this.data);
         try {
             await port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });
         } catch {
-            return; // another device: its turn comes with the next one
+            return; // not ready yet, or taken by another program: it can be chosen anew
         }
         this.feed?.link("connected", "the board is back");
         this.read();

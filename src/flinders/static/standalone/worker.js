@@ -21,10 +21,17 @@ async function begun({ address, data }) {
     return { engine: await loadEngine(new URL(address), data.layouts), data };
 }
 
-/** @param {Fit} fit */
+/**
+ * The answer to a task; a fault of ours, or of the browser, is words.
+ * @param {Fit} fit
+ */
 async function answered({ number, task }) {
-    const { engine, data } = await ready;
-    const begin = performance.now();
-    const evaluated = { ...evaluate(engine, data, task), key: task.key };
-    return { number, evaluated, seconds: (performance.now() - begin) / 1000 };
+    try {
+        const { engine, data } = await ready;
+        const begin = performance.now();
+        const evaluated = { ...evaluate(engine, data, task), key: task.key };
+        return { number, evaluated, seconds: (performance.now() - begin) / 1000 };
+    } catch (error) {
+        return { number, fault: String(error) };
+    }
 }
