@@ -266,6 +266,9 @@ const WORDS = {
     often: ({ statistics: { backwardSteps: times } }) => (times === 1 ? "once" : `${grouped(times)} times`),
 };
 
+/** Words that sentences may take, beside the quantities. */
+export const NAMES = Object.keys(WORDS);
+
 /**
  * A word of a sentence.
  * @param {Fit} fit
