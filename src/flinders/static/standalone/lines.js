@@ -11,8 +11,6 @@ import { revived, whole } from "./patterns.js";
 import { Prints } from "./printed.js";
 import { Tables, Unreadable } from "./tables.js";
 
-export { Unreadable };
-
 /** @typedef {import("./dialects.js").Dialect} Dialect */
 /** @typedef {import("./patterns.js").Rules} Rules */
 /** @typedef {import("./tables.js").Columns} Columns */
@@ -23,13 +21,9 @@ export { Unreadable };
  */
 
 /**
- * The unit of what is printed, and what one of it is in the unit of the readings.
- * @typedef {{unit: string, scale: number}} Recorded
- */
-
-/**
  * A log: (3N) field in `unit`, (N) times in s or null, and what was recognised.
- * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", recorded: Recorded, words: string[]}} Log
+ * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
+ *     words: string[]}} Log
  */
 
 /** Bytes of a log; a larger one takes the command line. */
@@ -44,7 +38,7 @@ const REMEMBERED = 20;
  * @typedef {object} Form
  * @property {string} words
  * @property {"uT" | "counts"} unit
- * @property {Recorded} recorded
+ * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
  * @property {boolean} isTimed
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
@@ -211,7 +205,7 @@ class Language {
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
-            recorded: { unit, scale },
+            raw: { unit, scale },
             isTimed: time !== null,
             reading: (line) => {
                 const row = numbers(line);
@@ -269,9 +263,9 @@ export class LineReader {
         return this.form?.unit ?? "";
     }
 
-    /** The unit of what is printed; null while it is not known. */
-    get recorded() {
-        return this.form?.recorded ?? null;
+    /** The recorded unit, and what one of it is in `unit`. */
+    get raw() {
+        return this.form?.raw ?? { unit: this.unit, scale: 1 };
     }
 
     /** How lines are written, for people; empty while that is not known. */
@@ -439,7 +433,7 @@ export function readLog(data, name, bytes) {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
-        recorded: form.recorded,
+        raw: form.raw,
         words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
     };
 }
