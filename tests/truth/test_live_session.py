@@ -308,7 +308,7 @@ def renewed(sensor: simulate.Sensor, earlier: Fit = EARLIER, **changes: object) 
 
 
 def test_the_hard_iron_of_an_earlier_calibration_is_renewed_by_a_wobble() -> None:
-    moved = replace(VEHICLE, offset=VEHICLE.offset + [6.0, 0.0, -8.0])
+    moved = replace(VEHICLE, offset=VEHICLE.offset + np.array([6.0, 0.0, -8.0]))
     session, afresh = renewed(moved), after(simulate.tumble(seed=3, motion="wobble", n=600, sensor=moved).samples)
     shown, fit = session_state(session), session.shown.evaluated.fit
     assert (shown.phase, shown.refreshing) == ("good", True)
@@ -338,7 +338,7 @@ def test_renewing_needs_an_earlier_calibration_that_can_be_renewed() -> None:
         step(LiveSession(source=SENSOR), asked)
     flat = replace(calibrate.fit(simulate.tumble(seed=1, motion="level").samples), name="flat.json")
     session, _ = step(LiveSession(source=SENSOR), GotPrevious(0.0, flat))
-    with pytest.raises(UsageError, match="flat.json comes from a level turn"):
+    with pytest.raises(UsageError, match=r"flat\.json comes from a level turn"):
         step(session, asked)
     other, _ = step(renewed(VEHICLE), GotPrevious(99.0, EARLIER))
     assert not session_state(other).refreshing
@@ -346,7 +346,7 @@ def test_renewing_needs_an_earlier_calibration_that_can_be_renewed() -> None:
 
 def test_a_renewed_calibration_of_another_unit_is_refused_in_words() -> None:
     counts = replace(EARLIER, calibration=replace(EARLIER.calibration, raw=Unit.of("counts")))
-    with pytest.raises(UnitError, match="monday.json is for readings in counts"):
+    with pytest.raises(UnitError, match=r"monday\.json is for readings in counts"):
         renewed(VEHICLE, counts)
 
 

@@ -321,8 +321,9 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
 
 def _renewed(refreshed: Refreshed, unit: str) -> PreviousState:
     """What has changed since the calibration that is renewed."""
-    change, worst = (figures(value) for value in (norm(refreshed.offset_change), refreshed.heading_change_deg))
-    words = f"its soft iron is kept; the offset has moved by {change} {unit}, which turns headings by up to {worst}°"
+    moved = f"{figures(float(norm(refreshed.offset_change)))} {unit}"
+    worst = f"{figures(refreshed.heading_change_deg)}°"
+    words = f"its soft iron is kept; the offset has moved by {moved}, which turns headings by up to {worst}"
     return PreviousState(refreshed.previous, refreshed.heading_change_deg, words)
 
 
