@@ -43,8 +43,8 @@ const attempt = (read) => {
 };
 const ofFile = ({ name, content }) => {
     const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
-    const { field, time, unit, recorded } = readLog(given, name, bytes);
-    return { field: [...field], time: time && [...time], unit, recorded };
+    const { field, time, unit, raw } = readLog(given, name, bytes);
+    return { field: [...field], time: time && [...time], unit, raw };
 };
 const ofWire = ({ pieces, later }) => {
     const reader = new LineReader(given);
@@ -135,7 +135,7 @@ def test_a_dropped_text_gives_the_numbers_of_the_library(name: str, by_page: dic
         return
     assert found.get("field") == samples.field.ravel().tolist(), found.get("refusal")
     assert found["unit"] == samples.unit.inside
-    assert found["recorded"] == {"unit": samples.unit.name, "scale": samples.unit.scale}
+    assert found["raw"] == {"unit": samples.unit.name, "scale": samples.unit.scale}
     assert found["time"] == (None if samples.time is None else samples.time.tolist())
 
 

@@ -24,6 +24,7 @@ import numpy.testing as npt
 import pytest
 from tests.feeding import UdpBoard, free_port, recorded
 from tests.flight_log import dataflash
+from tests.program import flinders_
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
@@ -359,3 +360,8 @@ def test_another_site_gets_no_socket(start: Start, tmp_path: Path) -> None:
     with pytest.raises(urllib.error.HTTPError, match="403") as refused:
         urllib.request.urlopen(request, timeout=PATIENCE_S)
     refused.value.close()
+
+
+def test_a_refresh_needs_a_calibration_to_renew() -> None:
+    ended = flinders_("live", "--simulate", "--refresh")
+    assert (ended.code, "name its file with --previous" in ended.said) == (2, True)

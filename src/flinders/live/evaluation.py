@@ -24,22 +24,25 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
+from numpy.linalg import norm
 
 from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import SourceFile
 from flinders.core.samples import CountedRecording, Samples
-from flinders.core.units import EARTH_UT, MICROTESLA
+from flinders.core.units import EARTH_UT, MICROTESLA, label
 from flinders.errors import FitError, FlindersError, UnreadableInput, counted, figures
 from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit as fit_samples
+from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
 from flinders.heading import path_planning
 from flinders.live.messages import PreviousState, Reason
-from flinders.live.session import Evaluated, used_readings
+from flinders.live.session import FITTED, REFRESHED, Evaluated, used_readings
 from flinders.live.session_file import Edits, TrimmedRecording
 from flinders.readers import open_recording
 from flinders.report.view import GuidanceView, Shown, view
@@ -52,6 +55,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
+    from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators.outliers import Outlier
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
@@ -101,7 +105,7 @@ INFORMATIVE: Final = ("stale-repeats", "mirrored-axes")
 
 def evaluate(session: LiveSession) -> Evaluated:
     """Fit what a session shows and look at what came out."""
-    samples, numbers = used_readings(session)
+    samples, numbers = used_readings(session, FITTED if session.renewed is None else REFRESHED)
     fit, refusal, code = _fitted(session, samples)
     page_view = None
     if fit is not None:
@@ -138,9 +142,10 @@ def _beyond_level(page_view: View, fit: Fit) -> View:
 
 
 def _fit(session: LiveSession, recording: Recording) -> Fit:
-    """Fit readings of what is shown, at its site."""
-    site = session.shown.site
-    return fit_samples(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=site)
+    """Fit readings of what is shown, at its site; with the soft iron from before where that is renewed."""
+    renewed = session.renewed
+    fitted = fit_samples if renewed is None else partial(refresh, previous=renewed)
+    return fitted(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=session.shown.site)
 
 
 def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, str]:
@@ -304,6 +309,8 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
         return None
     if fit is None or fit.verdict == "refused":
         return PreviousState(previous.name, None, "nothing to compare with yet")
+    if fit.refreshed is not None:
+        return _renewed(fit.refreshed, label(fit.calibration.unit))
     try:
         apart = compare(previous, replace(fit, name="this one"), dip_deg=fit.dip_deg, target_deg=session.target_deg)
     except FlindersError as error:
@@ -316,6 +323,14 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     }[apart.verdict]
     difference = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
     return PreviousState(previous.name, worst, f"{meaning} ({difference} of heading at the worst)")
+
+
+def _renewed(refreshed: Refreshed, unit: str) -> PreviousState:
+    """What has changed since the calibration that is renewed."""
+    moved = f"{figures(float(norm(refreshed.offset_change)))} {unit}"
+    worst = f"{figures(refreshed.heading_change_deg)}°"
+    words = f"its soft iron is kept; the offset has moved by {moved}, which turns headings by up to {worst}"
+    return PreviousState(refreshed.previous, refreshed.heading_change_deg, words)
 
 
 KNOWN_DEG: Final = 10.0  # A fit that is farther off than this in some direction is asked for none
@@ -421,16 +436,17 @@ def finished(session: LiveSession, path: Path | None, reading: dict[str, Any]) -
     log, what is in memory is all.
     """
     key, name = session.shown.key, session.opened_name or session.source.name
+    earlier = () if session.renewed is None else session.renewed.files
     if session.opened is not None or path is None:
         samples = used_readings(session, None)[0]
-        return Finished(key, name, samples, _outcome(session, samples))
+        return Finished(key, name, samples, _outcome(session, samples), earlier)
     try:
         file = open_recording(path, **reading)
     except FlindersError as error:
         return Finished(key, path.name, used_readings(session, None)[0], _nothing_yet(error))
     counting = CountedRecording(TrimmedRecording(file, Edits.of(session).left_out))
     outcome = _outcome(session, counting)
-    return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows),))
+    return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows), *earlier))
 
 
 def _nothing_yet(error: FlindersError) -> FlindersError:

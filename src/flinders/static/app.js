@@ -591,6 +591,7 @@ onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whol
 onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
+onClick("refresh", () => send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked }));
 for (const button of document.querySelectorAll("dialog .shut")) {
     button.addEventListener("click", () => button.closest("dialog")?.close());
 }

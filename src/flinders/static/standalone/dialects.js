@@ -167,7 +167,9 @@ export function jsonLines(prints, rules, lines) {
     for (const record of lines.map(recordOf)) {
         if (record === null) continue;
         const values = Array.isArray(record) ? record : [...flat(record).values()];
-        const numbers = values.filter((value) => typeof value === "number" || (typeof value === "string" && value && prints.number(value) !== null));
+        const isNumber = (/** @type {any} */ value) =>
+            typeof value === "number" || (typeof value === "string" && value !== "" && prints.number(value) !== null);
+        const numbers = values.filter(isNumber);
         if (numbers.length >= rules.LEAST) keys.push(Array.isArray(record) ? "" : [...flat(record).keys()].join("\n"));
     }
     const counts = counted(keys);
@@ -319,7 +321,8 @@ class Hexadecimal {
  */
 export function hexadecimal(rules, lines, behind) {
     for (const word of /** @type {RegExp[]} */ (Object.values(rules.WORDS))) {
-        const rows = lines.map((line) => every(word, line).map((match) => match[0])).filter((words) => words.length >= rules.LEAST);
+        const wordsOf = (/** @type {string} */ line) => every(word, line).map((match) => match[0]);
+        const rows = lines.map(wordsOf).filter((words) => words.length >= rules.LEAST);
         const lettered = rows.filter((words) => !words.every((each) => /^\d+$/.test(each)));
         if (!lettered.length || lettered.length < rules.LETTERED * rows.length) continue;
         const count = hexadecimalWords(rules, rows);
@@ -461,7 +464,10 @@ export function labelled(prints, rules, lines, isMarked) {
     const total = [...ofThree.values()].reduce((sum, count) => sum + count, 0);
     if (closing !== null && (counts.get(closing) ?? 0) < LEAST_SHARE * total) return null;
     const most = Math.max(0, ...kinds.filter((kind) => kind.trim()).map((kind) => counts.get(kind) ?? 0));
-    const form = closing === null ? axisByAxis(prints, rules, often(Math.max(OFTEN * most, enough))) : lineByLine(prints, rules, closing, counts, read);
+    const form =
+        closing === null
+            ? axisByAxis(prints, rules, often(Math.max(OFTEN * most, enough)))
+            : lineByLine(prints, rules, closing, counts, read);
     if (!form) return isMarked ? null : byPlace(prints, rules, read, Math.max(enough, OFTEN * filled.length));
     const headings = filled.filter((line) => heading.isHeading(line)).length;
     return new Labelled(prints, rules, { ...form, hasHeadings: 2 * headings > (counts.get(form.closing) ?? 0) });

@@ -21,13 +21,9 @@ import { Tables, Unreadable } from "./tables.js";
  */
 
 /**
- * The unit of what is printed, and what one of it is in the unit of the readings.
- * @typedef {{unit: string, scale: number}} Recorded
- */
-
-/**
  * A log: (3N) field in `unit`, (N) times in s or null, and what was recognised.
- * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", recorded: Recorded, words: string[]}} Log
+ * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
+ *     words: string[]}} Log
  */
 
 /** Bytes of a log; a larger one takes the command line. */
@@ -42,7 +38,7 @@ const REMEMBERED = 20;
  * @typedef {object} Form
  * @property {string} words
  * @property {"uT" | "counts"} unit
- * @property {Recorded} recorded
+ * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
  * @property {boolean} isTimed
  * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
  */
@@ -97,10 +93,12 @@ class Language {
         const below = lines.slice(layout.HEADING, layout.TRIED);
         if (below.length && below.every((line) => whole(layout._PLAIN, line))) return null;
         const has = (/** @type {RegExp} */ sign) => tried.some((line) => sign.test(line));
+        const behind = (/** @type {string[]} */ rest) => this.recognised(rest);
+        const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
         return (
             (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
             (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
-            (has(layout._CLOCK) && stamped(wrapped, tried, (rest) => this.recognised(rest), (rest) => this.tableRows(rest), true)) ||
+            (has(layout._CLOCK) && stamped(wrapped, tried, behind, table, true)) ||
             (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest))) ||
             (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
             null
@@ -145,7 +143,10 @@ class Language {
         const rows = {
             words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
             names: header.length ? header : nameless,
-            row: (line) => this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined).map((cell) => cell.trim().replace(decimal, ".")),
+            row: (line) => {
+                const cells = this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined);
+                return cells && cells.map((cell) => cell.trim().replace(decimal, "."));
+            },
             fresh: () => rows,
         };
         return rows;
@@ -209,7 +210,7 @@ class Language {
         return {
             words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
             unit: unit === COUNTS ? "counts" : "uT",
-            recorded: { unit, scale },
+            raw: { unit, scale },
             isTimed: time !== null,
             reading: (line) => {
                 const row = numbers(line);
@@ -267,9 +268,9 @@ export class LineReader {
         return this.form?.unit ?? "";
     }
 
-    /** The unit of what is printed; null while it is not known. */
-    get recorded() {
-        return this.form?.recorded ?? null;
+    /** The recorded unit, and what one of it is in `unit`. */
+    get raw() {
+        return this.form?.raw ?? { unit: this.unit, scale: 1 };
     }
 
     /** How lines are written, for people; empty while that is not known. */
@@ -286,9 +287,14 @@ export class LineReader {
             return `the last ${this.unlike} lines are not like the first ones: the latest is '${this.example}'; connect again`;
         }
         if (this.readings) return "";
-        if (!this.heard) return "nothing arrives: see that the sensor is on and prints its readings, and that the baud rate is right";
-        if (!this.example) return "what arrives has no line end: check the baud rate, and that the sketch prints each reading on a line (println)";
-        return `what arrives has no line of three numbers that can be read ('${this.example}'): check the baud rate, and what the sketch prints`;
+        if (!this.heard) {
+            return "nothing arrives: see that the sensor is on and prints its readings, and that the baud rate is right";
+        }
+        if (!this.example) {
+            return "what arrives has no line end: check the baud rate, and that the sketch prints each reading on a line (println)";
+        }
+        const what = `no line of three numbers that can be read ('${this.example}')`;
+        return `what arrives has ${what}: check the baud rate, and what the sketch prints`;
     }
 
     /**
@@ -430,14 +436,16 @@ export function readLog(data, name, bytes) {
         example ||= `line ${place + 1}: '${line.trim().slice(0, language.rules.tokenizer.CUT)}'`;
         unknown++;
     }
-    if (!readings.length) throw new Unreadable(`no usable reading in ${name}: need finite x, y and z; check the sensor and its wiring`);
+    if (!readings.length) {
+        throw new Unreadable(`no usable reading in ${name}: need finite x, y and z; check the sensor and its wiring`);
+    }
     const hasTimes = readings.every(({ time }) => time !== null);
     const others = unknown ? [`${unknown} other ${unknown === 1 ? "line" : "lines"} (${example})`] : [];
     return {
         field: Float64Array.from(readings.flatMap(({ field }) => field)),
         time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
         unit: form.unit,
-        recorded: form.recorded,
+        raw: form.raw,
         words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
     };
 }
@@ -447,13 +455,20 @@ export function readLog(data, name, bytes) {
  * @returns {string}
  */
 function decoded(bytes) {
-    const isWide = (bytes[0] === 0xff && bytes[1] === 0xfe) || (bytes[0] === 0xfe && bytes[1] === 0xff);
-    if (isWide) return new TextDecoder(bytes[0] === 0xff ? "utf-16le" : "utf-16be").decode(bytes);
+    if (isWide(bytes)) return new TextDecoder(bytes[0] === 0xff ? "utf-16le" : "utf-16be").decode(bytes);
     try {
         return new TextDecoder("utf-8", { fatal: true }).decode(bytes);
     } catch {
         return new TextDecoder("latin1").decode(bytes);
     }
+}
+
+/**
+ * Whether bytes begin with the mark of UTF-16.
+ * @param {Uint8Array} bytes
+ */
+function isWide([first, second]) {
+    return (first === 0xff && second === 0xfe) || (first === 0xfe && second === 0xff);
 }
 
 /**
@@ -466,7 +481,8 @@ function linesOf({ rules }, text) {
     if (rules.marked.GLUED.test(text)) return text.replaceAll("*", "*\n").split(/\r\n|\n|\r/);
     const document = /^\s*[[{]/.test(text) ? parsed(text) : null;
     if (document === null) return text.split(/\r\n|\n|\r/);
-    if (rules.json.MARK in document) throw new Unreadable(`it is a ${document[rules.json.MARK]} file of Flinders and not a recording: give the recording`);
+    const kind = document[rules.json.MARK];
+    if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
     const isOneRecord = !Array.isArray(document) || document.every((each) => each === null || typeof each !== "object");
     return isOneRecord ? text.split(/\r\n|\n|\r/) : document.map((record) => JSON.stringify(record));
 }
@@ -479,13 +495,17 @@ function linesOf({ rules }, text) {
  */
 function refuseForeign(files, name, bytes) {
     if (!bytes.length) throw new Unreadable(`${name} is empty: record again, or check what was saved`);
-    if (bytes.length > LARGEST) throw new Unreadable(`${name} is larger than ${LARGEST >> 20} MB: calibrate it with \`flinders calibrate\``);
+    if (bytes.length > LARGEST) {
+        throw new Unreadable(`${name} is larger than ${LARGEST >> 20} MB: calibrate it with \`flinders calibrate\``);
+    }
     const head = Array.from(bytes.subarray(0, 64), (byte) => byte.toString(16).padStart(2, "0")).join("");
     const kindOf = (/** @type {Record<string, any>} */ starts) => Object.keys(starts).find((start) => head.startsWith(start));
     const suffix = (/\.[^.]+$/.exec(name)?.[0] ?? "").toLowerCase();
     const isText = !isBinary(files, bytes);
     const log = (isText ? undefined : files.suffixes[suffix]) ?? files.starts[kindOf(files.starts) ?? ""];
-    if (log) throw new Unreadable(`${name} is a recording of another kind (${log}): calibrate it with \`flinders calibrate ${name}\``);
+    if (log) {
+        throw new Unreadable(`${name} is a recording of another kind (${log}): calibrate it with \`flinders calibrate ${name}\``);
+    }
     const other = files.others[kindOf(files.others) ?? ""];
     if (other && !isText) throw new Unreadable(`${name} is ${other[0]}: ${other[1]}`);
     const start = new TextDecoder().decode(bytes.subarray(0, 64)).trimStart().toLowerCase();
@@ -500,8 +520,7 @@ function refuseForeign(files, name, bytes) {
  * @param {Uint8Array} bytes
  */
 function isBinary(files, bytes) {
-    const isWide = (bytes[0] === 0xff && bytes[1] === 0xfe) || (bytes[0] === 0xfe && bytes[1] === 0xff);
     const head = bytes.subarray(0, 1 << 16);
     const controls = head.filter((byte) => files.controls.includes(byte)).length;
-    return !isWide && controls > files.most_controls * head.length;
+    return !isWide(bytes) && controls > files.most_controls * head.length;
 }

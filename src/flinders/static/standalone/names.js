@@ -197,7 +197,8 @@ export class Names {
     isNoReadings(name) {
         const words = this.wordsOfSensor(name);
         const isDirection = words.includes("unit") && words.every((word) => ahead(this.rules._OF_A_DIRECTION, word));
-        return isDirection || words.join(" ").includes("main field") || words.some((word) => Object.hasOwn(this.rules._NO_READINGS, word));
+        const isOther = words.some((word) => Object.hasOwn(this.rules._NO_READINGS, word));
+        return isDirection || isOther || words.join(" ").includes("main field");
     }
 
     /**
@@ -295,7 +296,8 @@ export class Names {
         if (kinds.length) return [kinds[0], raw + (kinds[0] === ACCELERATION && words.includes("linear") ? 5 : 0)];
         const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word));
         const own = bare.filter((word) => !this.tellsApart(word) && !ahead(_COMMON, word));
-        const isOfDevice = own.length === 1 && own[0].length === 1 && _LETTERS_OF_A_DEVICE.includes(own[0]) && (isJoined || bare.some((word) => this.isChip(word)));
+        const isLetter = own.length === 1 && [..._LETTERS_OF_A_DEVICE].includes(own[0]);
+        const isOfDevice = isLetter && (isJoined || bare.some((word) => this.isChip(word)));
         if (isOfDevice || (bare.length === 1 && Object.hasOwn(_LETTERS, bare[0]))) return [_LETTERS[own[0]], raw + 2];
         if (["field", "field strength"].includes(bare.join(" "))) return [FIELD, raw + 2];
         return bare.length ? ["", 0] : [this.plain(units), raw + 4];

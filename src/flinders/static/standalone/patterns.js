@@ -107,10 +107,9 @@ export function counted(keys) {
  * @returns {Entry | undefined}
  */
 export function largest(entries, key) {
-    return entries.reduce(
-        (/** @type {Entry | undefined} */ best, entry) => (best === undefined || compared(key(entry), key(best)) > 0 ? entry : best),
-        undefined,
-    );
+    let best = entries[0];
+    for (const entry of entries.slice(1)) if (compared(key(entry), key(best)) > 0) best = entry;
+    return best;
 }
 
 /**

@@ -59,9 +59,14 @@ export class Tables {
             const best = largest(cuts, ({ rows, numbers }) => [rows.size, numbers]);
             if (best?.rows.size) return this.table(texts, best);
         }
-        const headed = lines.slice(0, this.layout.MOST_ABOVE).some(({ text }) => this.signs.some(([sign]) => this.names.magnetometer(this.prints.split(text, sign))));
-        if (headed) throw new Unreadable("it has a header and no readings below it: record again, or check what was saved");
-        throw new Unreadable(`no readings are recognised (line ${lines[0].place + 1}: '${lines[0].text.trim().slice(0, 60)}'): need three columns of numbers, or labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT'`);
+        const isHeader = (/** @type {string} */ text) =>
+            this.signs.some(([sign]) => this.names.magnetometer(this.prints.split(text, sign)));
+        if (lines.slice(0, this.layout.MOST_ABOVE).some(({ text }) => isHeader(text))) throw new Unreadable("it has a header and no readings below it: record again, or check what was saved");
+        const [{ place, text }] = lines;
+        throw new Unreadable(
+            `no readings are recognised (line ${place + 1}: '${text.trim().slice(0, 60)}'): need three columns of numbers, ` +
+                "or labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT'",
+        );
     }
 
     /**
@@ -103,7 +108,9 @@ export class Tables {
         const widths = counted([...rows.values()].map((cells) => cells.length));
         let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
         const often = widths.get(width) ?? 0;
-        if (width > this.layout.MOST_COLUMNS) throw new Unreadable(`it has ${width} columns: cut the magnetometer's out, with its time`);
+        if (width > this.layout.MOST_COLUMNS) {
+            throw new Unreadable(`it has ${width} columns: cut the magnetometer's out, with its time`);
+        }
         const alike = [...rows.values()].filter((cells) => cells.length === width);
         const start = Math.min(...[...rows].filter(([, cells]) => cells.length === width).map(([place]) => place));
         const isClosed = alike.every((cells) => !cells[width - 1].trim());
@@ -116,7 +123,8 @@ export class Tables {
         const columns = this.columns(names, values, units);
         this.refuseOthers(names, alike, columns, decimal);
         const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
-        return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText: place < 0 ? "" : texts[place], columns };
+        const headerText = place < 0 ? "" : texts[place];
+        return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
     }
 
     /**
@@ -222,7 +230,8 @@ export class Tables {
         const first = values.map((row) => row[0]).filter(Number.isFinite);
         const isTimed = width === 4 && first.length > 1 && first.every((value, i) => i === 0 || value > first[i - 1]);
         if (width !== 3 && !isTimed) {
-            throw new Unreadable(`it has ${width} columns and no header: need three, x y z, or four with the time first; ${MORE_WITH}`);
+            const need = "need three, x y z, or four with the time first";
+            throw new Unreadable(`it has ${width} columns and no header: ${need}; ${MORE_WITH}`);
         }
         const field = isTimed ? [1, 2, 3] : [0, 1, 2];
         const time = isTimed ? this.timed(0, "1", "", values) : null;
@@ -238,7 +247,8 @@ export class Tables {
      * @returns {Columns["time"]}
      */
     timeOf(names, meanings, values, field) {
-        const places = meanings.flatMap(({ kind, axis }, place) => (kind === this.rules.names.TIME && !axis && !field.includes(place) ? [place] : []));
+        const isTime = (/** @type {number} */ place) => meanings[place].kind === this.rules.names.TIME && !meanings[place].axis;
+        const places = [...meanings.keys()].filter((place) => isTime(place) && !field.includes(place));
         const parted = places.filter((place) => this.isParted(names, place, values));
         for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
             const time = this.timed(place, names[place].trim(), meanings[place].unit, values);
@@ -312,7 +322,8 @@ export class Tables {
      */
     unitByConvention(names, first) {
         const folded = names.map((name) => name.trim().toLowerCase());
-        const isPrinted = first.toLowerCase() === "magnetic_field x" && names.some((name) => name.startsWith("magnetic_field_covariance"));
+        const hasCovariance = names.some((name) => name.startsWith("magnetic_field_covariance"));
+        const isPrinted = first.toLowerCase() === "magnetic_field x" && hasCovariance;
         if (isPrinted || first.toLowerCase().endsWith("magnetic_field.x")) return "T";
         return ["seconds_elapsed", "x", "y", "z"].every((name) => folded.includes(name)) ? "uT" : "";
     }
@@ -341,7 +352,8 @@ export class Tables {
         const trimmed = names.map((name) => name.trim());
         const folded = trimmed.map((name) => name.toLowerCase());
         const afterSet = trimmed.filter((name) => this.rules.names.SET.test(name));
-        const afterReset = afterSet.map((name) => replaced(this.rules.names.SET, (word) => word.replace(/set/i, "reset"), name).toLowerCase());
+        const reset = (/** @type {string} */ word) => word.replace(/set/i, "reset");
+        const afterReset = afterSet.map((name) => replaced(this.rules.names.SET, reset, name).toLowerCase());
         if (afterReset.some((name) => folded.includes(name))) {
             throw new Unreadable("it has readings after set and after reset pulses: `flinders calibrate` takes both");
         }
@@ -369,7 +381,8 @@ export class Tables {
             const words = counted(rows.map((row) => row[place].replace(/^[ ()[\]:#,;]+|[ ()[\]:#,;]+$/g, "")));
             const matches = [...words.keys()].map((word) => whole(this.layout._SENSOR, word));
             const numbers = matches.flatMap((match) => (match ? [Number(match[1])] : [])).sort((a, b) => a - b);
-            const isRow = numbers.length === words.size && numbers.every((number, i) => number === numbers[0] + i) && numbers[0] <= 1;
+            const isInOrder = numbers.every((number, i) => number === numbers[0] + i);
+            const isRow = numbers.length === words.size && isInOrder && numbers[0] <= 1;
             if (isRow && words.size >= 2 && words.size <= this.layout.MOST_SENSORS && Math.min(...words.values()) > 1) {
                 throw new Unreadable(`column ${place + 1} says which sensor each line is of: keep the lines of one of them`);
             }
@@ -384,9 +397,11 @@ export class Tables {
         const { ACCELERATION, RATE } = this.rules.names;
         for (let place = 0; place < Math.min(...rows.map((row) => row.length)); place++) {
             const words = [...new Set(rows.map((row) => row[place].trim()))];
-            const others = words.filter((word) => word.length > 2 && [ACCELERATION, RATE].includes(this.names.meaning(`${word} x`).kind));
+            const kindOf = (/** @type {string} */ word) => (word.length > 2 ? this.names.meaning(`${word} x`).kind : "");
+            const others = words.filter((word) => [ACCELERATION, RATE].includes(kindOf(word)));
             if (words.length <= this.layout.MOST_RANGES && others.length) {
-                throw new Unreadable(`column ${place + 1} says which sensor each line is of, such as '${others[0]}': keep the lines of the magnetometer`);
+                const which = `column ${place + 1} says which sensor each line is of, such as '${others[0]}'`;
+                throw new Unreadable(`${which}: keep the lines of the magnetometer`);
             }
         }
     }
@@ -403,7 +418,8 @@ export class Tables {
         const plain = cells.flatMap((cell) => (cell.includes(decimal) ? [] : [Math.abs(this.prints.number(cell) ?? 0)]));
         const most = Math.max(0, ...plain.filter(Number.isFinite));
         if (grouped.length >= 3 && most >= 100 && most < 1000 && grouped.every((cell) => whole(this.layout._GROUPED, cell))) {
-            throw new Unreadable(`numbers such as '${grouped[0]}' have '${decimal}' between thousands, it seems: save it without a separator of thousands`);
+            const what = `numbers such as '${grouped[0]}' have '${decimal}' between thousands, it seems`;
+            throw new Unreadable(`${what}: save it without a separator of thousands`);
         }
     }
 }

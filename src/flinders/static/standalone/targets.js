@@ -66,8 +66,11 @@ export function exported({ targets }, name, calibration) {
     const quantities = new Quantities(calibration);
     refuseBeyond(targets, row, quantities);
     const error = errorOf(targets, row, variant, calibration, quantities);
-    const fill = (/** @type {Pieces} */ pieces) =>
-        pieces.map((piece) => (typeof piece === "string" ? piece : written(targets, targets.slots[piece], quantities, error))).join("").replaceAll(targets.recorded, quantities.raw.unit);
+    const text = (/** @type {string | number} */ piece) =>
+        typeof piece === "string"
+            ? piece.replaceAll(targets.recorded, quantities.raw.unit)
+            : written(targets, targets.slots[piece], quantities, error);
+    const fill = (/** @type {Pieces} */ pieces) => pieces.map(text).join("");
     const [first, ...remarks] = variant.remarks.map(fill);
     const comments = row.comment ? commented(targets, row.comment, [first, ...(calibration.about ?? []), ...remarks]) : [];
     const bytes = variant.packet ? packet(targets, variant.packet, quantities) : null;
@@ -254,7 +257,8 @@ function errorOf(targets, row, variant, { matrix, offset, fieldStrength }, quant
         deg = Math.max(deg, (Math.atan2(across, dot(scaled, expected[i])) * 180) / Math.PI);
     });
     if (!(worst / fieldStrength <= Math.sin((targets.coarsest_deg * Math.PI) / 180))) {
-        throw new NotExportable("rounded to the target's numbers, readings would be off by more than 1°: check the unit of the recording");
+        const off = `readings would be off by more than ${targets.coarsest_deg}°`;
+        throw new NotExportable(`rounded to the target's numbers, ${off}: check the unit of the recording`);
     }
     return { worst, deg };
 }
@@ -266,8 +270,9 @@ function errorOf(targets, row, variant, { matrix, offset, fieldStrength }, quant
  * @param {Quantities} quantities
  */
 function held(targets, variant, quantities) {
+    const pieces = [...variant.body, ...(variant.packet?.values ?? [])];
     /** @type {Slot[]} */
-    const slots = [...variant.body, ...(variant.packet?.values ?? [])].filter((piece) => typeof piece === "number").map((piece) => targets.slots[piece]);
+    const slots = pieces.filter((piece) => typeof piece === "number").map((piece) => targets.slots[piece]);
     const { scale } = quantities.raw;
     /** @type {(of: string) => Slot | undefined} */
     const slotOf = (of) => slots.find((slot) => slot.of === of);
@@ -304,8 +309,10 @@ function refuseBeyond(targets, row, quantities) {
         const values = slots.map((/** @type {number} */ slot) => quantities.value(targets.slots[slot]));
         const value = values.length > 1 ? Math.hypot(...values) : values[0];
         if (value >= low && value <= high) continue;
+        const size = `${figures(value, 4)}${values.length > 1 ? " long" : ""}`;
+        const range = `${figures(low, 4)} to ${figures(high, 4)}`;
         throw new NotExportable(
-            `${name} would be ${figures(value, 4)}${values.length > 1 ? " long" : ""}, and ${row.title} takes ${figures(low, 4)} to ${figures(high, 4)}: ` +
+            `${name} would be ${size}, and ${row.title} takes ${range}: ` +
                 "take away or demagnetise what is near the compass, mount it elsewhere, or check the unit of the recording",
         );
     }
@@ -418,7 +425,14 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
     const document = {
         flinders: "calibration",
         schema: targets.schema,
-        calibration: { matrix, offset, field_strength: fieldStrength, field_strength_known: fieldStrengthKnown, unit, rotation: "symmetric" },
+        calibration: {
+            matrix,
+            offset,
+            field_strength: fieldStrength,
+            field_strength_known: fieldStrengthKnown,
+            unit,
+            rotation: "symmetric",
+        },
         raw: { unit: raw?.unit ?? unit, scale: raw?.scale ?? 1, axes: "x,y,z", sensor: null, frame: "sensor" },
         fit,
         provenance,
@@ -435,21 +449,29 @@ export function calibrationFile({ targets }, calibration, { fit = null, provenan
  */
 export function readCalibration(text, { targets }) {
     const document = parsed(text.replace(/^\ufeff/, ""));
-    if (document === null || typeof document !== "object") throw new Unreadable("it is no JSON: need a calibration file of Flinders");
-    if (document.flinders !== "calibration") throw new Unreadable('it is no calibration file of Flinders: it lacks "flinders": "calibration"');
+    if (document === null || typeof document !== "object") {
+        throw new Unreadable("it is no JSON: need a calibration file of Flinders");
+    }
+    if (document.flinders !== "calibration") {
+        throw new Unreadable('it is no calibration file of Flinders: it lacks "flinders": "calibration"');
+    }
     if (document.schema !== targets.schema) {
         const writer = document.provenance?.flinders;
         const needed = typeof writer === "string" ? `, and Flinders ${writer} or newer` : "";
-        throw new Unreadable(`it is written in schema ${document.schema}, and this page reads ${targets.schema}: open it with the command line${needed}`);
+        const versions = `it is written in schema ${document.schema}, and this page reads ${targets.schema}`;
+        throw new Unreadable(`${versions}: open it with the command line${needed}`);
     }
     const { matrix, offset, field_strength, field_strength_known, unit } = document.calibration ?? {};
     const isTriple = (/** @type {any} */ values) => Array.isArray(values) && values.length === 3 && values.every(Number.isFinite);
     const isMatrix = Array.isArray(matrix) && matrix.length === 3 && matrix.every(isTriple) && determinant(matrix) !== 0;
     if (!isMatrix || !isTriple(offset) || !(field_strength > 0) || !["uT", "counts"].includes(unit)) {
-        throw new Unreadable("its calibration is damaged: need a 3 × 3 matrix that can be inverted, an offset, field_strength and unit");
+        const need = "need a 3 × 3 matrix that can be inverted, an offset, field_strength and unit";
+        throw new Unreadable(`its calibration is damaged: ${need}`);
     }
     const { unit: recorded = unit, scale = 1, axes = "x,y,z" } = document.raw ?? {};
-    if (axes !== "x,y,z") throw new Unreadable(`it maps the recorded axes to ${axes}, which this page does not do: use the command line`);
+    if (axes !== "x,y,z") {
+        throw new Unreadable(`it maps the recorded axes to ${axes}, which this page does not do: use the command line`);
+    }
     return {
         matrix,
         offset,
