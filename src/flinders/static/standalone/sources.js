@@ -257,11 +257,11 @@ function normal() {
 
 /**
  * The unit of what was read of lines.
- * @param {{unit: string, recorded: import("./lines.js").Recorded | null}} read
+ * @param {{unit: string, raw: {unit: string, scale: number}}} read
  * @returns {import("./session.js").Unit}
  */
-export function unitOf({ unit, recorded }) {
-    return { inside: unit, recorded: recorded?.unit ?? unit, scale: recorded?.scale ?? 1 };
+export function unitOf({ unit, raw }) {
+    return { inside: unit, recorded: raw.unit, scale: raw.scale };
 }
 
 /** @param {unknown} error */

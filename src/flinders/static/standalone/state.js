@@ -45,6 +45,7 @@ export function sessionState(session) {
         paused: live.pausedAt !== null,
         recording: session.recording || null,
         previous: null,
+        refreshing: false,
         opened: session.openedName || null,
         can_send: false,
     };
