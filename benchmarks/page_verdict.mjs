@@ -16,7 +16,7 @@ const milliseconds = (work) => {
         const { user, system } = process.cpuUsage(begin);
         return (user + system) / 1000;
     });
-    return taken.sort((one, other) => one - other)[turns >> 1];
+    return taken.sort((one, other) => one - other)[turns >> 1] ?? 0;
 };
 const answers = recordings.map((asked) => {
     const readings = { ...asked, field: floats(asked.field), time: floats(asked.time) };

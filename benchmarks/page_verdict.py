@@ -76,7 +76,8 @@ class Compared:
     engine_off : float
         Largest difference of a number of the engine, in standard deviations, or relative.
     fit_ms, evaluate_ms : float
-        Processor time that the page takes: for the engine's fit alone, and for all that it shows.
+        Processor time that the page takes: for the engine's fit alone, and for all that it shows. 0 where it is not
+        measured.
     """
 
     name: str
@@ -130,7 +131,7 @@ def _packed(numbers: Floats) -> str:
     return base64.b64encode(np.ascontiguousarray(numbers, "<f8").tobytes()).decode()
 
 
-def page_answers(sessions: Sequence[LiveSession], turns: int = 1) -> dict[str, Any]:
+def page_answers(sessions: Sequence[LiveSession], turns: int = 0) -> dict[str, Any]:
     """What the page's modules answer for each session, under Node.js; and the names that their sentences know."""
     given = {
         "modules": str(files("flinders").joinpath("static", "standalone")),
@@ -149,7 +150,7 @@ def page_answers(sessions: Sequence[LiveSession], turns: int = 1) -> dict[str, A
     return answers
 
 
-def compared(names: Sequence[str], sessions: Sequence[LiveSession], turns: int = 1) -> list[Compared]:
+def compared(names: Sequence[str], sessions: Sequence[LiveSession], turns: int = 0) -> list[Compared]:
     """Evaluate sessions by both, and put them side by side."""
     answers = page_answers(sessions, turns)["answers"]
     return [_compared(*each) for each in zip(names, sessions, answers, strict=True)]
@@ -176,11 +177,12 @@ def _compared(name: str, session: LiveSession, page: dict[str, Any]) -> Compared
 
 def _of(page: dict[str, Any]) -> list[dict[str, Any]]:
     """Findings of the page's view."""
-    return (page["view"] or {}).get("findings", [])
+    findings: list[dict[str, Any]] = (page["view"] or {}).get("findings", [])
+    return findings
 
 
 def _sentence(page: dict[str, Any]) -> str:
-    return (page["view"] or {}).get("sentence", "")
+    return str((page["view"] or {}).get("sentence", ""))
 
 
 def _findings(program: Evaluated) -> list[tuple[str, str]]:

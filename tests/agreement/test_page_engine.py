@@ -5,11 +5,13 @@ One table holds both to each other: a formula, a rule or a sentence that changes
 
 from __future__ import annotations
 
+import base64
 import math
 import shutil
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
+import msgspec
 import numpy as np
 import pytest
 from benchmarks.datasets import dataset
@@ -76,22 +78,25 @@ def worlds() -> dict[str, Samples]:
     tumble = simulate.tumble(seed=5, n=1000).samples
     field = tumble.field
     rng = np.random.default_rng(1)
-    calibration = flinders.fit(tumble).calibration
-    short = simulate.tumble(seed=7, n=300).samples
-    return {
+    tilted = simulate.tumble(seed=7, n=300, motion="tilted")
+    matrix, offset = tilted.sensor.correction
+    worlds = {
         "all around": tumble,
         "beginning": simulate.tumble(seed=3, n=1500).samples[:40],
         "too few": tumble[:8],
-        "never upside down": simulate.tumble(seed=7, n=300, motion="tilted").samples,
+        "never upside down": tilted.samples,
         "banked turns": simulate.tumble(seed=1, n=1000, motion="flight").samples,
-        "without times": Samples(np.sort(field, axis=0)[rng.permutation(1000)], unit=tumble.unit),
         "at rest": Samples([20.0, -10.0, 40.0] + 0.2 * rng.normal(size=(300, 3)), time=np.arange(300) / 50.0),
-        "stale": replace(tumble, field=np.concatenate([field[:900], np.tile(field[900], (100, 1))])),
+        "stale": replace(tumble, field=np.concatenate([field[:850], np.tile(field[850], (150, 1))])),
         "frozen": replace(tumble, field=np.where(np.arange(1000)[:, np.newaxis] < 800, field, field * [1, 0, 1])),
-        "swapped sign": replace(tumble, field=np.where(np.arange(1000)[:, np.newaxis] < 500, field, field * [1, -1, 1])),
-        "end of range": replace(tumble, field=np.minimum(field, [np.quantile(field[:, 0], 0.93), np.inf, np.inf])),
+        "swapped sign": replace(
+            tumble, field=np.where(np.arange(1000)[:, np.newaxis] < 500, field, field * [1, -1, 1])
+        ),
+        "end of range": replace(
+            tumble, field=np.minimum(field, np.array([np.quantile(field[:, 0], 0.93), np.inf, np.inf]))
+        ),
         "milligauss": replace(tumble, field=10.0 * field),
-        "corrected before": replace(short, field=calibration.apply(short.field))[:60],
+        "corrected before": Samples((tilted.samples.field - offset) @ np.transpose(matrix), unit=tumble.unit),
         "outliers": simulate.tumble(seed=0, n=1000, outliers=0.02).samples,
         "passing magnet": simulate.tumble(seed=0, n=1000, disturbances=[simulate.PassingMagnet(100.0)]).samples,
         "step": simulate.tumble(seed=0, n=1000, disturbances=[simulate.Step(4.0, at=0.7)]).samples,
@@ -99,6 +104,7 @@ def worlds() -> dict[str, Samples]:
         "coarse": dataset("60 coarse samples", trial=0, sigma=0.5).samples,
         "strong iron": dataset("strong iron", trial=0, sigma=0.5).samples,
     }
+    return {name: thinned(samples) for name, samples in worlds.items()}
 
 
 def held_together(rows: list[Compared]) -> None:
@@ -119,7 +125,7 @@ def test_recordings_get_the_verdict_of_the_program(recordings: Callable[[str], P
     samples = [thinned(flinders.read(recordings(name)), ROWS) for name in SHARED]
     rows = compared(SHARED, [session_of(each) for each in samples])
     assert not any(row.is_level for row in rows)
-    assert {row.verdicts[0] for row in rows} == {"good", "limited", "refused"}
+    assert {row.verdicts[0] for row in rows} == {"", "good", "limited", "refused"}, "and one gives no fit"
     held_together(rows)
 
 
@@ -130,9 +136,11 @@ def test_simulated_recordings_get_verdict_reasons_and_sentences_of_the_program()
     unlike = [row for row in rows if row.method and row.sentences[0][1:] != row.sentences[1][1:]]
     assert not unlike, unlike
     assert {code for row in rows for code in row.reasons[1]} >= {
-        *("too-few-samples", "no-rotation", "stale", "frozen-axis", "wrong-unit", "axis-swap", "saturated", "outliers")
+        *("too-few-samples", "no-rotation", "stale", "frozen-axis", "wrong-unit", "saturated", "outliers")
     }
-    assert {code for row in rows for code, _ in row.findings[1]} >= {"corrected-before", "coverage", "unordered"}
+    assert {code for row in rows for code, _ in row.findings[1]} >= {
+        *("corrected-before", "coverage", "axis-swap", "inflation", "heading-error", "axis-ratio", "field-strength")
+    }
 
 
 def test_a_level_turn_is_refused() -> None:
@@ -142,42 +150,51 @@ def test_a_level_turn_is_refused() -> None:
     assert "level-plane" in engine.unchecked()
 
 
+CLOSE = {
+    "tiles_deg": {"rtol": 1e-3},
+    "tiles_seen": {"atol": 1.0},
+    "counts": {"atol": 1.0},
+    "before_deg": {"atol": 2e-4},
+    "sigma_deg": {"atol": 2e-4},
+    "bound_95": {"rtol": 0.01},
+    "any_attitude_deg": {"rtol": 1e-4},
+    "after_deg": {"rtol": 0.01},
+}
+"""Numbers that are rounded on their way, or counted by cells on one side; all others agree to nine digits."""
+
+
+def same(page: object, program: object, name: str) -> None:
+    """Hold a part of the page's view to that of the program."""
+    if isinstance(program, dict):
+        assert isinstance(page, dict)
+        assert set(page) == set(program), name
+        for key, value in program.items():
+            same(page[key], value, name if name in CLOSE else key)
+    elif name == "sentence":  # it has the bound of 95 %
+        assert str(page).partition("(")[0] == str(program).partition("(")[0]
+    elif program is None or isinstance(program, str | bool):
+        assert page == program, name
+    else:
+        tolerance = {"rtol": 1e-9, "atol": 1e-12, **CLOSE.get(name, {})}
+        np.testing.assert_allclose(np.array(page, float), np.array(program, float), err_msg=name, **tolerance)
+
+
 @pytest.mark.parametrize("goal", ["heading", "attitude"])
-def test_the_page_draws_what_the_live_page_draws(goal: str) -> None:
-    samples = simulate.tumble(seed=7, n=600, motion="tilted", outliers=0.02).samples
+def test_the_page_draws_what_the_live_page_draws(goal: Literal["heading", "attitude"]) -> None:
+    samples = thinned(simulate.tumble(seed=7, n=600, motion="tilted", outliers=0.02).samples)
     session = replace(session_of(samples, target_deg=0.5), goal=goal)
     (answer,) = page_answers([session])["answers"]
-    program, page = evaluate(session), answer["view"]
-    view = program.view
-    assert view is not None
-    assert view.heading_error_deg is not None and view.turn is not None and view.residuals is not None
-    assert view.guidance is not None and view.uncorrected_heading_error_deg is not None
-    assert set(page) == set(view.__struct_fields__)
+    program = evaluate(session)
+    same({**answer["view"], "findings": []}, {**msgspec.to_builtins(program.view), "findings": []}, "view")
     assert (answer["used"], answer["rejected"]) == (program.used, program.rejected)
-    assert page["rejected"] == [list(run) for run in view.rejected]
-    for name in ("offset", "offset_sigma", "matrix", "matrix_sigma", "field_strength", "noise", "attitude_limit_deg"):
-        np.testing.assert_allclose(page[name], getattr(view, name), rtol=1e-9, atol=1e-12, err_msg=name)
-    np.testing.assert_allclose(page["tiles_deg"], view.tiles_deg, rtol=1e-3)
-    np.testing.assert_allclose(page["tiles_seen"], view.tiles_seen, atol=1)
-    np.testing.assert_allclose(page["residuals"]["edges"], view.residuals.edges, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(page["residuals"]["counts"], view.residuals.counts, atol=1)
-    np.testing.assert_allclose(page["turn"]["before_deg"], view.turn.before_deg, atol=2e-4)
-    np.testing.assert_allclose(page["turn"]["sigma_deg"], view.turn.sigma_deg, atol=2e-4)
-    np.testing.assert_allclose(page["guidance"]["direction"], view.guidance.direction, atol=1e-9)
-    np.testing.assert_allclose(page["guidance"]["after_deg"], view.guidance.after_deg, rtol=0.01)
-    np.testing.assert_allclose(page["guidance"]["worst_deg"], view.guidance.worst_deg, rtol=1e-9)
-    np.testing.assert_allclose(page["heading_error_deg"]["bound_95"], view.heading_error_deg.bound_95, rtol=0.01)
-    np.testing.assert_allclose(
-        page["uncorrected_heading_error_deg"]["worst"], view.uncorrected_heading_error_deg.worst, rtol=1e-9
-    )
-    assert page["guidance"]["words"] == view.guidance.words
-    assert page["sentence"].partition("(")[0] == view.sentence.partition("(")[0]
+    assert bool(answer["view"]["guidance"]["direction"]) == (goal == "attitude")
 
 
 def test_the_page_knows_every_word_that_a_row_may_take() -> None:
     samples = simulate.tumble(seed=1, n=100).samples
     program = """
-const [{ fitOf }, { quantities, NAMES }, { loadEngine }] = await Promise.all(["fit.js", "verdict.js", "engine.js"].map(load));
+const modules = await Promise.all(["fit.js", "verdict.js", "engine.js"].map(load));
+const [{ fitOf }, { quantities, NAMES }, { loadEngine }] = modules;
 const loaded = await loadEngine(Uint8Array.from(Buffer.from(given.wasm, "base64")), given.data.layouts);
 const field = new Float64Array(Uint8Array.from(Buffer.from(given.asked.field, "base64")).buffer);
 return [...NAMES, ...Object.keys(quantities(fitOf(loaded, given.data, { ...given.asked, field, time: null })))];
@@ -189,8 +206,6 @@ return [...NAMES, ...Object.keys(quantities(fitOf(loaded, given.data, { ...given
 
 def packed(content: bytes) -> str:
     """Bytes as JSON has them."""
-    import base64
-
     return base64.b64encode(content).decode()
 
 

@@ -153,8 +153,9 @@ class Rule:
     @property
     def compared(self) -> frozenset[str]:
         """Names of the quantities that it compares."""
-        factors = (factor.of for factor in (*self.grades, *self.needs))
-        return frozenset({self.quantity, *factors, *(need.quantity for need in self.needs)} - {""})
+        graded = (grade.of for grade in self.grades)
+        needed = (name for need in self.needs for name in (need.quantity, need.of))
+        return frozenset({self.quantity, *graded, *needed} - {""})
 
     @property
     def names(self) -> frozenset[str]:

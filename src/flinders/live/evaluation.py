@@ -86,8 +86,8 @@ OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
 SAID: Final = {
     "stale": (
-        "the last {readings} are all the same: the sensor has stopped measuring, or a loop prints faster than it is read; "
-        "check its wiring and its mode"
+        "the last {readings} are all the same: the sensor has stopped measuring, or a loop prints faster than it is "
+        "read; check its wiring and its mode"
     ),
     "frozen-axis": (
         "axis {axis} has been the same for {seconds} s while the others change: turn the sensor another way, and where "

@@ -1,7 +1,7 @@
 """What the page's verdict takes from the program: rules, sentences, limits, tables, and where a record's fields lie.
 
-JavaScript calculates the quantities (`static/standalone/verdict.js`). Which rows of the catalogue it applies follows from
-`NAMES`; every other finding of one magnetometer is listed as not checked.
+JavaScript calculates the quantities (`static/standalone/verdict.js`). It applies the rows of the catalogue of which it
+knows all `NAMES`; every other finding of one magnetometer is listed as not checked.
 
 >>> tables = data()
 >>> [row["code"] for row in tables["rows"]][:3], "level-plane" in tables["unchecked"]
@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from flinders.core.calibration_file import PARAMETERS
 from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
-from flinders.estimators import data as readings
 from flinders.estimators import auto, level, outliers
+from flinders.estimators import data as readings
 from flinders.findings import CATALOGUE, fit, limit_of
 from flinders.findings.causes import CAUSES
 from flinders.findings.conditions import OF_A_TUMBLE, stated
@@ -122,13 +123,14 @@ def data() -> dict[str, Any]:
         "said": {**evaluation.SAID, "unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
         "condition": stated(OF_A_TUMBLE).partition(":")[0],
         "conditions": OF_A_TUMBLE,
-        "parameters": result.PARAMETERS,
+        "parameters": PARAMETERS,
         "disturbed": sorted(evaluation.DISTURBED),
         "at_once": sorted(evaluation.AT_ONCE),
         "informative": evaluation.INFORMATIVE,
         "other_units": evaluation.OTHER_UNITS,
         "poses": [
-            {"down": pose.down.tolist(), "words": pose.words, "effort": pose.effort} for pose in guidance.POSES["sensor"]
+            {"down": pose.down.tolist(), "words": pose.words, "effort": pose.effort}
+            for pose in guidance.POSES["sensor"]
         ],
         "cells": CELLS.tolist(),
         "bands": BANDS.tolist(),
