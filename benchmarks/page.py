@@ -4,7 +4,8 @@
 
 *wire*: the files that a first visit needs, each as gzip packs it; the 3-D view comes after them, and is counted apart.
 *paint*: first contentful paint of five visits by a browser without a cache, from a web server on this machine.
-*fit*: seconds that the worker takes for a fit of 3,000 readings, thirty times.
+*worker*: from the readings to fit, verdict and view of 3,000 of them, thirty times, while the sensor is paused; the fit
+alone is in ``python -m benchmarks.page_verdict``.
 *memory*: so many minutes of 50 readings a second from the simulated sensor, played so many times as fast as by the
 clock; the heap of the page after a collection of garbage, a tenth of the way and at the end.
 """
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 WIRE_LIMIT: Final = 600_000
 PAINT_LIMIT_MS: Final = 1000.0
-FIT_LIMIT_MS: Final = 10.0
+WORKER_LIMIT_MS: Final = 100.0
 GROWTH_LIMIT_MB: Final = 5.0
 RATE_HZ: Final = 50.0
 VISITS: Final = 5
@@ -116,7 +117,8 @@ def measure(page: Page, readings: float) -> None:
     page.locator("#pause").click()
     until(page, "!flinders.connection.session.isFitting")
     took = [1000.0 * each for each in page.evaluate(FIT, READINGS)]
-    report(f"fit of {READINGS:,} readings, {min(took):.1f} to {max(took):.1f}", median(took), FIT_LIMIT_MS, "ms")
+    words = f"worker: {READINGS:,} readings, {min(took):.1f} to {max(took):.1f}"
+    report(words, median(took), WORKER_LIMIT_MS, "ms")
     page.locator("#pause").click()
     until(page, f"flinders.store.state.readings > {max(0.1 * readings, READINGS)}")
     begun = heap_mb(page)
