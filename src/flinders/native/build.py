@@ -259,7 +259,10 @@ def _licences(compiler: Sequence[str], target: Platform) -> dict[str, Path]:
     libc = package / "lib" / "libc"
     linked = {
         "win32": {"LICENSE-mingw-w64": libc / "mingw" / "COPYING"},
-        "wasi": {"LICENSE-wasi-libc": libc / "wasi" / "LICENSE"},
+        "wasi": {
+            "LICENSE-wasi-libc": libc / "wasi" / "LICENSE-MIT",
+            "LICENSE-musl": libc / "wasi" / "libc-top-half" / "musl" / "COPYRIGHT",
+        },
     }
     return {"LICENSE-zig": package / "LICENSE", **linked.get(target.system, {})}
 

@@ -56,6 +56,14 @@ NAMES: Final = frozenset(
 )  # fmt: skip
 """Quantities and words that `verdict.js` knows."""
 
+SAID: Final = {
+    "one-plane": (
+        "all readings lie {where_flat}: also turn the sensor about its other axes, onto its side and upside down. This "
+        "page makes no calibration of a level turn: flinders calibrate does"
+    )
+}
+"""Sentences of the page alone, by the code of their finding: where the program can do more."""
+
 SUBJECTS: Final = frozenset({"fit", "recording", "calibration"})
 """Findings of one magnetometer alone are about these."""
 
@@ -173,7 +181,7 @@ def _row(row: CatalogueRow) -> dict[str, Any]:
         "code": row.code,
         "is_of_recording": row.code in verdict.OF_THE_RECORDING,
         "rule": _rule(row.rule),
-        "said": row.said,
+        "said": SAID.get(row.code, row.said),
         "alarm": row.alarm,
     }
 

@@ -56,29 +56,44 @@ function cellOf(x, y, z, bands) {
  * @returns {number[]}
  */
 export function tileCounts(vectors, centres) {
-    const counts = new Array(centres.length / 3).fill(0);
-    const packed = Float64Array.from(centres);
-    for (let i = 0; i < vectors.length; i += 3) counts[tileOf(vectors[i], vectors[i + 1], vectors[i + 2], packed)]++;
+    const order = Array.from({ length: centres.length / 3 }, (_, tile) => tile);
+    order.sort((one, other) => centres[3 * one + 2] - centres[3 * other + 2]);
+    const ascending = Float64Array.from(order.flatMap((tile) => centres.slice(3 * tile, 3 * tile + 3)));
+    const counts = new Array(order.length).fill(0);
+    for (let i = 0; i < vectors.length; i += 3) {
+        counts[order[nearestOf(vectors[i], vectors[i + 1], vectors[i + 2], ascending)]]++;
+    }
     return counts;
 }
 
+/** Farther off in height than this is no centre of the tile that a direction is in. */
+const TILE_HEIGHT = 0.15;
+
 /**
+ * Place of the centre that is nearest to a direction.
  * @param {number} x
  * @param {number} y
  * @param {number} z
- * @param {Float64Array} centres
+ * @param {Float64Array} centres By height.
  * @returns {number}
  */
-function tileOf(x, y, z, centres) {
-    let nearest = 0;
+function nearestOf(x, y, z, centres) {
+    const height = z / (Math.sqrt(x * x + y * y + z * z) || 1);
+    let low = 0;
+    for (let high = centres.length / 3; low < high; ) {
+        const middle = (low + high) >> 1;
+        if (centres[3 * middle + 2] < height - TILE_HEIGHT) low = middle + 1;
+        else high = middle;
+    }
+    let nearest = low;
     let largest = -Infinity;
-    for (let at = 0; at < centres.length; at += 3) {
+    for (let at = 3 * low; at < centres.length && centres[at + 2] <= height + TILE_HEIGHT; at += 3) {
         const cosine = x * centres[at] + y * centres[at + 1] + z * centres[at + 2];
         if (cosine <= largest) continue;
         largest = cosine;
-        nearest = at;
+        nearest = at / 3;
     }
-    return nearest / 3;
+    return nearest;
 }
 
 /**

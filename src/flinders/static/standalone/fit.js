@@ -41,8 +41,7 @@ const CODES = ["", "too-few-samples", "not-finite", "out-of-scale", "stuck-axis"
 /**
  * Readings that were fitted, with what was left out of them.
  * @typedef {object} Left
- * @property {Float64Array} some Those at no end of an axis.
- * @property {Float64Array} near Those of them close to the surface.
+ * @property {Float64Array} near Those close to the surface, and at no end of an axis.
  * @property {Outlier[]} outliers
  * @property {Uint8Array} isOut Of each reading of the request, whether it was left out, and …
  * @property {Uint8Array} isRail … whether it is at an end of an axis.
@@ -191,14 +190,13 @@ export function fitOf(engine, data, request) {
  */
 function leftOf(engine, data, record, { some, when, isFree }) {
     const isRail = isFree.map((free) => 1 - free);
-    if (!record.is_robust) return { some, near: some, outliers: [], isOut: isRail, isRail };
+    if (!record.is_robust) return { near: some, outliers: [], isOut: isRail, isRail };
     const limit = record.rejected_beyond;
     const distances = engine.distances(some, record.majority_centre, record.majority_shape).map(Math.abs);
     const out = leftOut(distances, limit, record.dense, data);
     const own = engine.distances(some, record.centre, record.shape);
     let next = 0;
     return {
-        some,
         near: chosen(some, Uint8Array.from(own, (distance) => Number(Math.abs(distance) <= limit)), 3),
         outliers: runsOf(out, distances, when, data),
         isOut: isFree.map((free) => (free ? out[next++] : 1)),

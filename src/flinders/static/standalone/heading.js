@@ -47,7 +47,7 @@ export function surfaceOf(centre, shape) {
  * @param {number[]} u
  * @returns {number[]}
  */
-export function gathered([v0, v1, v2], [u0, u1, u2]) {
+function gathered([v0, v1, v2], [u0, u1, u2]) {
     return [v0, v1, v2, v0 * u0, v1 * u1, v2 * u2, v0 * u1 + v1 * u0, v0 * u2 + v2 * u0, v1 * u2 + v2 * u1];
 }
 
@@ -240,7 +240,7 @@ export function directionRows(surface, u) {
  * @param {Numbers} covariance
  * @returns {ErrorDeg}
  */
-export function directionError(surface, covariance) {
+function directionError(surface, covariance) {
     const sums = fibonacci(EVERYWHERE).map((u) =>
         directionRows(surface, u).reduce((sum, row) => sum + variance(row, covariance), 0),
     );

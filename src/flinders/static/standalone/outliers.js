@@ -64,7 +64,7 @@ export function runsOf(out, distances, time, { numbers }) {
  * @param {Outlier} run
  * @returns {string}
  */
-export function runWords({ first, last, rows, start, end }) {
+function runWords({ first, last, rows, start, end }) {
     const many = rows > 1 ? `${grouped(rows)} readings` : "a reading";
     if (!Number.isNaN(start)) {
         return rows === 1 ? `${start.toFixed(1)} s: ${many}` : `${start.toFixed(1)}–${end.toFixed(1)} s: ${many}`;

@@ -67,7 +67,7 @@ function bySeverity(findings) {
  * @param {Record<string, number>} record
  * @returns {Severity | null}
  */
-export function severityOf({ quantity, comparison, grades, needs }, record) {
+function severityOf({ quantity, comparison, grades, needs }, record) {
     const limit = (/** @type {number} */ factor, /** @type {string} */ of) => (of ? factor * record[of] : factor);
     /** @type {Severity | null} */
     let severity = null;

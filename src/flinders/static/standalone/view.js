@@ -238,7 +238,7 @@ function sentence(fit, shown, verdict) {
  * @param {Fit} fit
  * @returns {string}
  */
-export function headingWords({ headingError, headingBoundDeg }) {
+function headingWords({ headingError, headingBoundDeg }) {
     const bound = headingBoundDeg < ANY_ANGLE_DEG ? `95 % within ${figures(headingBoundDeg)}°` : "1 σ";
     return `${figures(headingError.worst)}° (${bound})`;
 }

@@ -77,7 +77,7 @@ const FORMATS = {
  * @param {string} specification
  * @returns {string}
  */
-export function formatted(value, specification) {
+function formatted(value, specification) {
     const [, comma, digits, kind] = /^(,?)(?:\.(\d+))?([%fg]?|angle)$/.exec(specification) ?? [];
     const format = FORMATS[`${comma}${kind}`];
     if (!format) throw new Error(`a sentence has the format ${specification}, which this page does not know`);
