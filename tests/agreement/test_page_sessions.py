@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import shutil
-import subprocess
 from base64 import b64decode
 from dataclasses import dataclass, field
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import msgspec
 import numpy as np
 import pytest
+from tests.javascript import run
 
+import flinders
 from flinders import simulate
+from flinders.comparison.comparison import compare
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.live.buffer import ReadingBuffer, rows_of
@@ -34,6 +34,7 @@ from flinders.live.session import (
     step,
     wants_fit,
 )
+from flinders.report.view import view
 from flinders.standalone.rules import session_rules
 
 if TYPE_CHECKING:
@@ -45,9 +46,8 @@ UT: Final = Unit.of("uT")
 DIFFERENT: Final = {"revision", "previous", "recording", "can_send"}
 """Of the state: what the page counts otherwise, and what it has not."""
 PLAY: Final = """
-import { Session, Series, seriesOf } from "%(folder)s/session.js";
-import { Cursor, sessionState } from "%(folder)s/state.js";
-const { events, rules } = JSON.parse(await new Response(process.stdin).text());
+const [{ Session, seriesOf }, { Cursor, sessionState }] = await Promise.all(["session.js", "state.js"].map(load));
+const { events, rules } = given;
 const session = new Session(rules);
 const cursor = new Cursor();
 const unit = { inside: "uT", recorded: "uT", scale: 1 };
@@ -60,13 +60,12 @@ const act = {
     begun: ({ at }) => session.wantsFit(at) && session.beginFit().numbers.length,
     fitted: ({ at, evaluated, seconds }) => session.fitDone(at, evaluated, seconds),
 };
-const seen = events.map((event) => {
+return events.map((event) => {
     const said = act[event.type](event);
     const frame = cursor.frame(session);
     const points = frame && Buffer.from(frame).toString("base64");
     return { state: sessionState(session), points, fitted: event.type === "begun" ? said : null };
 });
-console.log(JSON.stringify(seen));
 """
 
 
@@ -124,19 +123,6 @@ class Recorded:
         self.shown.append({"state": state, "points": frame, "fitted": fitted})
 
 
-def played(node: str, events: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """What the page shows after each of the same events."""
-    folder = files("flinders").joinpath("static", "standalone")
-    done = subprocess.run(
-        [node, "--input-type=module", "--eval", PLAY % {"folder": folder}],
-        input=json.dumps({"events": events, "rules": session_rules()}),
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
-    seen: list[dict[str, Any]] = json.loads(done.stdout)
-    return seen
-
-
 def tumbled(seed: int, count: int) -> Floats:
     """Rows of a sensor that is turned all round, one a second."""
     return rows_of(Samples.of(simulate.tumble(seed=seed, n=count, noise=0.4).samples.field))
@@ -192,13 +178,11 @@ def a_session() -> Recorded:
 
 
 def test_both_show_the_same_after_each_event() -> None:
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no Node.js to run the page's session with")
     told = a_session()
     phases = {shown["state"]["phase"] for shown in told.shown}
     assert phases == set(get_args(Phase)), "the table visits every phase"
-    for event, expected, seen in zip(told.events, told.shown, played(node, told.events), strict=True):
+    played = run(PLAY, {"events": told.events, "rules": session_rules()})
+    for event, expected, seen in zip(told.events, told.shown, played, strict=True):
         same(event, expected, seen)
 
 
@@ -214,3 +198,38 @@ def same(event: dict[str, Any], expected: dict[str, Any], seen: dict[str, Any]) 
     if expected["points"] is not None:
         wanted, frame = (np.frombuffer(each, "<f4") for each in (expected["points"], b64decode(seen["points"])))
         np.testing.assert_array_equal(frame, wanted, err_msg=str(kind))
+
+
+COMPARE: Final = """
+const { compared } = await load("previous.js");
+return compared(given.previous, given.view, { dipDeg: -35, targetDeg: 1, unit: given.unit });
+"""
+
+
+def test_an_earlier_calibration_is_as_far_off_as_flinders_compare_says() -> None:
+    sensor = simulate.Sensor.random(np.random.default_rng(3))
+    moved = sensor.offset + np.array([1.0, 2.0, -3.0])
+    changed = simulate.Sensor(offset=moved, matrix=sensor.matrix @ np.diag([1.0, 1.04, 1.0]))
+    tumbles = [simulate.tumble(seed=9, sensor=each).samples for each in (sensor, changed)]
+    before, now = map(flinders.fit, tumbles)
+    asked = {
+        "previous": {"name": "old.json", "calibration": numbers_of(before)},
+        "view": msgspec.to_builtins(view(now, tumbles[1])),
+    }
+    answer = run(COMPARE, {**asked, "unit": "µT"})
+    worst = compare(before, now, dip_deg=-35.0).heading_difference_deg.worst
+    assert answer["change_deg"] == pytest.approx(worst, rel=1e-6)
+    assert f"{worst:.1f}" in answer["words"]
+    assert "counts" in run(COMPARE, {**asked, "unit": "counts"})["words"]
+
+
+def numbers_of(fit: flinders.Fit) -> dict[str, Any]:
+    """A calibration as the page has it."""
+    calibration = fit.calibration
+    return {
+        "matrix": calibration.matrix.tolist(),
+        "offset": calibration.offset.tolist(),
+        "fieldStrength": calibration.field_strength,
+        "fieldStrengthKnown": calibration.field_strength_known,
+        "unit": calibration.unit,
+    }

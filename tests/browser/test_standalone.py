@@ -124,7 +124,7 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     expect(page.locator("#source-name")).to_have_text("tumble.csv")
     page.keyboard.press("f")
     expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
-    for name in ("save-report", "send", "place", "previous"):
+    for name in ("save-report", "send", "place", "refresh"):
         expect(page.locator(f"#{name}")).to_be_hidden()
     page.locator("#export-target").select_option("arduino")
     expect(page.locator("#preview")).to_contain_text("float")
@@ -139,6 +139,13 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     np.testing.assert_allclose(saved.calibration.offset, fit.calibration.offset, atol=0.02)
     np.testing.assert_allclose(saved.calibration.matrix, fit.calibration.matrix, atol=5e-4)
     assert saved.verdict == fit.verdict
+    page.locator("#previous-file").set_input_files(tmp_path / "cal.json")
+    expect(page.locator("#previous-words")).to_contain_text("cal.json: Headings differ by 0.0")
+    expect(page.locator("#refresh")).to_be_hidden()
+    page.locator("#previous-clear").click()
+    expect(page.locator("#previous-words")).not_to_contain_text("cal.json")
+    page.locator("#previous-file").set_input_files({"name": "x.json", "mimeType": "", "buffer": b"{}"})
+    expect(page.locator("#notices")).to_contain_text("x.json: it is no calibration file")
 
 
 def test_what_the_page_cannot_read_is_refused_with_advice(visitor: Visitor) -> None:

@@ -26,7 +26,7 @@ KEPT: Final = (
 )
 HELP: Final = (
     "Nothing leaves this browser: readings of a board stay in it until you start again, also when the page is loaded "
-    "again. Reports, sending to a board, comparisons, binary logs and the dip of a place need the program: "
+    "again. Reports, sending to a board, binary logs and the dip of a place need the program: "
     "<code>pip install flinders</code>."
 )
 
@@ -48,7 +48,7 @@ EDITS: Final = (
     ),
     ('<button type="button" id="open"', f'{SOURCE_BUTTON}<button type="button" id="open"'),
     ('<main class="board">', '<main class="board">\n    {start}'),
-    *map(_hidden, ("open", "save-report", "send", "place", "previous-title", "previous-row")),
+    *map(_hidden, ("open", "save-report", "send", "place")),
     ("the dip is assumed: give it, or the place", "the dip is assumed: look it up for your place, and type it"),
     ('<p class="faint kept" id="kept">', f'{KEPT}<p class="faint kept" id="kept">'),
     ("Everything that arrives is recorded on the computer that runs Flinders; closing this page loses nothing.", HELP),

@@ -68,7 +68,7 @@ export function jacobian(surface, direction) {
  * @param {number} dipDeg
  * @returns {{heading: number, field: number[], across: number[]}[]}
  */
-function levelTurn(dipDeg) {
+export function levelTurn(dipDeg) {
     const [level, height] = [Math.cos(dipDeg / DEG), Math.sin(dipDeg / DEG)];
     return Array.from({ length: HEADINGS }, (_, k) => {
         const heading = (2 * Math.PI * k) / HEADINGS;

@@ -12,7 +12,7 @@ import { Cursor, sessionState } from "./state.js";
 import { readLog } from "./lines.js";
 import { unitOf } from "./sources.js";
 import { Unreadable } from "./tables.js";
-import { calibrationFile, exported, NotExportable, targetsOf } from "./targets.js";
+import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
 
 /** @typedef {import("../connection.js").Link} Link */
 /** @typedef {import("../connection.js").Listener} Listener */
@@ -48,7 +48,6 @@ const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words
 const NOT_HERE = {
     "report.html": "This page makes no report: save the readings, and run flinders report.",
     send: "This page sends nothing to boards: save the calibration, and run flinders send.",
-    previous: "This page compares no calibrations: save this one, and run flinders compare.",
 };
 
 /** @implements {Link} */
@@ -139,6 +138,7 @@ export class OwnLink {
     async ask(address, { body } = {}) {
         const [path, query] = address.split("?");
         if (path === "open" && body instanceof File) return this.open(new URLSearchParams(query).get("name") ?? body.name, body);
+        if (path === "previous" && body instanceof File) return this.previous(body);
         if (path.startsWith("export/")) return this.export(path.slice("export/".length));
         if (path === "calibration.json") return this.calibration();
         if (path === "session.csv") return this.readings();
@@ -151,7 +151,8 @@ export class OwnLink {
      * @param {Blob} content
      */
     async open(name, content) {
-        const log = this.log(name, new Uint8Array(await content.arrayBuffer()));
+        const bytes = new Uint8Array(await content.arrayBuffer());
+        const log = readable(() => readLog(this.data, name, bytes));
         const series = seriesOf(this.data.session, { ...log, unit: unitOf(log) });
         this.session.openedLog(this.now, name, series);
         this.isUrgent = true;
@@ -162,15 +163,16 @@ export class OwnLink {
     }
 
     /**
-     * @param {string} name
-     * @param {Uint8Array} bytes
+     * Take a calibration file to compare with.
+     * @param {File} file
      */
-    log(name, bytes) {
-        try {
-            return readLog(this.data, name, bytes);
-        } catch (error) {
-            throw error instanceof Unreadable ? new Refusal(error.message) : error;
-        }
+    async previous(file) {
+        const text = await file.text();
+        const calibration = readable(() => readCalibration(text, this.data), `${file.name}: `);
+        this.session.gotPrevious(this.now, { name: file.name, calibration });
+        this.isUrgent = true;
+        this.step();
+        return new Response();
     }
 
     /** @param {string} target */
@@ -333,6 +335,21 @@ export class OwnLink {
         }
         const frame = this.cursor.frame(session);
         if (frame) listener.onFrame(frame);
+    }
+}
+
+/**
+ * What a file has; a file that cannot be read is refused in words.
+ * @template T
+ * @param {() => T} read
+ * @param {string} before  the words
+ * @returns {T}
+ */
+function readable(read, before = "") {
+    try {
+        return read();
+    } catch (error) {
+        throw error instanceof Unreadable ? new Refusal(before + error.message) : error;
     }
 }
 

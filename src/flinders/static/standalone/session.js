@@ -46,6 +46,11 @@ import { Exclusions, merged, ReadingBuffer, Timeline } from "./buffer.js";
 const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
 
 /**
+ * A calibration from before, by the name of its file.
+ * @typedef {{name: string, calibration: import("./targets.js").Calibration}} Previous
+ */
+
+/**
  * Result of a fit.
  * @typedef {object} Evaluated
  * @property {number} key  of the series that was fitted
@@ -57,6 +62,7 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} coverage  share of the sphere that has been seen
  * @property {string[]} alarms  codes of reasons that more turning may end
  * @property {object | null} record  the part `fit` of a calibration file
+ * @property {import("../messages.d.ts").PreviousState | null} previous
  */
 
 /**
@@ -71,11 +77,11 @@ const COUNTS = { inside: "counts", recorded: "counts", scale: 1 };
  * @property {number} dipDeg
  * @property {boolean} dipAssumed
  * @property {"heading" | "attitude"} goal
- * @property {boolean} isFollowed
+ * @property {Previous | null} previous
  */
 
 /** @type {Evaluated} */
-const NO_FIT = { key: -1, view: null, refusal: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null };
+const NO_FIT = { key: -1, view: null, refusal: "", reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
 const A_LOG = "a log is shown, and nothing arrives in it: go back to the sensor first";
 const NO_PLACE = "this page has no model of the earth's field: look up the inclination at your place, and type it as dip";
 
@@ -129,6 +135,8 @@ export class Session {
         this.dipDeg = null;
         /** @type {"heading" | "attitude"} */
         this.goal = "heading";
+        /** @type {Previous | null} */
+        this.previous = null;
         this.recording = "";
         this.revision = 0;
         this.keys = 0;
@@ -150,11 +158,6 @@ export class Session {
     /** @returns {[number, boolean]} The dip that is judged at, and whether it is assumed. */
     get judgedDip() {
         return this.dipDeg === null ? [this.rules.assumed_dip_deg, true] : [this.dipDeg, false];
-    }
-
-    /** Whether somebody turns the sensor just now, and may be led. */
-    get isFollowed() {
-        return this.opened === null && this.live.pausedAt === null && this.source.link === "connected";
     }
 
     /** @param {number} at */
@@ -213,6 +216,17 @@ export class Session {
     }
 
     /**
+     * Take a calibration to compare with.
+     * @param {number} at
+     * @param {Previous} previous
+     */
+    gotPrevious(at, previous) {
+        this.at = at;
+        this.previous = previous;
+        this.#refit();
+    }
+
+    /**
      * Carry out a command; one that changes nothing is no step.
      * @param {number} at
      * @param {ToServer} command
@@ -227,6 +241,8 @@ export class Session {
                 return this.#wish("dipDeg", command.deg);
             case "goal":
                 return this.#wish("goal", command.goal);
+            case "previous_clear":
+                return this.#wish("previous", null);
             case "place":
                 return [notice(NO_PLACE, "warning")];
             case "exclude":
@@ -263,7 +279,7 @@ export class Session {
 
     /**
      * Change what the calibration is compared with.
-     * @template {"targetDeg" | "dipDeg" | "goal"} Name
+     * @template {"targetDeg" | "dipDeg" | "goal" | "previous"} Name
      * @param {Name} name
      * @param {this[Name]} value
      * @returns {Notice[]}
@@ -387,7 +403,7 @@ export class Session {
             dipDeg,
             dipAssumed,
             goal: this.goal,
-            isFollowed: this.isFollowed,
+            previous: this.previous,
         };
     }
 

@@ -44,7 +44,7 @@ export function sessionState(session) {
         stride: shownStride(session),
         paused: live.pausedAt !== null,
         recording: session.recording || null,
-        previous: null,
+        previous: session.previous && evaluated.previous,
         refreshing: false,
         opened: session.openedName || null,
         can_send: false,

@@ -2,6 +2,7 @@
 
 import { loadEngine } from "./engine.js";
 import { evaluate } from "./evaluate.js";
+import { compared } from "./previous.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./session.js").Task} Task */
@@ -12,8 +13,12 @@ import { evaluate } from "./evaluate.js";
 let ready;
 
 self.addEventListener("message", async (/** @type {MessageEvent<Start | Fit>} */ { data: asked }) => {
-    if ("address" in asked) ready = begun(asked);
-    else self.postMessage(await answered(asked));
+    if ("number" in asked) {
+        self.postMessage(await answered(asked));
+        return;
+    }
+    ready = begun(asked);
+    ready.catch(() => {}); // which the answer to each task says
 });
 
 /** @param {Start} start */
@@ -29,8 +34,9 @@ async function answered({ number, task }) {
     try {
         const { engine, data } = await ready;
         const begin = performance.now();
-        const evaluated = { ...evaluate(engine, data, task), key: task.key };
-        return { number, evaluated, seconds: (performance.now() - begin) / 1000 };
+        const evaluated = evaluate(engine, data, task);
+        const previous = task.previous && compared(task.previous, evaluated.view, task);
+        return { number, evaluated: { ...evaluated, previous, key: task.key }, seconds: (performance.now() - begin) / 1000 };
     } catch (error) {
         return { number, fault: String(error) };
     }
