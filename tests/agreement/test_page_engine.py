@@ -22,6 +22,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.live.evaluation import evaluate
+from flinders.live.messages import SourceState
 from flinders.native import build
 from flinders.standalone import engine
 
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from benchmarks.page_verdict import Compared
+
+    from flinders.live.session import LiveSession
 
 try:
     build.library(target=build.WEB)
@@ -190,6 +193,30 @@ def test_the_page_draws_what_the_live_page_draws(goal: Literal["heading", "attit
     same({**answer["view"], "findings": []}, {**msgspec.to_builtins(program.view), "findings": []}, "view")
     assert (answer["used"], answer["rejected"]) == (program.used, program.rejected)
     assert bool(answer["view"]["guidance"]["direction"]) == (goal == "attitude")
+
+
+@pytest.mark.parametrize("goal", ["heading", "attitude"])
+def test_the_page_leads_who_turns_the_sensor_as_the_live_page_does(goal: Literal["heading", "attitude"]) -> None:
+    level = simulate.tumble(seed=1, n=800, motion="level").samples
+    cases = [
+        simulate.tumble(seed=3, n=1500).samples[:100],
+        simulate.tumble(seed=7, n=300, motion="tilted").samples,
+        replace(level, field=level.field[:, [1, 2, 0]]),
+    ]
+    sessions = [followed(thinned(samples), goal) for samples in cases]
+    for session, page in zip(sessions, page_answers(sessions)["answers"], strict=True):
+        view = evaluate(session).view
+        assert view is not None
+        assert view.guidance is not None
+        assert view.guidance.words.startswith("follow the arrow: ")
+        same(page["view"]["guidance"], msgspec.to_builtins(view.guidance), "guidance")
+        same(page["view"]["shown"], msgspec.to_builtins(view.shown), "shown")
+
+
+def followed(samples: Samples, goal: Literal["heading", "attitude"]) -> LiveSession:
+    """A session of a sensor that somebody turns."""
+    session = replace(session_of(samples, target_deg=0.1), goal=goal)
+    return replace(session, source=SourceState("sensor", "serial", "connected", ""))
 
 
 def test_the_page_knows_every_word_that_a_row_may_take() -> None:
