@@ -36,7 +36,7 @@ ATTEMPTS: Final = 3
 """Workers that a unit of work may cost; as many as Dask allows."""
 UNSTARTED: Final = (
     f"{ATTEMPTS} worker processes ended before they began: a script that calls this needs its calls below "
-    '`if __name__ == "__main__":`, and workers need memory; workers=0 takes this process alone'
+    '`if __name__ == "__main__":`, and a worker needs memory; with 0 workers this process does it all'
 )
 """What to do where no worker can be started."""
 PATIENCE_S: Final = 10.0
