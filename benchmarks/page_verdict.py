@@ -124,6 +124,7 @@ def asked(session: LiveSession) -> dict[str, Any]:
         "dipDeg": dip_deg,
         "dipAssumed": is_assumed,
         "goal": session.goal,
+        "isFollowed": session.is_followed,
     }
 
 

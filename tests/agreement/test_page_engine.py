@@ -9,7 +9,7 @@ import base64
 import math
 import shutil
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -22,6 +22,7 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.live.evaluation import evaluate
+from flinders.live.messages import SourceState
 from flinders.native import build
 from flinders.standalone import engine
 
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
     from benchmarks.page_verdict import Compared
 
+    from flinders.heading.guidance import Goal
+    from flinders.live.session import LiveSession
+
 try:
     build.library(target=build.WEB)
 except build.NoCompiler as error:
@@ -39,7 +43,8 @@ except build.NoCompiler as error:
 if shutil.which("node") is None:
     pytest.skip("no Node.js to run the page's modules with", allow_module_level=True)
 
-ROWS = 1_000
+GOALS: tuple[Goal, ...] = ("heading", "attitude")
+ROWS = 600
 ENGINE = 1e-9
 CLAIM = 1e-6
 
@@ -181,15 +186,37 @@ def same(page: object, program: object, name: str) -> None:
         np.testing.assert_allclose(own, other, rtol=relative, atol=absolute, err_msg=name)
 
 
-@pytest.mark.parametrize("goal", ["heading", "attitude"])
-def test_the_page_draws_what_the_live_page_draws(goal: Literal["heading", "attitude"]) -> None:
+def test_the_page_draws_what_the_live_page_draws() -> None:
     samples = thinned(simulate.tumble(seed=7, n=600, motion="tilted", outliers=0.02).samples)
-    session = replace(session_of(samples, target_deg=0.5), goal=goal)
-    (answer,) = page_answers([session])["answers"]
-    program = evaluate(session)
-    same({**answer["view"], "findings": []}, {**msgspec.to_builtins(program.view), "findings": []}, "view")
-    assert (answer["used"], answer["rejected"]) == (program.used, program.rejected)
-    assert bool(answer["view"]["guidance"]["direction"]) == (goal == "attitude")
+    sessions = [replace(session_of(samples, target_deg=0.5), goal=goal) for goal in GOALS]
+    for session, answer in zip(sessions, page_answers(sessions)["answers"], strict=True):
+        program = evaluate(session)
+        same({**answer["view"], "findings": []}, {**msgspec.to_builtins(program.view), "findings": []}, "view")
+        assert (answer["used"], answer["rejected"]) == (program.used, program.rejected)
+        assert bool(answer["view"]["guidance"]["direction"]) == (session.goal == "attitude")
+
+
+def test_the_page_leads_who_turns_the_sensor_as_the_live_page_does() -> None:
+    level = simulate.tumble(seed=1, n=800, motion="level").samples
+    cases = [
+        simulate.tumble(seed=3, n=1500).samples[:100],
+        simulate.tumble(seed=7, n=300, motion="tilted").samples,
+        replace(level, field=level.field[:, [1, 2, 0]]),
+    ]
+    sessions = [followed(thinned(samples), goal) for samples in cases for goal in GOALS]
+    for session, page in zip(sessions, page_answers(sessions)["answers"], strict=True):
+        view = evaluate(session).view
+        assert view is not None
+        assert view.guidance is not None
+        assert view.guidance.words.startswith("follow the arrow: ")
+        same(page["view"]["guidance"], msgspec.to_builtins(view.guidance), "guidance")
+        same(page["view"]["shown"], msgspec.to_builtins(view.shown), "shown")
+
+
+def followed(samples: Samples, goal: Goal) -> LiveSession:
+    """A session of a sensor that somebody turns."""
+    session = replace(session_of(samples, target_deg=0.1), goal=goal)
+    return replace(session, source=SourceState("sensor", "serial", "connected", ""))
 
 
 def test_the_page_knows_every_word_that_a_row_may_take() -> None:

@@ -25,7 +25,8 @@ from flinders.findings import CATALOGUE, fit, limit_of
 from flinders.findings.causes import CAUSES
 from flinders.findings.conditions import OF_A_TUMBLE, stated
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
-from flinders.heading import guidance
+from flinders.geometry.sphere import bisected, icosahedron
+from flinders.heading import guidance, path_planning
 from flinders.live import evaluation
 from flinders.native.engine import OPTIONS, RECORD
 from flinders.report.view import tiles_view
@@ -85,6 +86,13 @@ NUMBERS: Final = {
     "COVERAGE_LIMIT": limit_of("coverage"),
     "OUTLIERS_LIMIT": limit_of("outliers"),
     "LOOKED_AT": calibrate.LOOKED_AT,
+    "PATH_FLAT": path_planning.FLAT,
+    "PATH_STEPS": path_planning.STEPS,
+    "PATH_THINNED": path_planning.THINNED,
+    **{
+        name: getattr(path_planning, name)
+        for name in ("BEAM", "READINGS_PER_DEG", "NEAREST_DEG", "FARTHEST_DEG", "DEPARTURE", "ARC_DEG", "ROUGHEST")
+    },
     "SWAP_LAG_ONE": calibrate.SWAP_LAG_ONE,
     "SWAP_FEWEST": axis_swap.FEWEST,
     "SWAP_BROKEN": axis_swap.BROKEN,
@@ -112,7 +120,7 @@ NUMBERS: Final = {
         name: getattr(evaluation, name)
         for name in (
             *("STALE_S", "STALE_ROWS", "FROZEN_ROWS", "FROZEN_S", "LIVELY", "MOVING", "STILL_S", "STILL_DEG"),
-            *("CONVERGED", "CONVERGED_FRACTION", "CONVERGED_S", "DENSE", "OFFERED"),
+            *("CONVERGED", "CONVERGED_FRACTION", "CONVERGED_S", "DENSE", "OFFERED", "KNOWN_DEG", "SPEED_DEG"),
         )
     },
 }
@@ -142,6 +150,8 @@ def data() -> dict[str, Any]:
         ],
         "cells": CELLS.tolist(),
         "bands": BANDS.tolist(),
+        "nodes": bisected(*icosahedron())[0].tolist(),
+        "turns": path_planning.TURNS["sensor"],
         "tiles": msgspec.to_builtins(tiles_view()),
         "swaps": {name: swap.ravel().tolist() for name, swap in axis_swap.SWAPS.items()},
         "shrinkage": {

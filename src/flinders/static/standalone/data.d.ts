@@ -57,6 +57,8 @@ export interface EngineData {
   other_units: Record<string, number>;
   poses: Pose[];
   cells: [number, number, number][];
+  nodes: [number, number, number][]; // of paths
+  turns: [right: string, left: string][]; // about x, y and z
   bands: number[];
   tiles: TilesView;
   swaps: Record<string, number[]>;

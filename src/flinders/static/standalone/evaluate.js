@@ -1,6 +1,7 @@
 /** A fit of what the page shows, its verdict and what speaks against it: `flinders.live.evaluation.evaluate`. */
 
 import { Fit, fitOf } from "./fit.js";
+import { guided } from "./path.js";
 import { ofFit, ofMotion, ofRefusal } from "./reasons.js";
 import { judge, verdictOf } from "./verdict.js";
 import { viewOf } from "./view.js";
@@ -12,8 +13,16 @@ import { viewOf } from "./view.js";
 /** @typedef {import("./verdict.js").Finding} Finding */
 
 /**
- * What is fitted: the readings that are not excluded, and what a person asks of them.
- * @typedef {import("./fit.js").Request & {goal: import("./guidance.js").Goal, numbers?: ArrayLike<number> | null}} Asked
+ * What a person asks of a fit.
+ * @typedef {object} Wish
+ * @property {import("./guidance.js").Goal} goal
+ * @property {ArrayLike<number> | null} [numbers] Which reading of the session each of them is.
+ * @property {boolean} [isFollowed] Somebody turns the sensor just now, and may be led.
+ */
+
+/**
+ * The readings that are not excluded, and what a person asks of them.
+ * @typedef {import("./fit.js").Request & Wish} Asked
  */
 
 /**
@@ -32,11 +41,11 @@ import { viewOf } from "./view.js";
 /**
  * @param {Engine} engine
  * @param {EngineData} data
- * @param {Asked} asked `numbers` says which reading of the session each of them is.
+ * @param {Asked} asked
  * @returns {Evaluated}
  */
 export function evaluate(engine, data, asked) {
-    const { field, goal, numbers = null } = asked;
+    const { field, goal, numbers = null, isFollowed = false } = asked;
     const time = asked.time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
     const fit = fitOf(engine, data, asked);
     const readings = { field, time };
@@ -51,7 +60,7 @@ export function evaluate(engine, data, asked) {
     const alarms = found.filter(({ severity, code }) => severity === "warning" && !data.at_once.includes(code));
     const used = view.tiles_seen.reduce((sum, count) => sum + count, 0) || time.length;
     return {
-        view,
+        view: isFollowed ? guided(view, fit, readings, isFlat, goal) : view,
         reasons: ordered([...ofMotion(readings, fit, isFlat, data), ...found]),
         refusal: "",
         alarms: alarms.map(({ code }) => code),

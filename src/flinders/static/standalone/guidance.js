@@ -61,7 +61,7 @@ export function guide(fit, goal) {
  * @param {number[][]} variances
  * @returns {number[]}
  */
-function sharpMeans(variances) {
+export function sharpMeans(variances) {
     const largest = Math.max(...variances.map((row) => Math.max(...row)), Number.MIN_VALUE);
     return variances.map((row) => row.reduce((sum, each) => sum + (each / largest) ** SHARPNESS, 0) / row.length);
 }
@@ -80,7 +80,7 @@ function lowest(scores) {
  * @param {Fit} fit
  * @returns {number}
  */
-function readingVariance(jacobians, { covariance, noise, counts }) {
+export function readingVariance(jacobians, { covariance, noise, counts }) {
     const { values, vectors } = eigen(covariance, 9);
     const free = values.map((_, i) => i).filter((i) => values[i] > FULL_DIGITS * values[8]);
     if (!free.length) return noise ** 2;

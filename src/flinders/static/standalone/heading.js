@@ -212,7 +212,7 @@ function worstAnywhereDeg(surface, covariance, dipDeg) {
  * @param {number} count
  * @returns {number[][]}
  */
-function fibonacci(count) {
+export function fibonacci(count) {
     return Array.from({ length: count }, (_, k) => {
         const z = 1 - (2 * (k + 0.5)) / count;
         const longitude = Math.PI * (1 + Math.sqrt(5)) * (k + 0.5);
@@ -240,7 +240,7 @@ export function directionRows(surface, u) {
  * @param {Numbers} covariance
  * @returns {ErrorDeg}
  */
-function directionError(surface, covariance) {
+export function directionError(surface, covariance) {
     const sums = fibonacci(EVERYWHERE).map((u) =>
         directionRows(surface, u).reduce((sum, row) => sum + variance(row, covariance), 0),
     );

@@ -226,3 +226,18 @@ export function inverted(matrix, n) {
     }
     return { inverse, halfLog };
 }
+
+/**
+ * The shortest of the solutions that leave least.
+ * @param {number[][]} rows
+ * @param {number[]} targets
+ * @returns {number[]}
+ */
+export function leastSquares(rows, targets) {
+    const n = rows[0].length;
+    const columns = Array.from({ length: n }, (_, i) => rows.map((row) => row[i]));
+    const { values, vectors } = eigen(columns.flatMap((a) => columns.map((b) => dot(a, b))), n);
+    const right = columns.map((column) => dot(column, targets));
+    const parts = vectors.map((vector, i) => (values[i] > 1e-14 * values[n - 1] ? dot(vector, right) / values[i] : 0));
+    return Array.from({ length: n }, (_, i) => vectors.reduce((sum, vector, k) => sum + parts[k] * vector[i], 0));
+}

@@ -1,7 +1,7 @@
 /** Whether a sensor was hardly turned: `flinders.diagnostics.unmoved`, where the reasons and their measures are. */
 
 import { threes } from "./coverage.js";
-import { dot, eigen } from "./linear.js";
+import { dot, leastSquares } from "./linear.js";
 import { principal } from "./plane.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
@@ -167,21 +167,6 @@ function radiusOf(places, thickness, numbers) {
     const mean = lengths.reduce((sum, length) => sum + length, 0) / lengths.length;
     const noise = Math.sqrt(lengths.reduce((sum, length) => sum + (length - mean) ** 2, 0) / lengths.length);
     return noise < Math.min(numbers.SPHERICAL * radius, numbers.CURVED * thickness) ? radius : Infinity;
-}
-
-/**
- * The shortest of the solutions that leave least.
- * @param {number[][]} rows
- * @param {number[]} targets
- * @returns {number[]}
- */
-function leastSquares(rows, targets) {
-    const n = rows[0].length;
-    const columns = Array.from({ length: n }, (_, i) => rows.map((row) => row[i]));
-    const { values, vectors } = eigen(columns.flatMap((a) => columns.map((b) => dot(a, b))), n);
-    const right = columns.map((column) => dot(column, targets));
-    const parts = vectors.map((vector, i) => (values[i] > 1e-14 * values[n - 1] ? dot(vector, right) / values[i] : 0));
-    return Array.from({ length: n }, (_, i) => vectors.reduce((sum, vector, k) => sum + parts[k] * vector[i], 0));
 }
 
 /**
