@@ -137,8 +137,9 @@ export class Finish {
                 : "A calibration file of this sensor: how many degrees have headings changed since?",
         );
         byId("previous-clear", HTMLElement).hidden = !previous;
-        byId("refresh-choice", HTMLElement).hidden = !previous;
-        byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
+        const refreshing = state?.refreshing ?? null;
+        byId("refresh-choice", HTMLElement).hidden = refreshing === null;
+        byId("refresh", HTMLInputElement).checked = refreshing === true;
         this.allow();
         if (this.isOpen && this.key !== this.previewed) this.refreshSoon();
     }
