@@ -91,8 +91,8 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
         Every so many readings one is shown.
     recording : str or None
         File that the server writes to.
-    refreshing : bool or None
-        The calibration keeps the soft iron of `previous`; None where there is none.
+    refreshing : bool
+        The calibration keeps the soft iron of `previous`.
     opened : str or None
         Name of the log that is shown in place of the sensor.
     can_send : bool
@@ -122,7 +122,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     paused: bool
     recording: str | None
     previous: PreviousState | None
-    refreshing: bool | None
+    refreshing: bool
     opened: str | None
     can_send: bool
 

@@ -56,7 +56,7 @@ def session_state(session: LiveSession) -> SessionState:
         paused=session.live.paused_at is not None,
         recording=session.recording or None,
         previous=None if session.previous is None else evaluated.previous,
-        refreshing=None if session.previous is None else session.refreshes,
+        refreshing=session.renewed is not None,
         opened=session.opened_name or None,
         can_send=session.has_board and session.opened is None and evaluated.is_usable,
     )

@@ -137,9 +137,8 @@ export class Finish {
                 : "A calibration file of this sensor: how many degrees have headings changed since?",
         );
         byId("previous-clear", HTMLElement).hidden = !previous;
-        const refreshing = state?.refreshing ?? null;
-        byId("refresh-choice", HTMLElement).hidden = refreshing === null;
-        byId("refresh", HTMLInputElement).checked = refreshing === true;
+        byId("refresh-choice", HTMLElement).hidden = !previous;
+        byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
         this.allow();
         if (this.isOpen && this.key !== this.previewed) this.refreshSoon();
     }

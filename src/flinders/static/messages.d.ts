@@ -67,7 +67,7 @@ export interface SessionState {
   paused: boolean;
   recording: string | null;
   previous: PreviousState | null;
-  refreshing: boolean | null;
+  refreshing: boolean;
   opened: string | null;
   can_send: boolean;
 }
