@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 PIECE: Final = 37  # Bytes that arrive together
 LATER_S: Final = 0.02
-LARGEST: Final = 2 << 20  # Bytes of a recording that is compared
+LARGEST: Final = 1 << 19  # Bytes of a recording that is compared
 PROGRAM: Final = """
 const { readLog, LineReader } = await load("lines.js");
 const { Unreadable } = await load("tables.js");

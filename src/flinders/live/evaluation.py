@@ -73,7 +73,7 @@ MOVING: Final = 0.1  # Of their range so far, that the other axes move by meanwh
 CONVERGED: Final = 5.0  # A fit has converged, and its findings are shown, once its error is below so many targets, …
 CONVERGED_FRACTION: Final = 0.7  # … or so much of the sphere has been seen, …
 CONVERGED_S: Final = 30.0  # … or so many seconds of readings are there: more of the same would not help
-AT_ONCE: Final = frozenset({"saturated"})
+AT_ONCE: Final = frozenset({"saturated", "soft-iron-changed"})
 """Alarms that no more turning ends."""
 DISTURBED: Final = frozenset({"field-changed", "outliers"})
 """Alarms that may end where the intervals of most outliers are left out."""

@@ -418,9 +418,9 @@ def _with_goal(session: LiveSession, **wish: object) -> Stepped:
 
 def _refreshing(session: LiveSession, *, refresh: bool) -> Stepped:
     """Renew the calibration from before, or make one afresh; `UsageError` where there is none that can be renewed."""
-    if refresh and session.previous is None:
-        raise UsageError("there is no earlier calibration to renew: choose its file first")
-    if refresh and session.previous is not None:
+    if refresh:
+        if session.previous is None:
+            raise UsageError("there is no earlier calibration to renew: choose its file first")
         refuse_unfit(session.previous)
     return _with_goal(session, refreshes=refresh)
 

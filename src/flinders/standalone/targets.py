@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import re
 import zlib
+from dataclasses import asdict
 from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Any, Final
@@ -118,14 +119,12 @@ class _Slots:
 
 def _row(target: Target, slots: _Slots) -> dict[str, Any]:
     """One target."""
-    comment = target.comment
-    marks = comment and {"each": comment.each, "opening": comment.opening, "closing": comment.closing}
     return {
         "name": target.name,
         "use": target.use,
         "title": target.title,
         "suffix": target.suffix,
-        "comment": comment and marks and {**marks, "ends": comment.ends},
+        "comment": target.comment and asdict(target.comment),
         "relative": bool(target.lengths),
         "limits": _limits(target.family, slots),
         "variants": {name: _variant(target, calibration, slots) for name, calibration in _variants(target)},
@@ -151,9 +150,8 @@ def _variant(target: Target, calibration: Calibration, slots: _Slots) -> dict[st
         return {"refusal": str(error)}
     written = _written(calibration, OWN.get(target.family, "digits"))
     remarks = _remarks(target, export)
-    body = (
-        export.text if target.comment is None else export.text[len("\n".join([*target.comment.lines(remarks), ""])) :]
-    )
+    head = target.comment.lines(remarks) if target.comment else []
+    body = export.text.removeprefix("\n".join([*head, ""]) if head else "")
     packet = None if export.data is None else _packet(export.data, calibration, slots)
     return {
         "remarks": [slots.pieces(remark, written) for remark in remarks],

@@ -15,6 +15,8 @@ import { ahead, every, largest, replaced, strippedStart, whole } from "./pattern
  * @typedef {{cells: number[], rank: number, words: string[], name: string, isReadings: boolean}} Vector
  */
 
+/** Names whose meaning is remembered: garbage on a wire has new ones without end. */
+const REMEMBERED = 4096;
 const NOTHING = { kind: "", axis: "", unit: "", rank: 0 };
 const LETTERS = /^\p{L}+$/u;
 const DIGITS = /^\d+$/;
@@ -39,7 +41,10 @@ export class Names {
      */
     meaning(name) {
         let meaning = this.known.get(name);
-        if (!meaning) this.known.set(name, (meaning = this.understood(name)));
+        if (!meaning) {
+            if (this.known.size >= REMEMBERED) this.known.clear();
+            this.known.set(name, (meaning = this.understood(name)));
+        }
         return meaning;
     }
 

@@ -10,6 +10,8 @@ import { ahead, replaced, stripped, strippedEnd, strippedStart, whole } from "./
  * @typedef {{numbers: string[], gaps: string[]}} Cut
  */
 
+/** Kinds of lines whose names are remembered. */
+const REMEMBERED = 1024;
 const NUMBER = /^[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?$/i;
 const INFINITE = /^([-+]?)inf(?:inity)?$/i;
 
@@ -117,7 +119,7 @@ export class Prints {
         const key = gaps.join("\n");
         let names = this.known.get(key);
         if (!names) {
-            if (this.known.size > 1024) this.known.clear();
+            if (this.known.size >= REMEMBERED) this.known.clear();
             this.known.set(key, (names = this.named(gaps)));
         }
         return names;
