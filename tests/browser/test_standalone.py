@@ -234,6 +234,8 @@ def test_a_board_is_lost_comes_back_and_outlives_a_reload(visitor: Visitor, cont
     page.keyboard.press("Escape")
     page.locator("#use-simulation").evaluate("button => button.click()")  # saved, so that another source may follow
     until(page, "flinders.store.state.source.kind === 'simulated' && flinders.store.state.readings > 20")
+    page.reload()
+    expect(page.locator("#start")).to_be_visible()
 
 
 def test_a_phone_that_asks_its_own_sensor(visitor: Visitor, axe: str) -> None:

@@ -75,6 +75,8 @@ export class OwnLink {
         this.statedAt = -1;
         this.statedRevision = -1;
         this.isUrgent = false;
+        /** @type {import("./session.js").Evaluated | null}  of all readings */
+        this.finished = null;
         /** Readings that somebody has saved. */
         this.saved = 0;
         /** Called where the source is another, or a log was opened. */
@@ -123,8 +125,8 @@ export class OwnLink {
      */
     send(message) {
         for (const words of this.session.requested(this.now, message)) this.listener.onMessage(words);
-        if (message.type === "clear" && this.session.live.buffer.total === 0) this.forget();
-        if (message.type === "clear" || message.type === "back_to_live") this.onChange();
+        if (message.type === "clear" && this.session.opened === null) this.forget();
+        if (message.type === "back_to_live") this.onChange();
         this.isUrgent = true;
         this.step();
         return true;
@@ -192,23 +194,21 @@ export class OwnLink {
         return download(calibrationFile(this.data, calibration, { fit, provenance }), "calibration.json");
     }
 
-    /** The readings of the sensor that are in memory, as a table. */
+    /** The readings that are in memory, as a table in the recorded unit. */
     async readings() {
-        const { buffer, unit } = this.session.shown;
-        if (this.session.opened === null) this.saved = buffer.total;
-        const suffix = unit.inside === "uT" ? "_uT" : "";
-        const rows = [["t_s", ...["x", "y", "z"].map((axis) => `mag_${axis}${suffix}`)].join(",")];
-        for (let j = 0; j < buffer.count; j++) rows.push([buffer.time[j].toFixed(4), ...buffer.field.subarray(3 * j, 3 * j + 3)].join(","));
-        return download(`${rows.join("\n")}\n`, "readings.csv");
+        const { shown, opened } = this.session;
+        if (opened === null) this.saved = shown.buffer.total;
+        return download(tableOf(shown), "readings.csv");
     }
 
     /** The calibration of all readings that are shown and not left out, and what is known of it. */
     async final() {
         const { shown, openedName, source } = this.session;
-        const { evaluated } = await this.fitter.fit(this.session.task(Infinity));
-        const calibration = calibrationOf(evaluated.view, shown.unit, openedName || source.name);
-        if (calibration === null) throw new Refusal(evaluated.refusal || "There is no calibration yet.");
-        return { calibration, fit: evaluated.record };
+        if (this.finished?.key !== shown.key) this.finished = (await this.fitter.fit(this.session.task(Infinity))).evaluated;
+        const { view, refusal, record } = this.finished;
+        const calibration = calibrationOf(view, shown.unit, openedName || source.name);
+        if (calibration === null) throw new Refusal(refusal || "There is no calibration yet.");
+        return { calibration, fit: record };
     }
 
     // Sources ----------------------------------------------------------------------------------------------------------
@@ -227,23 +227,23 @@ export class OwnLink {
         }
         if (this.source) {
             await this.source.stop();
-            this.link("ended", "");
+            this.linked("ended", "");
         }
         if (session.opened) session.requested(this.now, { type: "back_to_live" });
-        if (isOther && session.live.buffer.total > 0) session.requested(this.now, { type: "clear" });
+        if (isOther) this.empty();
         this.source = null;
         const isNow = () => this.source === source;
         await source.start({
             take: (rows, unit) => isNow() && this.take(rows, unit),
-            link: (link, words) => isNow() && this.link(link, words),
+            link: (link, words) => isNow() && this.linked(link, words),
             tell: (words, severity) => isNow() && this.tell(words, severity),
         });
         this.source = source;
-        this.name({ name: source.name, kind: source.kind, link: "waiting", words: "" });
+        this.show({ name: source.name, kind: source.kind, link: "waiting", words: "" });
     }
 
-    /** @param {SourceState} source */
-    name(source) {
+    /** @param {SourceState} source  what the page says of it */
+    show(source) {
         this.session.source = source;
         this.session.recording = ONCE.includes(source.kind) && this.keeper.isOpen ? IN_BROWSER : "";
         this.isUrgent = true;
@@ -261,7 +261,7 @@ export class OwnLink {
         const { name, kind, unit } = kept;
         this.session.arrived(this.now, kept, unit);
         const words = `these are the readings of ${name} from before this page was loaded again: choose it as source to go on`;
-        this.name({ name, kind, link: "ended", words });
+        this.show({ name, kind, link: "ended", words });
         this.tell(words);
     }
 
@@ -273,7 +273,7 @@ export class OwnLink {
     }
 
     /** @param {SourceState["link"]} link @param {string} words */
-    link(link, words) {
+    linked(link, words) {
         this.drain();
         for (const said of this.session.linked(this.now, link, words)) this.listener.onMessage(said);
         this.isUrgent = true;
@@ -284,11 +284,17 @@ export class OwnLink {
         this.listener.onMessage(notice(words, severity));
     }
 
-    /** Forget what was kept, as the page begins anew. */
+    /** Begin anew without readings. */
+    empty() {
+        this.session.requested(this.now, { type: "clear" });
+        this.forget();
+    }
+
+    /** Forget what was kept of the readings that have left the page. */
     forget() {
         this.saved = 0;
         this.keeper.clear();
-        if (this.source === null) this.name(NO_SOURCE);
+        if (this.source === null) this.show(NO_SOURCE);
     }
 
     // Time -------------------------------------------------------------------------------------------------------------
@@ -373,6 +379,21 @@ function calibrationOf(view, unit, name) {
         raw: { unit: unit.recorded, scale: unit.scale },
         about: [`from ${name}`, `the calibration is ${verdict}: headings good to ${degrees(error?.worst)} (1 σ)`, ...limits],
     };
+}
+
+/**
+ * @param {import("./session.js").Series} series
+ * @returns {string}
+ */
+function tableOf({ buffer, unit: { inside, recorded, scale } }) {
+    const { time, field } = buffer;
+    const suffix = inside === "uT" ? `_${recorded}` : "";
+    const rows = [`t_s,mag_x${suffix},mag_y${suffix},mag_z${suffix}`];
+    time.forEach((at, j) => {
+        const [x, y, z] = [0, 1, 2].map((axis) => Number((field[3 * j + axis] / scale).toPrecision(12)));
+        rows.push(`${at.toFixed(4)},${x},${y},${z}`);
+    });
+    return `${rows.join("\n")}\n`;
 }
 
 /**

@@ -386,18 +386,16 @@ export class Session {
      */
     task(most) {
         const { shown } = this;
-        const { buffer } = shown;
-        const all = buffer.outside(shown.excluded);
+        const { time, field, stride } = shown.buffer;
+        const all = shown.buffer.outside(shown.excluded);
         const step = Math.max(Math.ceil(all.length / most), 1);
         const used = all.filter((_, i) => i % step === 0);
-        const field = new Float64Array(3 * used.length);
-        used.forEach((place, i) => field.set(buffer.field.subarray(3 * place, 3 * place + 3), 3 * i));
         const [dipDeg, dipAssumed] = this.judgedDip;
         return {
             key: shown.key,
-            field,
-            time: Float64Array.from(used, (place) => buffer.time[place]),
-            numbers: used.map((place) => place * buffer.stride),
+            field: Float64Array.from({ length: 3 * used.length }, (_, i) => field[3 * used[Math.floor(i / 3)] + (i % 3)]),
+            time: Float64Array.from(used, (place) => time[place]),
+            numbers: used.map((place) => place * stride),
             unit: labelOf(shown.unit),
             targetDeg: this.targetDeg,
             dipDeg,

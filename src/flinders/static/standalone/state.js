@@ -256,6 +256,7 @@ export class Cursor {
  */
 function frameOf(session, first, count, step) {
     const { generation, buffer } = session.shown;
+    const { time, field } = buffer;
     const frame = new ArrayBuffer(4 * (8 + 6 + 4 * count));
     new Uint32Array(frame, 0, 8).set([MAGIC, generation, first, count, 0, step * buffer.stride]);
     new Float32Array(frame, 32, 6).set([...buffer.latest, NaN, NaN, NaN]);
@@ -263,8 +264,8 @@ function frameOf(session, first, count, step) {
     const fields = new Float32Array(frame, 56 + 4 * count, 3 * count);
     for (let j = 0; j < count; j++) {
         const place = (first + j) * step;
-        times[j] = buffer.time[place];
-        fields.set(buffer.field.subarray(3 * place, 3 * place + 3), 3 * j);
+        times[j] = time[place];
+        fields.set(field.subarray(3 * place, 3 * place + 3), 3 * j);
     }
     return frame;
 }
