@@ -187,7 +187,7 @@ export class Phone {
 }
 
 const NO_SENSOR =
-    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Generic Sensor Extra Classes” is switched on in chrome://flags.";
+    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform features” is switched on in chrome://flags.";
 
 /** @param {unknown} error */
 function refusedSensor(error) {
