@@ -89,7 +89,7 @@ export class Choice {
         document.addEventListener("paste", (event) => {
             const text = event.clipboardData?.getData("text");
             const isField = event.target instanceof Element && event.target.matches("input, select");
-            if (!text || isField) return;
+            if (!text || isField || document.querySelector("dialog[open]")) return;
             event.preventDefault();
             open(text);
         });

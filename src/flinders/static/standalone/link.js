@@ -231,15 +231,27 @@ export class OwnLink {
         }
         if (session.opened) session.requested(this.now, { type: "back_to_live" });
         if (isOther) this.empty();
-        this.source = null;
-        const isNow = () => this.source === source;
-        await source.start({
-            take: (rows, unit) => isNow() && this.take(rows, unit),
-            link: (link, words) => isNow() && this.linked(link, words),
-            tell: (words, severity) => isNow() && this.tell(words, severity),
-        });
-        this.source = source;
+        await this.start(source);
         this.show({ name: source.name, kind: source.kind, link: "waiting", words: "" });
+    }
+
+    /**
+     * Start a source, which is heard as long as no other is used.
+     * @param {Source} source
+     */
+    async start(source) {
+        this.source = source;
+        const isNow = () => this.source === source;
+        try {
+            await source.start({
+                take: (rows, unit) => isNow() && this.take(rows, unit),
+                link: (link, words) => isNow() && this.linked(link, words),
+                tell: (words, severity) => isNow() && this.tell(words, severity),
+            });
+        } catch (error) {
+            this.source = null;
+            throw error;
+        }
     }
 
     /** @param {SourceState} source  what the page says of it */

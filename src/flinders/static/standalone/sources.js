@@ -145,6 +145,7 @@ export class Board {
         if (this.isStopped || this.port.readable || !isSame) return;
         this.port = port;
         this.lines = new LineReader(this.data);
+        this.silent = 0;
         try {
             await port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });
         } catch {
