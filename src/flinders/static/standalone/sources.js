@@ -156,9 +156,14 @@ export class Board {
     }
 }
 
+const NO_SENSOR =
+    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform features” is switched on in chrome://flags.";
+
 /** The magnetometer of a phone, where the browser lets pages have it. */
 export class Phone {
+    /** @throws {Refusal} Where the browser has none for pages. */
     constructor() {
+        if (!("Magnetometer" in window)) throw new Refusal(NO_SENSOR);
         this.name = "the sensor of this phone";
         this.kind = /** @type {const} */ ("phone");
         this.sensor = /** @type {any} */ (null);
@@ -166,10 +171,8 @@ export class Phone {
 
     /** @param {Feed} feed */
     async start(feed) {
-        const Magnetometer = /** @type {any} */ (window).Magnetometer;
-        if (!Magnetometer) throw new Refusal(NO_SENSOR);
         try {
-            this.sensor = new Magnetometer({ frequency: 50 });
+            this.sensor = new /** @type {any} */ (window).Magnetometer({ frequency: 50 });
         } catch (error) {
             throw new Refusal(refusedSensor(error));
         }
@@ -186,9 +189,6 @@ export class Phone {
         this.sensor?.stop();
     }
 }
-
-const NO_SENSOR =
-    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform features” is switched on in chrome://flags.";
 
 /** @param {unknown} error */
 function refusedSensor(error) {
