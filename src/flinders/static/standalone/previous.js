@@ -11,6 +11,8 @@ import { apply, diagonal, eigen, multiply, transposed } from "./linear.js";
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./session.js").Previous} Previous */
 
+const CHANGED = "something near the sensor has changed, or one of both is not good";
+
 /** An ellipsoid: its middle, by which symmetric matrix a direction becomes a reading, the inverse of that, and its size. */
 /** @typedef {{centre: number[], shape: Float64Array, inverse: Float64Array, size: number}} Surface */
 
@@ -28,7 +30,7 @@ export function compared({ name, calibration }, view, { dipDeg, targetDeg, unit 
     const first = surfaceOf(calibration.matrix, calibration.offset, calibration.fieldStrength, isKnown);
     const second = surfaceOf(view.matrix, view.offset, view.field_strength, isKnown);
     const worst = worstHeadingDeg(first, second, dipDeg);
-    const meaning = worst <= targetDeg ? "within the target" : "more than the target: something near the sensor has changed, or one of both is not good";
+    const meaning = worst <= targetDeg ? "within the target" : `more than the target: ${CHANGED}`;
     return { name, change_deg: worst, words: `headings differ by ${degrees(worst)} at the worst, ${meaning}` };
 }
 

@@ -157,7 +157,8 @@ export class Board {
 }
 
 const NO_SENSOR =
-    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform features” is switched on in chrome://flags.";
+    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform " +
+    "features” is switched on in chrome://flags.";
 
 /** The magnetometer of a phone, where the browser lets pages have it. */
 export class Phone {
