@@ -10,7 +10,8 @@ import { leftOut, runsOf } from "./outliers.js";
 import { hidesPlane } from "./plane.js";
 import { axisSwapOf } from "./swaps.js";
 import { unmovedDeg, wasTurned } from "./unmoved.js";
-import { filled, general } from "./wording.js";
+import { general } from "./numbers.js";
+import { filled } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./engine.js").Engine} Engine */

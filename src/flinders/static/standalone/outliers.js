@@ -1,6 +1,7 @@
 /** Readings that a fit left out: `flinders.estimators.data.left_out` and `flinders.estimators.outliers`. */
 
-import { counted, grouped } from "./wording.js";
+import { grouped } from "./numbers.js";
+import { counted } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 

@@ -2,7 +2,8 @@
 
 import { corrected, threes } from "./coverage.js";
 import { dot } from "./linear.js";
-import { counted, figures, filled, general } from "./wording.js";
+import { figures, general } from "./numbers.js";
+import { counted, filled } from "./wording.js";
 
 /** @typedef {import("../messages.d.ts").Reason} Reason */
 /** @typedef {import("./data.d.ts").EngineData} EngineData */

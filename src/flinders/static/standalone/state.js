@@ -1,6 +1,7 @@
 /** What the page shows of a session: its state in words and numbers, and new points. `flinders.live.page_state` there. */
 
 import { capital } from "../views/words.js";
+import { figures, fixed, general } from "./numbers.js";
 import { labelOf } from "./session.js";
 
 /** @typedef {import("./session.js").Session} Session */
@@ -99,7 +100,7 @@ function settled(session) {
 function ofView(session) {
     const { view, alarms } = session.shown.evaluated;
     if (view === null) return ["collecting", beforeAFit(session)];
-    const target = `the target ${Number(session.targetDeg.toPrecision(6))}°`;
+    const target = `the target ${general(session.targetDeg)}°`;
     const worst = session.worstDeg(view);
     if (worst === null) return ["collecting", view.sentence];
     if (worst > session.targetDeg) {
@@ -133,7 +134,7 @@ function bound({ goal }, { heading_error_deg: error }) {
  */
 function asFarAs({ rules }, { attitude_limit_deg: limit }) {
     if (limit === null || limit >= rules.level_deg) return "";
-    const tilt = limit < 1 ? "while level" : `up to ${limit.toFixed(0)}° of tilt`;
+    const tilt = limit < 1 ? "while level" : `up to ${fixed(limit, 0)}° of tilt`;
     return `, ${tilt}; for more tilt than that, turn it tilted and upside down too`;
 }
 
@@ -183,19 +184,9 @@ function ofLink({ source, live: { buffer }, at, arrivedAt, rules }) {
  */
 function nothingArrives(name, since) {
     return (
-        `no reading has come for ${since.toFixed(0)} s from ${name}: check that the sensor is on and prints ` +
+        `no reading has come for ${fixed(since, 0)} s from ${name}: check that the sensor is on and prints ` +
         "its readings, and that port, cable and baud rate are right"
     );
-}
-
-/**
- * A number to two significant digits or to the point, as `flinders.errors.figures` writes it.
- * @param {number} value
- */
-function figures(value) {
-    const size = Math.floor(Math.log10(Math.abs(value)));
-    if (!(size >= -4 && size < 7)) return String(Number(value.toPrecision(2)));
-    return value.toFixed(Math.max(1 - size, 0));
 }
 
 /**

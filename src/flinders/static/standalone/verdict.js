@@ -5,7 +5,8 @@
 
 import { movement } from "./guidance.js";
 import { longestRuns, outlierCount, outlierRows } from "./outliers.js";
-import { angle, counted, figures, filled, general, grouped } from "./wording.js";
+import { figures, general, grouped } from "./numbers.js";
+import { angle, counted, filled } from "./wording.js";
 
 /** @typedef {import("./data.d.ts").EngineData} EngineData */
 /** @typedef {import("./data.d.ts").Row} Row */

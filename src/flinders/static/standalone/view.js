@@ -4,7 +4,7 @@ import { corrected, threes, tileCounts } from "./coverage.js";
 import { guide, isIdle } from "./guidance.js";
 import { matrixSigma, tileErrorsDeg, turnSigmaDeg } from "./heading.js";
 import { firstCauses, verdictOf } from "./verdict.js";
-import { figures, general } from "./wording.js";
+import { figures, general } from "./numbers.js";
 
 /** @typedef {import("../messages.d.ts").View} View */
 /** @typedef {import("./fit.js").Fit} Fit */
