@@ -273,7 +273,7 @@ def test_the_simulation_by_keyboard_and_without_a_network(browser: Browser, fold
         page.evaluate("navigator.serviceWorker.ready.then(() => {})")
         page.reload()
         until(page, "window.flinders?.store.hello && navigator.serviceWorker.controller")
-    page.goto(f"{site.address}?speed=30")  # nobody answers any more
+    page.goto(f"{site.address}index.html?speed=30")  # nobody answers any more
     until(page, "window.flinders?.store.hello")
     page.locator("#use-simulation").focus()
     page.keyboard.press("Enter")

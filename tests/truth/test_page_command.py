@@ -38,11 +38,12 @@ def test_it_makes_the_folder_and_writes_an_older_page_anew(tmp_path: Path) -> No
 
 def test_other_files_are_left_alone_unless_that_is_asked_for(tmp_path: Path) -> None:
     (tmp_path / "index.html").write_text("my own page", encoding="utf-8")
+    (tmp_path / "page.json").write_text("5", encoding="utf-8")
     code, printed = run("--out", str(tmp_path))
     assert code == 6
     assert "has other files" in printed
     assert "--force" in printed
-    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["index.html", "page.json"]
     code, printed = run("--out", str(tmp_path), "--force")
     assert code == 0, printed
     assert "Flinders" in (tmp_path / "index.html").read_text(encoding="utf-8")

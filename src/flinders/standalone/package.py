@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from flinders.core.files import make_folder, write_bytes
+from flinders.core.files import make_folder, reason, write_bytes
 from flinders.errors import NoEngine, OutputError
 from flinders.firmware.package import licence
 from flinders.native import build
@@ -73,14 +73,21 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
 
 def _refuse_others(folder: Path, *, force: bool) -> None:
     """Raise where a folder has files, and they are not of a page."""
-    if force or not folder.is_dir() or not any(folder.iterdir()):
-        return
     try:
-        is_page = "flinders_page" in json.loads((folder / DATA).read_bytes())
-    except (OSError, ValueError):
-        is_page = False
-    if not is_page:
+        is_free = force or not folder.is_dir() or not any(folder.iterdir())
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be read: {reason(error)}") from None
+    if not is_free and not _is_page(folder / DATA):
         raise OutputError(f"{folder} has other files: give a folder of its own, or write it among them with force=True")
+
+
+def _is_page(path: Path) -> bool:
+    """Whether a file is the data of a page."""
+    try:
+        data = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(data, dict) and "flinders_page" in data
 
 
 def contents() -> dict[str, bytes]:

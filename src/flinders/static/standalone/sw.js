@@ -37,5 +37,6 @@ async function clean() {
  */
 async function found(request) {
     const cache = await caches.open(version);
-    return (await cache.match(request, { ignoreSearch: true })) ?? fetch(request);
+    const isPage = request.mode === "navigate" && /\/(index\.html)?$/.test(new URL(request.url).pathname);
+    return (await cache.match(isPage ? scope : request, { ignoreSearch: true })) ?? fetch(request);
 }
