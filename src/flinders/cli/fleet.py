@@ -248,7 +248,7 @@ def _most_frequent(title: str, counts: dict[str, int]) -> RenderableType:
 
 def _remarks(summary: RunSummary) -> list[str]:
     """Further lines of the page."""
-    from flinders.findings.conditions import OF_A_TUMBLE, stated
+    from flinders.findings.row import OF_A_TUMBLE, stated
 
     lines = []
     if summary.worst_deg:

@@ -15,8 +15,7 @@ from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import SourceFile
-    from flinders.core.shots import Shots
-    from flinders.core.survey import SurveyCalibration
+    from flinders.core.survey import Shots, SurveyCalibration
     from flinders.fitting.survey import SurveyFit
 
 

@@ -6,6 +6,12 @@
 >>> evaluation = evaluate(calibrate.fit(recording.samples), simulate.truth.Truth.of(recording))
 >>> evaluation.verdict, evaluation.heading_error_deg.worst < 0.2
 ('as claimed', True)
+
+The recipe for two axes on a simulated swing, what it finds and what is true:
+
+>>> recovery = recover(simulate.TwoAxis((1.2, 0.9), (12.0, -8.0), skew_deg=5.0, noise=0.25), seed=1)
+>>> recovery.verdict, round(recovery.estimate.skew_deg, 1)
+('limited', 4.8)
 """
 
 from __future__ import annotations
@@ -19,7 +25,9 @@ import numpy as np
 from flinders.comparison.comparison import CHANCE, DIRECTIONS, printed
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
-from flinders.geometry.plane import heading_errors
+from flinders.fitting.calibrate import fit
+from flinders.fitting.result import Refused
+from flinders.geometry.plane import PlaneEllipse, Turn, heading_errors
 from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
     DirectionError,
@@ -28,6 +36,8 @@ from flinders.heading.error_propagation import (
     level_gradients,
     level_turn,
 )
+from flinders.simulate import TwoAxis, swing
+from flinders.simulate.two_axis import Polar
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
@@ -35,6 +45,7 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.calibration import Calibration
     from flinders.fitting.result import Fit
+    from flinders.simulate import Simulated
     from flinders.simulate.truth import Truth
 
 Claim = Literal["as claimed", "worse than claimed", "unclaimed"]
@@ -288,3 +299,82 @@ def _rms_and_worst(angles: Floats) -> DirectionError:
 def _ratio(error: float, claimed: float) -> float | None:
     """An error over the claimed one; None where nothing is claimed."""
     return error / claimed if claimed > 0.0 else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recovery:
+    """A swing of a simulated compass, and what a calibration makes of it.
+
+    Attributes
+    ----------
+    true, estimate : TwoAxis
+    swung : Simulated
+        The recording.
+    polar : Polar
+        The recording around the compass rose, before and after correction.
+    fit : Fit
+        Of the method ``level``, also one that is refused.
+    turn : Turn
+        The points of the recording, and the ellipses through them: of mean and scatter, and of the fit.
+    refusal : Refused, optional
+        Why it would be no calibration to use.
+    """
+
+    true: TwoAxis
+    estimate: TwoAxis
+    swung: Simulated
+    polar: Polar
+    fit: Fit
+    turn: Turn
+    refusal: Refused | None = None
+
+    @property
+    def verdict(self) -> str:
+        """A swing of two axes is never better than limited."""
+        return "limited" if self.refusal is None else "refused"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        numbers = {
+            "scale_x": (self.true.scale[0], self.estimate.scale[0]),
+            "scale_y": (self.true.scale[1], self.estimate.scale[1]),
+            "offset_x": (self.true.offset[0], self.estimate.offset[0]),
+            "offset_y": (self.true.offset[1], self.estimate.offset[1]),
+            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),
+            "noise": (self.true.noise, self.estimate.noise),
+        }
+        pairs = {name: {"true": true, "found": estimate} for name, (true, estimate) in numbers.items()}
+        return {
+            "verdict": self.verdict,
+            "recovery": pairs,
+            "turn": self.turn.as_dict(),
+            "polar": self.polar.as_dict(),
+            "unit": "uT",
+        }
+
+
+def recover(
+    compass: TwoAxis, *, seed: int = 0, points: int = 36, field_strength: float = 50.0, dip_deg: float = 60.0
+) -> Recovery:
+    """Swing a compass around, calibrate it by the method ``level``, and state what was found in its own terms.
+
+    Raises
+    ------
+    FitError
+        Where there is no calibration at all.
+    """
+    swung = swing(compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
+    refusal = None
+    try:
+        result = fit(swung.samples, method="level", field_strength=field_strength, dip_deg=dip_deg)
+    except Refused as refused:
+        result, refusal = refused.fit, refused
+    calibration, dip = result.calibration, math.radians(dip_deg)
+    shape = field_strength * np.linalg.inv(calibration.matrix)
+    centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
+    horizontal = field_strength * math.cos(dip)
+    ellipse = PlaneEllipse(centre, math.cos(dip) * shape[:2, :2])
+    estimate = TwoAxis.from_ellipse(centre, ellipse.shape, horizontal, noise=result.noise or 0.0)
+    polar = Polar.of(swung, calibration.matrix, calibration.offset)
+    turn = Turn.of("xy", swung.samples.field[:, :2], ellipse)
+    return Recovery(compass, estimate, swung, polar, result, turn, refusal)

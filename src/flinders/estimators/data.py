@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Rail
 

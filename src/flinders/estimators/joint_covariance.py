@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.likelihood.joint import JointIterate, JointProblem
-    from flinders.likelihood.observations import ObservationGroup
 
 INFORMATION_READINGS: Final = 2000
 """Readings that stand for all."""

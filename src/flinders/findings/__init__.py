@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors, survey
+from flinders.findings import aiding, calibration, disturbances, fit, recording, sensors
 from flinders.findings.causes import first_causes as first_causes
 from flinders.findings.refusal import REFUSALS as REFUSALS
 from flinders.findings.row import VERDICTS as VERDICTS
@@ -29,9 +29,7 @@ from flinders.findings.row import Verdict as Verdict
 from flinders.findings.row import by_severity as by_severity
 
 CATALOGUE: Final[dict[str, CatalogueRow]] = {
-    row.code: row
-    for subject in (fit, recording, disturbances, calibration, aiding, sensors, survey)
-    for row in subject.ROWS
+    row.code: row for subject in (fit, recording, disturbances, calibration, aiding, sensors) for row in subject.ROWS
 }
 """Every finding there is, by its code."""
 

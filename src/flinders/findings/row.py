@@ -28,17 +28,34 @@ import numpy as np  # noqa: F401 - for the example above
 from flinders.errors import figures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
 
 Condition = Literal["same-soft-iron", "uniform-field", "constant-iron"]
-"""What a good verdict may rest on."""
+"""What a good verdict may rest on, and no finding shows."""
 Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors", "survey"]
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
 """What each severity makes of a fit, the most severe first."""
+
+CONDITIONS: Final[dict[Condition, str]] = {
+    "same-soft-iron": "soft iron is as it was",
+    "uniform-field": "no iron is near",
+    "constant-iron": "currents are constant",
+}
+"""What a good verdict rests on, in words."""
+
+OF_A_TUMBLE: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
+"""What a good verdict rests on where a magnetometer alone was recorded."""
+
+CERTAINTY: Final[dict[Condition, str]] = {
+    "same-soft-iron": "tumble again",
+    "uniform-field": "record elsewhere too",
+    "constant-iron": "record the currents",
+}
+"""What would show it."""
 
 Comparison = Literal["<", ">", ">="]
 COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {"<": lt, ">": gt, ">=": ge}
@@ -288,3 +305,14 @@ class _Stated(dict[str, Any]):
     def __missing__(self, name: str) -> Any:  # noqa: ANN401 - a quantity, or a word
         entry = self._record[name]
         return entry if isinstance(entry, str) else Quantity(entry)
+
+
+def stated(conditions: Sequence[Condition]) -> str:
+    """What a verdict rests on, with what would show the first of it; nothing where it rests on nothing.
+
+    >>> stated(("uniform-field", "constant-iron")), stated(())
+    ('holds if no iron is near and currents are constant: record elsewhere too', '')
+    """
+    *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
+    words = f"{', '.join(first)} and {last}" if first else last
+    return f"holds if {words}: {CERTAINTY[conditions[0]]}" if conditions else ""

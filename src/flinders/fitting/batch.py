@@ -43,8 +43,7 @@ from flinders.fitting.verdict import (
     unlike_correlation,
 )
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.heading.confidence import bounds_deg, deviation_covariances
-from flinders.heading.error_propagation import level_error, raw_error
+from flinders.heading.error_propagation import bounds_deg, deviation_covariances, level_error, raw_error
 from flinders.native.engine import engine
 from flinders.summary.summary import flat_below
 

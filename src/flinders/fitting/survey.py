@@ -30,8 +30,7 @@ import numpy as np
 
 from flinders.core.calibration import UNSTATED, Calibration
 from flinders.core.calibration_file import Fitted, HeadingErrorRecord
-from flinders.core.shots import FORWARD_RIGHT_DOWN
-from flinders.core.survey import Angles, SurveyCalibration
+from flinders.core.survey import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
 from flinders.errors import FitError, counted, figures
 from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.claim import widening_by_few
@@ -48,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import Document, Provenance
-    from flinders.core.shots import Shots
+    from flinders.core.survey import Shots
     from flinders.core.units import Unit
     from flinders.findings import Finding
     from flinders.heading.pointing_error import NextDirection, PointingError

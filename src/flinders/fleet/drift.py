@@ -26,10 +26,9 @@ import numpy as np
 from flinders.comparison.pairs import Differences, differences, offset_heading_deg
 from flinders.core.files import replacing
 from flinders.errors import UsageError
-from flinders.fleet.change_points import ChangePoint, change_points
+from flinders.fleet.change_points import FEWEST, YEAR, ChangePoint, PairSample, Variance, change_points
 from flinders.fleet.history import MOST, BatchRule, OffsetSeries, batch_rule, histories
 from flinders.fleet.results import VERDICTS, needs_arrow
-from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
 from flinders.report.fleet import STATES, BatchDrift, FleetDrift, Histogram, Undated, UnitDrift, UnitStep, standing_out
 
 if TYPE_CHECKING:

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from flinders.core.files import locked, reason, refuse_existing, write_all, write_text
 from flinders.errors import FlindersError, OutputError, UsageError, counted
-from flinders.findings.conditions import OF_A_TUMBLE
+from flinders.findings.row import OF_A_TUMBLE
 from flinders.fleet import worker
 from flinders.fleet.dataset import PARQUET
 from flinders.fleet.plan import plan_of

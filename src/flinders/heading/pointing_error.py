@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.shots import PROCEDURE, ROLLS_DEG
+from flinders.core.survey import PROCEDURE, ROLLS_DEG
 from flinders.geometry.quaternions import of_angles
 from flinders.likelihood.attitude import body_to_world
 from flinders.likelihood.pointing import DOWN, ShotGroup, SurveyLayout, SurveyParameters

@@ -34,7 +34,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.plugins import plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
-from flinders.core.shots import Shots
+from flinders.core.survey import Shots
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._frame import is_frame, open_frame
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.shots import Pointing
+    from flinders.core.survey import Pointing
     from flinders.readers._columns import Columns
 
 __all__ = [
@@ -79,7 +79,7 @@ FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
 
-LAST: Final = ("zipped", "text")
+LAST: Final = ("arrays", "text")
 """Modules that take what no other does: any archive, and whatever is not binary."""
 
 
@@ -155,7 +155,8 @@ def open_recording(
         For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
         cannot be used.
     """
-    paths = [path] if is_source(path) else list(cast("Sequence[AnySource]", path))
+    is_one = not isinstance(path, (list, tuple)) and is_source(path)
+    paths = [path] if is_one else list(cast("Sequence[AnySource]", path))
     if not paths:
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
     options = _Options(

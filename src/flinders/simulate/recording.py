@@ -1,4 +1,13 @@
-"""A recording with its truth: a sensor, a motion, and what disturbs them, all from one seed."""
+"""A recording with its truth: a sensor, a motion, and what disturbs them, all from one seed.
+
+`lines` writes it as a logger would, with a header that `flinders.readers` understands:
+
+>>> header, *rows = lines(tumble(seed=1, motion="level", n=2).samples)
+>>> header
+'time_s,mag_x_uT,mag_y_uT,mag_z_uT,acc_x_mps2,acc_y_mps2,acc_z_mps2'
+>>> [row.split(",")[0] for row in rows]
+['0.0000', '0.0200']
+"""
 
 from __future__ import annotations
 
@@ -10,6 +19,7 @@ import numpy as np
 
 from flinders.arrays import frozen, triple
 from flinders.arrays import matrix as square
+from flinders.core.files import replacing
 from flinders.core.samples import Samples
 from flinders.deprecation import renamed_attribute, renamed_keywords
 from flinders.errors import UsageError
@@ -21,7 +31,8 @@ from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path, n
 from flinders.simulate.sensor import Sensor, symmetric_power
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    import os
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.random import Generator
     from numpy.typing import ArrayLike, NDArray
@@ -351,3 +362,26 @@ def _total(columns: Sequence[Floats | None]) -> Floats | None:
     there = [column for column in columns if column is not None]
     total: Floats | None = np.sum(there, axis=0) if there else None
     return total
+
+
+DIGITS: Final = 4
+"""Decimals of all numbers: a tenth of a nanotesla, 0.1 ms, 0.0001 rad/s."""
+
+
+def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]:
+    """Yield header and rows, without line ends; numbers have four decimals, and so the same text on all machines.
+
+    `corrected`, (N, 3) in the unit of the samples, makes three more columns, named with ``_cal``.
+    """
+    columns = samples.as_columns()
+    if corrected is not None:
+        columns |= {f"mag_{axis}_{samples.unit.inside}_cal": corrected[:, i] for i, axis in enumerate("xyz")}
+    yield ",".join(columns)
+    for row in np.round(np.column_stack(list(columns.values())), DIGITS) + 0.0:
+        yield ",".join([f"{value:.{DIGITS}f}" for value in row])
+
+
+def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a recording, whole or not at all; raises as `flinders.core.files.replacing`."""
+    with replacing(path, force=force) as file:
+        file.writelines(f"{line}\n" for line in lines(samples))

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.shots import PROCEDURE, ROLLS_DEG, Shots
-from flinders.core.survey import Angles
+from flinders.core.survey import PROCEDURE, ROLLS_DEG, Angles, Shots
 from flinders.errors import UsageError
 from flinders.simulate._checks import not_negative
 from flinders.simulate.motions import north_and_down, posed, seen_from
