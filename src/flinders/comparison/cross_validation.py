@@ -57,22 +57,12 @@ LEAST: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """What cross-validation found.
+    """What cross-validation found."""
 
-    Attributes
-    ----------
-    heading_error_deg : HeadingError
-        Of a level vehicle, 1 σ: bias and scatter together.
-    bias_deg, scatter_deg : float
-        Each alone, rms over all headings.
-    misfit : float
-        Rms distance of the readings held back from the surface that the others gave, in their unit; noise included.
-    blocks : int
-    """
-
-    heading_error_deg: HeadingError
-    bias_deg: float
-    scatter_deg: float
+    heading_error_deg: HeadingError  #: of a level vehicle, 1 σ: bias and scatter together
+    bias_deg: float  #: bias alone, rms over all headings
+    scatter_deg: float  #: scatter alone
+    #: rms distance of the readings held back from the surface that the others gave, in their unit; noise included
     misfit: float
     blocks: int
 

@@ -55,58 +55,30 @@ TARGET_DEG: Final = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """True errors of a calibration, and those that it claims.
+    """True errors of a calibration, and those that it claims."""
 
-    Attributes
-    ----------
-    heading_error_deg : HeadingError
-        Of a level vehicle: rms over 72 headings and the worst, the mean removed.
-    heading_mean_deg : float
-        That mean: it looks like a mounting that has turned.
-    claimed_heading_deg : HeadingError or None
-        1 σ that the calibration's covariance gives at the same dip; None where it states none.
-    direction_error_deg : (rms, worst)
-        Angle between the corrected and the true field over 400 directions, with any rotation left in.
-    freed_direction_error_deg : (rms, worst)
-        The same once the best common rotation is taken away: all that a magnetometer alone can answer for.
-    claimed_direction_deg : (rms, worst) or None
-        1 σ, which is one of the rotation-free error.
-    rotation_deg : float
-        Angle of that rotation.
-    offset_error : (3,) float, in `unit`
-        Offset less the true one.
-    offset_sigma : (3,) float or None, in `unit`
-        1 σ, as claimed.
-    matrix_error : float
-        What the correction leaves of the soft iron, rotation and scale taken away: Frobenius norm of P − 1, where
-        R P is the polar decomposition of matrix × true matrix and P is scaled to determinant 1.
-    scale_error : float or None
-        Corrected length over the true one, less one; None where no field strength was given, and nothing is claimed.
-    chi_square, freedom : float or None, int
-        Of the level heading errors against the covariance; they are circles and figures of eight around the
-        compass, with two numbers each.
-    field_strength : float, in `unit`
-        The true one.
-    target_deg : float
-    unit : str
-    """
-
-    heading_error_deg: HeadingError
-    heading_mean_deg: float
+    heading_error_deg: HeadingError  #: of a level vehicle: rms over 72 headings and the worst, the mean removed
+    heading_mean_deg: float  #: that mean: it looks like a mounting that has turned
+    #: (rms, worst): angle between the corrected and the true field over 400 directions, with any rotation left in
     direction_error_deg: DirectionError
+    #: (rms, worst): the same once the best common rotation is taken away: all that a magnetometer alone can answer for
     freed_direction_error_deg: DirectionError
-    rotation_deg: float
-    offset_error: Floats
+    rotation_deg: float  #: angle of that rotation
+    offset_error: Floats  #: (3,), in `unit`: offset less the true one
+    #: what the correction leaves of the soft iron, rotation and scale taken away: Frobenius norm of P − 1, where R P is
+    #: the polar decomposition of matrix × true matrix and P is scaled to determinant 1
     matrix_error: float
+    #: corrected length over the true one, less one; None where no field strength was given, and nothing is claimed
     scale_error: float | None
-    field_strength: float
+    field_strength: float  #: in `unit`: the true one
     target_deg: float
     unit: str
+    #: 1 σ that the calibration's covariance gives at the same dip; None where it states none
     claimed_heading_deg: HeadingError | None = None
-    claimed_direction_deg: DirectionError | None = None
-    offset_sigma: Floats | None = None
-    chi_square: float | None = None
-    freedom: int = 0
+    claimed_direction_deg: DirectionError | None = None  #: (rms, worst): 1 σ, which is one of the rotation-free error
+    offset_sigma: Floats | None = None  #: (3,), in `unit`: 1 σ, as claimed
+    chi_square: float | None = None  #: of the level heading errors against the covariance
+    freedom: int = 0  # two for a circle, two for a figure of eight around the compass
 
     @property
     def p_value(self) -> float | None:
@@ -303,30 +275,15 @@ def _ratio(error: float, claimed: float) -> float | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recovery:
-    """A swing of a simulated compass, and what a calibration makes of it.
-
-    Attributes
-    ----------
-    true, estimate : TwoAxis
-    swung : Simulated
-        The recording.
-    polar : Polar
-        The recording around the compass rose, before and after correction.
-    fit : Fit
-        Of the method ``level``, also one that is refused.
-    turn : Turn
-        The points of the recording, and the ellipses through them: of mean and scatter, and of the fit.
-    refusal : Refused, optional
-        Why it would be no calibration to use.
-    """
+    """A swing of a simulated compass, and what a calibration makes of it."""
 
     true: TwoAxis
     estimate: TwoAxis
-    swung: Simulated
-    polar: Polar
-    fit: Fit
-    turn: Turn
-    refusal: Refused | None = None
+    swung: Simulated  #: the recording
+    polar: Polar  #: the recording around the compass rose, before and after correction
+    fit: Fit  #: of the method ``level``, also one that is refused
+    turn: Turn  #: the points of the recording, and the ellipses through them: of mean and scatter, and of the fit
+    refusal: Refused | None = None  #: why it would be no calibration to use
 
     @property
     def verdict(self) -> str:

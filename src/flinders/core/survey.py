@@ -64,19 +64,11 @@ def pointing_angles(field: Floats, down: Floats) -> Angles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyCalibration:
-    """Calibrations of both sensors into axes of the instrument, right-handed, one of which is the laser's.
-
-    Attributes
-    ----------
-    magnetometer, accelerometer : Calibration
-        The second corrects readings that point down.
-    pointing : str
-        The laser's axis: x, y or z.
-    """
+    """Calibrations of both sensors into axes of the instrument, right-handed, one of which is the laser's."""
 
     magnetometer: Calibration
-    accelerometer: Calibration
-    pointing: Pointing = "x"
+    accelerometer: Calibration  #: corrects readings that point down
+    pointing: Pointing = "x"  #: the laser's axis: x, y or z
 
     @classmethod
     def identity(cls, pointing: Pointing = "x") -> Self:
@@ -151,35 +143,21 @@ ROLLS_DEG: Final = np.array([0.0, 90.0, 180.0, 270.0])
 class Shots:
     """Readings of a survey instrument, one of both sensors for each shot.
 
-    Attributes
-    ----------
-    magnetic : (N, 3) float, in `unit`
-    gravity : (N, 3) float, any unit
-        Points down: the opposite of the specific force of `flinders.core.samples.Samples`.
-    groups : (N,) int, optional
-        Alike for shots in the same direction; None where nobody wrote that down.
-    numbers : tuple of int
-        What the file calls each shot; by default 1, 2, 3, …
-    pointing : str
-        Which axis is that of the laser: x, y or z.
-    unit : Unit
-        Of the magnetometer.
-    axes, acceleration_axes : Axes
-        How the recorded axes of each sensor were turned into those of the instrument, right-handed.
-    source : str
-
     Raises
     ------
     ArrayError
         For arrays of another shape or length, or values that are not finite.
     """
 
-    magnetic: Floats
+    magnetic: Floats  #: (N, 3), in `unit`
+    #: (N, 3), any unit: points down: the opposite of the specific force of `flinders.core.samples.Samples`
     gravity: Floats
+    #: (N,): alike for shots in the same direction; None where nobody wrote that down
     groups: NDArray[np.intp] | None = None
-    numbers: tuple[int, ...] = ()
-    pointing: Pointing = "x"
-    unit: Unit = UNSTATED
+    numbers: tuple[int, ...] = ()  #: what the file calls each shot; by default 1, 2, 3, …
+    pointing: Pointing = "x"  #: which axis is that of the laser: x, y or z
+    unit: Unit = UNSTATED  #: of the magnetometer
+    #: how the recorded axes of each sensor were turned into those of the instrument, right-handed
     axes: Axes = AS_RECORDED
     acceleration_axes: Axes = AS_RECORDED
     source: str = "shots"

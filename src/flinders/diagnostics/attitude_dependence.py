@@ -61,22 +61,13 @@ PROVEN, MUCH = 40.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class AttitudeDependence:
-    """A disturbance of the readings that follows the attitude.
+    """A disturbance of the readings that follows the attitude."""
 
-    Attributes
-    ----------
-    heading_deg : float
-        What it makes of a level heading at the attitude where it is largest, about its mean; without the part that
-        hides in offset and soft iron.
-    explained : float
-        Share of the square of the residuals that it explains.
-    significance : float
-        T² of up to eight coefficients: about their number by chance.
-    """
-
+    # what it makes of a level heading at the attitude where it is largest, about its mean; without the part that hides
+    # in offset and soft iron
     heading_deg: float
-    explained: float
-    significance: float
+    explained: float  # share of the square of the residuals that it explains
+    significance: float  # T² of up to eight coefficients: about their number by chance
 
 
 def attitude_dependence_of(

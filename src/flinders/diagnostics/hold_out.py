@@ -38,18 +38,10 @@ FOLDS: Final = 3
 
 
 class HoldOutMisfit(NamedTuple):
-    """What is off in readings that were left out.
+    """What is off in readings that were left out."""
 
-    Attributes
-    ----------
-    length : float
-        Root mean square distance from the ellipsoid, in the unit of the readings.
-    height : float
-        Scatter of the sine of the dip, by the verticals that were asked for; NaN without any.
-    """
-
-    length: float
-    height: float = np.nan
+    length: float  # root mean square distance from the ellipsoid, in the unit of the readings
+    height: float = np.nan  # scatter of the sine of the dip, by the verticals that were asked for; NaN without any
 
 
 def folds(count: int, pieces: int = 1) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:

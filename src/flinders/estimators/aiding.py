@@ -97,58 +97,30 @@ FEWEST: Final = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aided:
-    """What was found.
-
-    Attributes
-    ----------
-    parameters : Parameters
-    covariance : (P, P) float
-        Of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad.
-    textbook : (P, P) float
-        The same if all residuals were independent.
-    layout : ParameterLayout
-    noise : float
-        Standard deviation of a component of a reading, in its unit.
-    vertical_noise : float, optional
-        Standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis.
-    aiding : tuple of str
-        Those that were used.
-    used : int
-        Readings.
-    outliers : (K,) int
-        Readings that did not belong, counted from 0.
-    prior_influence : float
-        Share of the least known parameter of the shape that the prior speaks for.
-    walk : float, rad/√s
-        Random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it.
-    rotation_seen : (3,) float
-        Share of the prior's variance that is left of the rotation about the body's x, y and z.
-    excess_variance : float
-        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
-    site_off : float, optional
-        Standard deviations between the dip found and that of the site.
-    scales_off : float
-        What the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead.
-        0 where they are as gyros are.
-    disturbances : tuple of str
-        Names of the disturbances.
-    """
+    """What was found."""
 
     parameters: Parameters
+    # (P, P): of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad
     covariance: Floats
-    textbook: Floats
+    textbook: Floats  # (P, P): the same if all residuals were independent
     layout: ParameterLayout
-    noise: float
+    noise: float  # standard deviation of a component of a reading, in its unit
+    # standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis
     vertical_noise: float | None
-    aiding: tuple[str, ...]
-    used: int
-    outliers: NDArray[np.intp]
-    prior_influence: float
+    aiding: tuple[str, ...]  # those that were used
+    used: int  # readings
+    outliers: NDArray[np.intp]  # (K,): readings that did not belong, counted from 0
+    prior_influence: float  # share of the least known parameter of the shape that the prior speaks for
+    # rad/√s: random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it
     walk: float
+    # (3,): share of the prior's variance that is left of the rotation about the body's x, y and z
     rotation_seen: Floats
+    # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float = 1.0
-    site_off: float | None = None
-    disturbances: tuple[str, ...] = ()
+    site_off: float | None = None  # standard deviations between the dip found and that of the site
+    disturbances: tuple[str, ...] = ()  # names of the disturbances
+    # what the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead. 0
+    # where they are as gyros are.
     scales_off: float = 0.0
 
     @property

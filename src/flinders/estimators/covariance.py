@@ -143,19 +143,11 @@ def time_of(autocovariance: Floats) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Distances from the surface in the order of recording.
+    """Distances from the surface in the order of recording."""
 
-    Attributes
-    ----------
-    distances : (N,) float
-    jacobian : (N, 9) float
-    segments : list of (m,) int
-        Places of consecutive ones.
-    """
-
-    distances: Floats
-    jacobian: Floats
-    segments: list[NDArray[np.int64]]
+    distances: Floats  # (N,)
+    jacobian: Floats  # (N, 9)
+    segments: list[NDArray[np.int64]]  # list of (m,) int: places of consecutive ones
 
     def lag_one(self) -> float:
         """Correlation of one with the next."""

@@ -162,22 +162,12 @@ _REACH: Final = MARGIN + WINDOW // 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inliers(Wrapped):
-    """The readings of a recording that are close to a surface, without those around a run of others.
-
-    Attributes
-    ----------
-    recording : Recording
-    ellipsoid : Ellipsoid
-    limit : float
-        Farthest Sampson distance, in the unit of the readings.
-    dense : int
-        Far readings of a window that make a run, see `dense_in`.
-    """
+    """The readings of a recording that are close to a surface, without those around a run of others."""
 
     recording: Recording
     ellipsoid: Ellipsoid
-    limit: float
-    dense: int = NO_RUN
+    limit: float  # farthest Sampson distance, in the unit of the readings
+    dense: int = NO_RUN  # far readings of a window that make a run, see `dense_in`
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording without what is left out."""
@@ -251,13 +241,7 @@ def _around_runs(far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithinRange(Wrapped):
-    """A recording without the readings at a rail.
-
-    Attributes
-    ----------
-    recording : Recording
-    rails : tuple of Rail
-    """
+    """A recording without the readings at a rail."""
 
     recording: Recording
     rails: tuple[Rail, ...]
@@ -294,20 +278,12 @@ def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """The sums of a recording, and the recording itself where it can be gone through again.
-
-    Attributes
-    ----------
-    summary : Summary
-    recording : Recording, optional
-        None where only the sums came: methods that need each reading then refuse.
-    parts : tuple of Readings
-        Where it is several recordings of one sensor: each of them. Nothing that follows the order of the readings
-        goes across from one to the next.
-    """
+    """The sums of a recording, and the recording itself where it can be gone through again."""
 
     summary: Summary
-    recording: Recording | None = None
+    recording: Recording | None = None  # None where only the sums came: methods that need each reading then refuse
+    # where it is several recordings of one sensor: each of them. Nothing that follows the order of the readings goes
+    # across from one to the next.
     parts: tuple[Readings, ...] = ()
 
     @classmethod

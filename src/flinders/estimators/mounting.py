@@ -78,29 +78,15 @@ REVERSED: Final = Axes(signs=(-1, -1, -1))
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """What fits best.
+    """What fits best."""
 
-    Attributes
-    ----------
-    axes : Axes
-        Take the magnetometer's readings into the axes of the other instrument; a mirror image where one is left-handed.
-    unit : str
-        Of `SCALES`.
-    better : float
-        How many times smaller the residual is than with what was recorded; 1 where that stays.
-    is_clear : bool
-        Nothing else as simple fits as well.
-    misses : tuple of float
-        Residual of each of `TURNS`, in the recorded unit.
-    left : float
-        Of how far the field moves, what the best of a gyro leaves; 0 of one that was not looked at, or hardly moved.
-    """
-
+    # take the magnetometer's readings into the axes of the other instrument; a mirror image where one is left-handed
     axes: Axes = field(default_factory=Axes)
-    unit: str = RAD_S
-    better: float = 1.0
-    is_clear: bool = True
-    misses: tuple[float, ...] = ()
+    unit: str = RAD_S  # of `SCALES`
+    better: float = 1.0  # how many times smaller the residual is than with what was recorded; 1 where that stays
+    is_clear: bool = True  # nothing else as simple fits as well
+    misses: tuple[float, ...] = ()  # residual of each of `TURNS`, in the recorded unit
+    # of how far the field moves, what the best of a gyro leaves; 0 of one that was not looked at, or hardly moved
     left: float = 0.0
 
     @property

@@ -46,21 +46,12 @@ TYPED: Final = "typed-extremes"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extremes(Outcome):
-    """A calibration from six numbers, of which nobody knows how far to trust it.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    low, high : (3,) float
-        In mapped axes and the calibration's unit.
-    findings : tuple of Finding
-        Most severe first.
-    """
+    """A calibration from six numbers, of which nobody knows how far to trust it."""
 
     calibration: Calibration
-    low: Floats
-    high: Floats
-    findings: tuple[Finding, ...] = ()
+    low: Floats  #: (3,): in mapped axes and the calibration's unit
+    high: Floats  #: (3,): in mapped axes and the calibration's unit
+    findings: tuple[Finding, ...] = ()  #: most severe first
 
     @property
     def ellipsoid(self) -> Ellipsoid:

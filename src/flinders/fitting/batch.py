@@ -114,46 +114,29 @@ class Lined:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FitColumns:
-    """Columns that the fits of U units fill, NaN where a fit gives no number.
+    """Columns that the fits of U units fill, NaN where a fit gives no number."""
 
-    Attributes
-    ----------
-    readings, used : (U,) int
-        Those there are, and those that the fit used.
-    verdict, code, message, method : (U,) str
-        ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two.
-    worst_deg, rms_deg, dip_deg : (U,) float
-        Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
-    bound_deg : (U,) float
-        That it stays within at all headings with a probability of 95 %.
-    offset, matrix, covariance : (U, 3), (U, 9), (U, 45) float, in `unit_of_field`
-        Of the calibration; the upper triangle of `Fit.claimed_covariance`, row by row.
-    noise, radius : (U,) float, in `unit_of_field`
-    coverage : (U,) float
-        Share of the sphere that was seen.
-    findings : (U,) tuple of str
-        Their codes, the most severe first.
-    unit_of_field : (U,) str
-    """
-
-    readings: NDArray[np.int64]
-    used: NDArray[np.int64]
+    readings: NDArray[np.int64]  #: (U,): those there are
+    used: NDArray[np.int64]  #: (U,): those that the fit used
+    #: (U,) str: ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two
     verdict: NDArray[np.object_]
     code: NDArray[np.object_]
     message: NDArray[np.object_]
     method: NDArray[np.object_]
-    worst_deg: Floats
-    rms_deg: Floats
-    bound_deg: Floats
-    dip_deg: Floats
+    worst_deg: Floats  #: (U,): heading error at the worst heading of a level vehicle, 1 σ, at the dip `dip_deg`
+    rms_deg: Floats  #: (U,): the same over all headings
+    bound_deg: Floats  #: (U,): that it stays within at all headings with a probability of 95 %
+    dip_deg: Floats  #: (U,): heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`
+    #: (U, 3), (U, 9), (U, 45), in `unit_of_field`: of the calibration; the upper triangle of `Fit.claimed_covariance`,
+    #: row by row
     offset: Floats
     matrix: Floats
     covariance: Floats
-    noise: Floats
-    radius: Floats
-    coverage: Floats
-    findings: NDArray[np.object_]
-    unit_of_field: NDArray[np.object_]
+    noise: Floats  #: (U,), in `unit_of_field`
+    radius: Floats  #: (U,), in `unit_of_field`
+    coverage: Floats  #: (U,): share of the sphere that was seen
+    findings: NDArray[np.object_]  #: (U,) tuple of str: their codes, the most severe first
+    unit_of_field: NDArray[np.object_]  #: (U,) str
 
     @classmethod
     def empty(cls, units: int) -> Self:
@@ -175,15 +158,9 @@ class FitColumns:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class BatchColumns(FitColumns):
-    """Results of a batch of U units.
+    """Results of a batch of U units."""
 
-    Attributes
-    ----------
-    by_record : (U,) bool
-        Judged from its record, without a fit of its own.
-    """
-
-    by_record: NDArray[np.bool_]
+    by_record: NDArray[np.bool_]  #: (U,): judged from its record, without a fit of its own
 
     def __repr__(self) -> str:
         verdicts = ", ".join(f"{many} {verdict}" for verdict, many in sorted(Counter(self.verdict.tolist()).items()))

@@ -194,22 +194,12 @@ def is_still(field: Floats, shape: Floats) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """What was read while a vehicle stood still.
+    """What was read while a vehicle stood still."""
 
-    Attributes
-    ----------
-    mean : (3,) float
-        Reading.
-    noise, noise_of_mean : float
-        Standard deviation of a component of a reading, and of the mean.
-    down : (3,) float
-        In the vehicle's axes: by its accelerometer, else z.
-    """
-
-    mean: Floats
-    noise: float
-    noise_of_mean: float
-    down: Floats
+    mean: Floats  #: (3,): reading
+    noise: float  #: standard deviation of a component of a reading
+    noise_of_mean: float  #: standard deviation of the mean
+    down: Floats  #: (3,): in the vehicle's axes: by its accelerometer, else z
 
     @classmethod
     def of(cls, samples: Samples, shape: Floats) -> Self:

@@ -349,18 +349,6 @@ Solver: TypeAlias = "Callable[..., Wire | Pair | Magnet]"
 class Budget:
     """A chain of relations: what was given, and what was found from it.
 
-    Attributes
-    ----------
-    kind : str
-        ``heading``, ``wire``, ``pair`` or ``magnet``.
-    given : name to UnitValue
-        In the order in which they are shown.
-    position : str, optional
-        Of the sensor beside a magnet.
-    found : name to number
-        In the units used here; an error of None is any.
-    why : name to the formula it was found by
-
     Examples
     --------
     >>> given = {"current": UnitValue.of("current", "0.2A"), "distance": UnitValue.of("length", "1cm")}
@@ -370,11 +358,12 @@ class Budget:
     ({'stray': 4.0}, {'stray': 'B = µ₀ I / (2π r)'})
     """
 
-    kind: str
-    given: dict[str, UnitValue]
-    position: Position | None = None
+    kind: str  #: ``heading``, ``wire``, ``pair`` or ``magnet``
+    given: dict[str, UnitValue]  #: name to UnitValue: in the order in which they are shown
+    position: Position | None = None  #: of the sensor beside a magnet
+    #: name to number: in the units used here; an error of None is any
     found: dict[str, float | None] = field(default_factory=dict)
-    why: dict[str, str] = field(default_factory=dict)
+    why: dict[str, str] = field(default_factory=dict)  #: name to the formula it was found by
 
     @property
     def known(self) -> dict[str, float]:

@@ -89,24 +89,12 @@ class DirectionError(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HeadingError:
-    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn removed.
+    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn removed."""
 
-    Attributes
-    ----------
-    rms : float, degrees
-        Over all headings.
-    worst : float, degrees
-        At the worst heading.
-    dip_deg : float
-        Dip of the field for which it holds, positive where the field points along +z.
-    tilt_deg : float
-        How far the vehicle is rolled or pitched, whichever way; zero for a level one.
-    """
-
-    rms: float
-    worst: float
-    dip_deg: float
-    tilt_deg: float = 0.0
+    rms: float  #: degrees: over all headings
+    worst: float  #: degrees: at the worst heading
+    dip_deg: float  #: dip of the field for which it holds, positive where the field points along +z
+    tilt_deg: float = 0.0  #: how far the vehicle is rolled or pitched, whichever way; zero for a level one
 
     beside = renamed_attribute("beside", "combined")
 

@@ -63,31 +63,16 @@ BLOCKS: Final = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedSwing:
-    """Readings of a swing, as a table has them, and the error that they have in common.
+    """Readings of a swing, as a table has them, and the error that they have in common."""
 
-    Attributes
-    ----------
-    compass_deg, deviation_deg, sigma_deg : (N,) degrees
-    seconds : (N,) s
-        How long each was.
-    common : (5, 5) degrees²
-        Covariance of A to E from errors that all readings share.
-    said : tuple of str
-        What was taken out of them, and what is assumed.
-    current : complex or None
-        North + i east by magnetic north, m/s, where it was taken out.
-    is_steady : bool
-        They are of straight legs, not of turns.
-    """
-
-    compass_deg: Floats
-    deviation_deg: Floats
-    sigma_deg: Floats
-    seconds: Floats
-    common: Floats
-    said: tuple[str, ...] = ()
-    current: complex | None = None
-    is_steady: bool = True
+    compass_deg: Floats  #: (N,) degrees
+    deviation_deg: Floats  #: (N,) degrees
+    sigma_deg: Floats  #: (N,) degrees
+    seconds: Floats  #: (N,) s: how long each was
+    common: Floats  #: (5, 5) degrees²: covariance of A to E from errors that all readings share
+    said: tuple[str, ...] = ()  #: what was taken out of them, and what is assumed
+    current: complex | None = None  #: North + i east by magnetic north, m/s, where it was taken out
+    is_steady: bool = True  #: they are of straight legs, not of turns
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

@@ -104,18 +104,12 @@ def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerPrior:
-    """What is known of an accelerometer's errors before the magnetometer is looked at.
+    """What is known of an accelerometer's errors before the magnetometer is looked at."""
 
-    Attributes
-    ----------
-    mean : (9,) float
-        Bias β of gravity, and the upper triangle of Γ in the order of `flinders.geometry.ellipsoid.symmetric`: at rest
-        (1 + Γ)(gβ − f) is down, and as long as gravity.
-    precision : (9, 9) float
-    """
-
+    # (9,): bias β of gravity, and the upper triangle of Γ in the order of `flinders.geometry.ellipsoid.symmetric`: at
+    # rest (1 + Γ)(gβ − f) is down, and as long as gravity
     mean: Floats
-    precision: Floats
+    precision: Floats  # (9, 9)
 
     @classmethod
     def of(cls, *, bias: float = ACCELERATION_SIGMA, gain: float = GAIN_SIGMA) -> Self:

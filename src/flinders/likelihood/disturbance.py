@@ -50,24 +50,12 @@ SLOPE_SIGMA: Final = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disturbances:
-    """Columns beside the readings.
+    """Columns beside the readings."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        One for each column.
-    columns : (N, m) float
-        About their mean.
-    reference : (m,) float
-        That mean.
-    warmth : (N,) float, °C, optional
-        Departure of the temperature from its mean where the scale may follow it.
-    """
-
-    names: tuple[str, ...]
-    columns: Floats
-    reference: Floats
-    warmth: Floats | None = None
+    names: tuple[str, ...]  # one for each column
+    columns: Floats  # (N, m): about their mean
+    reference: Floats  # (m,): that mean
+    warmth: Floats | None = None  # (N,), °C: departure of the temperature from its mean where the scale may follow it
 
     @classmethod
     def of(cls, columns: Mapping[str, Floats], *, warmth: Floats | None = None) -> Self:

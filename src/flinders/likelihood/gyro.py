@@ -74,32 +74,15 @@ AGAIN: Final = 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turned:
-    """How a body turned within windows.
+    """How a body turned within windows."""
 
-    Attributes
-    ----------
-    rotations : (W, n, 3, 3) float
-        ΔR: from body axes at each reading into those at the first of its window.
-    by_bias : (W, n, 3, 3) float, s
-        J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right.
-    by_scale : (W, n, 3, 9) float
-        The same for a Γ larger by γ, and for another ψ.
-    rate : (W, n, 3) float, rad/s
-        As recorded.
-    interval : (W, n) float, s
-        From each reading to the next.
-    bias : (3,) float, rad/s
-    scale : (9,) float
-        Γ and ψ: for which all this holds.
-    """
-
-    rotations: Floats
-    by_bias: Floats
-    by_scale: Floats
-    rate: Floats
-    interval: Floats
-    bias: Floats
-    scale: Floats
+    rotations: Floats  # (W, n, 3, 3): ΔR: from body axes at each reading into those at the first of its window
+    by_bias: Floats  # (W, n, 3, 3), s: J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right
+    by_scale: Floats  # (W, n, 3, 9): the same for a Γ larger by γ, and for another ψ
+    rate: Floats  # (W, n, 3), rad/s: as recorded
+    interval: Floats  # (W, n), s: from each reading to the next
+    bias: Floats  # (3,), rad/s
+    scale: Floats  # (9,): Γ and ψ: for which all this holds
 
     def with_gyro(self, bias: Floats, scale: Floats) -> Turned:
         """The same for another gyro: to first order for a small change, integrated anew for a larger one.

@@ -76,49 +76,22 @@ class Imu:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
-    """A recording, and the truth behind it.
+    """A recording, and the truth behind it."""
 
-    Attributes
-    ----------
-    samples : Samples
-        In µT; acceleration and rate where the motion has them.
-    sensor : Sensor
-    directions : (N, 3) float
-        True unit direction of the field in body axes.
-    field_strength : float, µT
-    outliers : (N,) bool
-        Readings taken in a stray field: those of no use.
-    attitudes : (N, 3, 3) float, optional
-        True attitudes, from body axes into world axes, where the motion has them.
-    dip_deg : float
-        How far the field points down from the horizon.
-    motion : str
-        What it is called.
-    seed : int, optional
-        Where it was a number.
-    rate_hz : float, optional
-        Readings a second.
-    imu : Imu, optional
-        Where acceleration or rate are recorded.
-    shift : (N, 3) float, µT, optional
-        By how much disturbances moved the raw readings, stray fields left out.
-    disturbances : tuple of str
-        Their kinds.
-    """
-
-    samples: Samples
+    samples: Samples  #: in µT; acceleration and rate where the motion has them
     sensor: Sensor
-    directions: Floats
-    field_strength: float
-    outliers: NDArray[np.bool_]
+    directions: Floats  #: (N, 3): True unit direction of the field in body axes
+    field_strength: float  #: µT
+    outliers: NDArray[np.bool_]  #: (N,): readings taken in a stray field: those of no use
+    #: (N, 3, 3): True attitudes, from body axes into world axes, where the motion has them
     attitudes: Floats | None = None
-    dip_deg: float = 60.0
-    motion: str = ""
-    seed: int | None = None
-    rate_hz: float | None = None
-    imu: Imu | None = None
-    shift: Floats | None = None
-    disturbances: tuple[str, ...] = ()
+    dip_deg: float = 60.0  #: how far the field points down from the horizon
+    motion: str = ""  #: what it is called
+    seed: int | None = None  #: where it was a number
+    rate_hz: float | None = None  #: readings a second
+    imu: Imu | None = None  #: where acceleration or rate are recorded
+    shift: Floats | None = None  #: (N, 3), µT: by how much disturbances moved the raw readings, stray fields left out
+    disturbances: tuple[str, ...] = ()  #: their kinds
 
     strays = renamed_attribute("strays", "outliers")
 

@@ -34,22 +34,12 @@ HELD_DEG: Final = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedSurvey:
-    """Shots and what is true of them.
-
-    Attributes
-    ----------
-    shots : Shots
-    angles : Angles
-        Where each shot points.
-    magnetometer, accelerometer : Sensor
-        In units of the field and of gravity.
-    dip_deg : float
-    """
+    """Shots and what is true of them."""
 
     shots: Shots
-    angles: Angles
-    magnetometer: Sensor
-    accelerometer: Sensor
+    angles: Angles  #: where each shot points
+    magnetometer: Sensor  #: in units of the field
+    accelerometer: Sensor  #: in units of gravity
     dip_deg: float
 
     def read(self, attitudes: Floats) -> tuple[Floats, Floats]:

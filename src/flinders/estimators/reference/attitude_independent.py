@@ -211,35 +211,16 @@ def carried(covariance: Floats, b: Floats, d: Floats, reference: Reference) -> F
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Readings beside the strength of the field.
-
-    Attributes
-    ----------
-    readings : Readings
-    method : str
-        For messages.
-    mean : float, in the unit of the readings
-        Mean strength, which strengths are divided by.
-    size : float, in the unit of the readings
-        Of what they vary by, which they are divided by.
-    spread : float
-        Standard deviation of the strength, as a share of its mean.
-    is_told : bool
-        By a column of the recording; else one strength was given, or none.
-    alike : Ellipsoid, optional
-        Consistent ellipsoid through the readings, as if the strength were one; to begin with.
-    noise : float
-        Distance of the readings from it, or from a sphere (1 σ), in units of the mean strength.
-    """
+    """Readings beside the strength of the field."""
 
     readings: Readings
-    method: str
-    mean: float
-    size: float
-    spread: float
-    is_told: bool
-    alike: Ellipsoid | None
-    noise: float
+    method: str  # for messages
+    mean: float  # in the unit of the readings: mean strength, which strengths are divided by
+    size: float  # in the unit of the readings: of what they vary by, which they are divided by
+    spread: float  # standard deviation of the strength, as a share of its mean
+    is_told: bool  # by a column of the recording; else one strength was given, or none
+    alike: Ellipsoid | None  # consistent ellipsoid through the readings, as if the strength were one; to begin with
+    noise: float  # distance of the readings from it, or from a sphere (1 σ), in units of the mean strength
 
     @classmethod
     def of(cls, readings: Readings, method: str, field_strength: float | None) -> Self:
@@ -411,19 +392,10 @@ def _blocks(readings: Readings) -> Iterator[Samples]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProductSums:
-    """Weighted sums of products of L, z − μ and 1: all that both steps look at.
+    """Weighted sums of products of L, z − μ and 1: all that both steps look at."""
 
-    Attributes
-    ----------
-    gram : (11, 11) float
-        Σ rrᵀ/σ_k² with r = (L, z − μ, 1).
-    scatter : (11, 11) float
-        The same with each term times what v varies over the σ_k² that it is weighted with.
-    count : int
-    """
-
-    gram: Floats
-    scatter: Floats
+    gram: Floats  # (11, 11): Σ rrᵀ/σ_k² with r = (L, z − μ, 1)
+    scatter: Floats  # (11, 11): the same with each term times what v varies over the σ_k² that it is weighted with
     count: int
 
     @classmethod

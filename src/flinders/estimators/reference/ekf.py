@@ -210,12 +210,6 @@ class Ekf:
 class FilterState(NamedTuple):
     """What the filter keeps.
 
-    Attributes
-    ----------
-    values : (9,) float
-        b, D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃.
-    covariance : (9, 9) float
-
     Examples
     --------
     >>> begun = FilterState(np.zeros(9), 0.01 * np.eye(9))
@@ -224,8 +218,8 @@ class FilterState(NamedTuple):
     array([0.1, 0. , 0. ])
     """
 
-    values: Floats
-    covariance: Floats
+    values: Floats  # (9,): b, D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃
+    covariance: Floats  # (9, 9)
 
     @property
     def gain(self) -> float:

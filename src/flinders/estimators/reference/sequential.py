@@ -217,18 +217,6 @@ class Sequential:
 class SequentialState(NamedTuple):
     """What the recursion keeps: θ', its covariance, and the means.
 
-    Attributes
-    ----------
-    theta : (k,) float
-        The first k of θ': three, or nine.
-    covariance : (k, k) float
-    row : (9,) float
-        L̄.
-    value : float
-        z̄ − μ̄.
-    variance : float
-        s̄².
-
     Examples
     --------
     >>> rng = np.random.default_rng(1)
@@ -238,11 +226,11 @@ class SequentialState(NamedTuple):
     True
     """
 
-    theta: Floats
-    covariance: Floats
-    row: Floats
-    value: float
-    variance: float
+    theta: Floats  # (k,): the first k of θ': three, or nine
+    covariance: Floats  # (k, k)
+    row: Floats  # (9,): L̄
+    value: float  # z̄ − μ̄
+    variance: float  # s̄²
 
     @classmethod
     def of(cls, rows: Floats, z: Floats, variances: Floats, unknowns: int = 9) -> SequentialState:
