@@ -60,14 +60,7 @@ def show_versions(context: click.Context, _option: click.Parameter, is_asked: bo
 class Commands(Mapping[str, "click.Command"]):
     """Commands by name, each the ``command`` of a module of its own beside this one, imported when it is asked for.
 
-    Parameters
-    ----------
-    modules : str
-        ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
-
-    >>> commands = Commands("info", "import_", "two_axis")
-    >>> list(commands), commands["two-axis"].name
-    (['info', 'import', 'two-axis'], 'two-axis')
+    `modules`: ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
     """
 
     def __init__(self, *modules: str) -> None:

@@ -77,9 +77,7 @@ class Fleet(option.Group):
     def check(self) -> None:
         """Find what could not be done, or written, before anything is read.
 
-        Raises
-        ------
-        UsageError, OutputError
+        Raises `UsageError` or `OutputError`.
         """
         from flinders.core.files import refuse_existing
         from flinders.fleet.storage import is_remote

@@ -75,14 +75,7 @@ def attitude_dependence_of(
 ) -> AttitudeDependence | None:
     """Test whether residuals follow the attitude; None where they do not, or nothing tells.
 
-    Parameters
-    ----------
-    samples : Samples
-        In the order of recording.
-    ellipsoid : Ellipsoid
-    dip_deg : float
-    limit : float
-        Distance from the ellipsoid beyond which readings are outliers.
+    `samples`: in the order of recording; `limit`: distance from the ellipsoid beyond which readings are outliers.
     """
     some = samples[:: -(-len(samples) // MOST)]
     if some.acceleration is None:

@@ -85,17 +85,8 @@ class AxisSwap:
 def axis_swap_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
     """Look for the moments at which axes slipped.
 
-    Parameters
-    ----------
-    readings : (N, 3) float
-        In the order of recording, in any unit.
-    noise : float
-        Of the readings that a fit keeps, 1 σ: all of them have to lie as close once the swap is undone.
-
-    Returns
-    -------
-    AxisSwap or None
-        None where nothing slipped, or nothing that can be told.
+    `readings`: (N, 3), in the order of recording, in any unit; `noise`: of the readings that a fit keeps, 1 σ: all of
+    them have to lie as close once the swap is undone. Returns None where nothing slipped, or nothing that can be told.
     """
     if len(readings) < FEWEST:
         return None

@@ -56,7 +56,6 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
 
     Parameters
     ----------
-    samples : Samples
     terms : tuple of str
         Of `flinders.estimators.aiding.AIDS`.
     rotation : (3, 3) float, optional
@@ -86,15 +85,8 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
 def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | None) -> HoldOutMisfit:
     """How far off readings are from what was `fitted` without them.
 
-    Parameters
-    ----------
-    samples : Samples
-    fits : list of Parameters
-    vertical : str, optional
-        ``dip`` or ``tilt``: by which verticals the dip is looked at.
+    `vertical`: ``dip`` or ``tilt``: by which verticals the dip is looked at.
 
-    Examples
-    --------
     >>> from flinders import simulate
     >>> from flinders.estimators.aiding import solve
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)

@@ -55,10 +55,8 @@ def unmodelled_of(
 
     Parameters
     ----------
-    samples : Samples
     ellipsoid : Ellipsoid
         A fit that follows none of them.
-    dip_deg : float
     time : float
         Readings that say as much as one independent reading.
     limit : float

@@ -189,6 +189,10 @@ def solve(
 ) -> Aided:
     """Fit all that a recording holds.
 
+    Raises `UsageError` for a term that is not known, or whose column is missing; `TooFewSamples` for fewer readings
+    than parameters; `NotAnEllipsoid` if no step leads to a closed surface; `FitError` for a column in which nothing is
+    told.
+
     Parameters
     ----------
     samples : Samples
@@ -225,17 +229,6 @@ def solve(
         Of an earlier calibration of this sensor, instead of `spread`.
     is_rough : bool
         Whether a fraction of a standard deviation does not matter, as for a check: few steps are taken.
-
-    Raises
-    ------
-    UsageError
-        For a term that is not known, or whose column is missing.
-    TooFewSamples
-        For fewer readings than parameters.
-    NotAnEllipsoid
-        If no step leads to a closed surface.
-    FitError
-        For a column in which nothing is told.
     """
     refuse_without(samples, terms)
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
@@ -320,10 +313,7 @@ def _accelerometer(samples: Samples, terms: Sequence[str], bias: float, gain: fl
 def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
     """Go down from each start until one leaves no more than noise.
 
-    Raises
-    ------
-    TooFewSamples, NotAnEllipsoid, FitError
-        As `solve`.
+    Raises `TooFewSamples`, `NotAnEllipsoid` or `FitError` as `solve`.
     """
     if len(put.samples) < FEWEST:
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
@@ -345,10 +335,7 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
 def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
     """Where the best of some starts leads, the first that leaves no more than noise.
 
-    Raises
-    ------
-    NotAnEllipsoid
-        Where there is none.
+    Raises `NotAnEllipsoid` where there is none.
     """
     best: JointIterate | None = None
     for begin in begins:
@@ -384,10 +371,7 @@ def _starts(samples: Samples, site: Site | None) -> Iterator[Ellipsoid]:
 def _refuse_nothing(problem: JointProblem, samples: Samples) -> None:
     """Refuse a column that is there and tells nothing.
 
-    Raises
-    ------
-    FitError
-        Naming it.
+    Raises `FitError`, which names it.
     """
     trusts = [group.trust for group in problem.groups if group.trust is not None]
     if trusts and not any(trust.any() for trust in trusts):
@@ -418,10 +402,7 @@ def _moved_back(rate: Floats, rows: int) -> Floats:
 def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
     """Refuse terms that are not known, and those whose column a recording lacks.
 
-    Raises
-    ------
-    UsageError
-        Naming what is needed.
+    Raises `UsageError`, which names what is needed.
     """
     for term in terms:
         if term not in TERMS:

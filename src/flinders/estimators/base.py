@@ -96,10 +96,7 @@ class Estimator(Protocol):
     def estimate(self, readings: Readings) -> Estimate:
         """Fit.
 
-        Raises
-        ------
-        FitError
-            If these readings give no ellipsoid.
+        Raises `FitError` if these readings give no ellipsoid.
         """
 
 

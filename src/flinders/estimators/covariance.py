@@ -65,10 +65,7 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
 
     With q(x) = |S⁻¹(x − b)|² − 1 and s ≈ q/|∇q| it is √(Σq² / Σ|∇q|²), corrected for the unknowns.
 
-    Raises
-    ------
-    NotAnEllipsoid
-        For a surface so far from its readings that their sums do not tell.
+    Raises `NotAnEllipsoid` for a surface so far from its readings that their sums do not tell.
     """
     moments = readings.summary.moments
     scale = ellipsoid.radius
@@ -91,14 +88,7 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     likelihood, which weighs all distances alike. The sums run over the cells of the cloud. A direction that the
     readings do not see gets the radius for its standard deviation.
 
-    Parameters
-    ----------
-    readings : Readings
-    ellipsoid : Ellipsoid
-    noise : float
-        In the unit of the readings.
-    basis : (9, k) float
-        The parameters that the method adjusts.
+    `noise`: in the unit of the readings; `basis`: (9, k), the parameters that the method adjusts.
     """
     cloud = readings.summary.cloud
     directions = directions_of(cloud.means, ellipsoid)

@@ -190,15 +190,8 @@ def dense_in(far: NDArray[np.bool_], rows: int) -> int:
 def dense_enough(share: float, rows: int) -> int:
     """Fewest far readings of a window that chance hardly ever puts there.
 
-    Parameters
-    ----------
-    share : float
-        Of the readings, how many are far.
-    rows : int
-        How many readings there are, and so how many windows.
+    `share`: of the readings, how many are far; `rows`: how many readings there are, and so how many windows.
 
-    Examples
-    --------
     >>> dense_enough(0.001, 500), dense_enough(0.08, 500), dense_enough(0.4, 500) == NO_RUN
     (3, 8, True)
     """
@@ -322,10 +315,7 @@ class Readings:
     def blocks(self, method: str) -> Iterator[Floats]:
         """Go through all readings.
 
-        Raises
-        ------
-        NeedsSamples
-            Where there are only sums.
+        Raises `NeedsSamples` where there are only sums.
         """
         if self.recording is None:
             raise NeedsSamples(method)
@@ -396,17 +386,10 @@ class Readings:
     def require(self, unknowns: int, method: str, *, axes: str = "xyz") -> None:
         """Refuse what no method can work with; `axes` are those that have to change.
 
-        Raises
-        ------
-        TooFewSamples
-            Unless there are as many different readings as unknowns.
-        OutOfScale
-            For numbers that no magnetometer reads.
-        StuckAxis
-            If an axis never changes.
-        Unmoved
-            If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them. What
-            `flinders.fit` refuses besides, see `flinders.diagnostics.unmoved`.
+        Raises `TooFewSamples` unless there are as many different readings as unknowns. Raises `OutOfScale` for numbers
+        that no magnetometer reads. Raises `StuckAxis` if an axis never changes. Raises `Unmoved` if the readings vary
+        by less than a thousandth of their mean: sums about zero tell too little of them. What `flinders.fit` refuses
+        besides, see `flinders.diagnostics.unmoved`.
         """
         plane = "" if axes == "xyz" else f"all the way round in the plane {axes}"
         how = plane or "through all directions"

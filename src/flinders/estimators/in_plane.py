@@ -65,10 +65,8 @@ class Flat(Wrapped):
 def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -> None:
     """Refuse what no method can work with in a plane.
 
-    Raises
-    ------
-    TooFewSamples, OutOfScale, StuckAxis, Unmoved
-        See `Readings.require`; the last one also where next to nothing varies in the plane.
+    Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; the last one also where next
+    to nothing varies in the plane.
     """
     readings.require(unknowns, method, axes=plane)
     seen = list(order_of(plane)[:2])
@@ -88,12 +86,8 @@ def laid_flat(readings: Readings, plane: Plane) -> Readings:
 def fitted_flat(flat: Readings, spread: float) -> Estimate:
     """Fit an ellipse to readings laid flat, as `Likelihood` fits an ellipsoid; robustly where residuals ask for it.
 
-    Raises
-    ------
-    NotAnEllipse
-        If half of the readings are in one place, or all on a line.
-    NeedsSamples
-        If only sums were given.
+    Raises `NotAnEllipse` if half of the readings are in one place, or all on a line; `NeedsSamples` if only sums were
+    given.
     """
     rng = np.random.default_rng(SEED)
     points = flat.thinned(ENOUGH, "ellipse")
@@ -127,7 +121,6 @@ def lifted(
     ----------
     flat : Estimate
         Of readings laid flat.
-    plane : str
     name : str
         Of the method.
     dip_deg : float

@@ -72,8 +72,6 @@ def spurious_information_of(problem: JointProblem, iterate: JointIterate) -> Flo
 def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
     """(P, P) the normal matrix with the prior, less its noise-induced information.
 
-    Examples
-    --------
     >>> without(np.diag([4.0, 4.0]), np.diag([1.0, 0.0]), np.eye(2)).round(9)
     array([[4., 0.],
            [0., 5.]])
@@ -222,13 +220,7 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
 def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
     """Look at the residuals of a fit.
 
-    Parameters
-    ----------
-    problem : JointProblem
-    iterate : Iterate
-        Where it settled.
-    walk : DirectionRandomWalk
-        Of the same fit.
+    `iterate`: where it settled; `walk`: of the same fit.
     """
     size = problem.layout.size
     evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))

@@ -135,8 +135,6 @@ def conditioned(
     rows : (K, P) float
     values, sigmas : (K,) float
 
-    Examples
-    --------
     >>> parameters, covariance = conditioned(np.zeros(2), np.eye(2), np.array([[1.0, 0.0]]), np.ones(1), np.ones(1))
     >>> parameters, np.diag(covariance)
     (array([0.5, 0. ]), array([0.5, 1. ]))

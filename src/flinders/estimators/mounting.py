@@ -103,12 +103,7 @@ class Mounted:
 def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """In which unit and along which axes a gyro turns the field as it moves; as recorded unless another is far better.
 
-    Parameters
-    ----------
-    samples : Samples
-        With time and rate.
-    ellipsoid : Ellipsoid
-        What the magnetometer finds by itself; only its shape is used.
+    `samples`: with time and rate; `ellipsoid`: what the magnetometer finds by itself; only its shape is used.
     """
     if samples.rate is None or samples.time is None:
         return Mounted()
@@ -163,13 +158,8 @@ def second_axis(rate: Floats) -> float:
 
     Each rate is compared with the next, so that the gyro's noise counts for nothing.
 
-    Parameters
-    ----------
-    rate : (N, 3) float, rad/s
-        Without the gyro's bias, in order.
+    `rate`: (N, 3), rad/s, without the gyro's bias, in order.
 
-    Examples
-    --------
     >>> second_axis(np.outer(np.linspace(-1, 1, 50), [0.0, 0.0, 1.0]))
     0.0
     """

@@ -170,6 +170,8 @@ def solve(
 ) -> Several:
     """Fit several magnetometers of one body.
 
+    Raises `TooFewSamples` for fewer moments than parameters; `NotAnEllipsoid` if no step leads to closed surfaces.
+
     Parameters
     ----------
     fields : (m, N, 3) float
@@ -180,13 +182,6 @@ def solve(
         What each finds by itself; by default what `Auto` finds.
     spread : float
         Of the prior on each shape, see `flinders.likelihood.prior`.
-
-    Raises
-    ------
-    TooFewSamples
-        For fewer moments than parameters.
-    NotAnEllipsoid
-        If no step leads to closed surfaces.
     """
     shared = np.count_nonzero(np.isfinite(fields[:, :, 0]).sum(axis=0) > 1)
     if shared < FEWEST:

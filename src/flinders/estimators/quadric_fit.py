@@ -57,10 +57,7 @@ class Frame:
     def placed(self, coefficients: Floats, method: str) -> Ellipsoid:
         """The ellipsoid of (10,) coefficients, in the unit of the readings.
 
-        Raises
-        ------
-        NotAnEllipsoid
-            If the quadric is open.
+        Raises `NotAnEllipsoid` if the quadric is open.
         """
         return Ellipsoid.from_quadric(coefficients, method=method).in_frame(self.origin, self.scale)
 

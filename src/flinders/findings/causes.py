@@ -72,10 +72,7 @@ _SEVERITIES: Final = tuple(VERDICTS)
 def first_causes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Findings that follow from no other, by severity, causes first; a cause is as severe as what follows from it.
 
-    Parameters
-    ----------
-    findings : iterable of Finding
-        Of one fit.
+    `findings`: of one fit.
     """
     left, shown = list(findings), list[Finding]()
     there = {finding.code for finding in left}

@@ -49,10 +49,11 @@ def export_fit(
 ) -> tuple[Export, list[str]]:
     """Write a fit for a target.
 
+    Raises `NotExportable` or `UnitError` if the target cannot hold it; `UsageError` if it was made from several
+    compasses, and none was asked for.
+
     Parameters
     ----------
-    fit : Fit
-    target : Target
     compass : int, optional
         Which one of the vehicle; by default the one that its readings came from.
     mounting : str, optional
@@ -65,13 +66,6 @@ def export_fit(
     Export
     list of str
         What to say of the compass that it is for; nothing where it is not known, or is the one that was asked for.
-
-    Raises
-    ------
-    NotExportable, UnitError
-        If the target cannot hold it.
-    UsageError
-        If it was made from several compasses, and none was asked for.
     """
     if target.compasses:
         refuse_on_top(fit, target.name)
@@ -106,10 +100,7 @@ def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
 def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
     """(3, 3) how the compass was mounted when it was recorded; None where neither the words nor the logs say.
 
-    Raises
-    ------
-    UsageError
-        For words that the target does not know, or a target without mountings.
+    Raises `UsageError` for words that the target does not know, or a target without mountings.
     """
     if words is not None:
         return mounting_table(target).read(words)
@@ -125,10 +116,7 @@ def known_mountings(fit: Fit, autopilot: str) -> set[Angles]:
 def only_number(fit: Fit, known: set[int], what: str, option: str) -> int | None:
     """The one number or device id that is known, or None where none is.
 
-    Raises
-    ------
-    UsageError
-        If there are several; names the option that chooses one.
+    Raises `UsageError` if there are several; names the option that chooses one.
     """
     if len(known) > 1:
         raise UsageError(
@@ -149,9 +137,7 @@ def refuse_unfit(fit: Fit) -> None:
 def refuse_on_top(fit: Fit, autopilot: str) -> None:
     """Refuse a calibration of corrected readings for an autopilot, whose own it would replace and not complete.
 
-    Raises
-    ------
-    NotExportable
+    Raises `NotExportable`.
     """
     logged = [file.name for file in fit.files if file.as_logged]
     if logged:

@@ -105,9 +105,7 @@ class Options:
     def check(self) -> None:
         """Refuse options that no recording can be read with.
 
-        Raises
-        ------
-        UsageError
+        Raises `UsageError`.
         """
         if self.unit is not None or self.scale is not None:
             Unit.of(COUNTS if self.unit is None else self.unit, self.scale)

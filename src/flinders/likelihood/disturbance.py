@@ -87,7 +87,6 @@ def columns(directions: Floats, ellipsoid: Ellipsoid, departures: Floats, warmth
     ----------
     directions : (N, 3) float
         Unit directions u of the settled readings.
-    ellipsoid : Ellipsoid
     departures : (N, K) float
         Each disturbance's value less its reference.
     warmth : (N,) float, optional
@@ -107,14 +106,8 @@ def shared(jacobian: Floats, regressors: Floats) -> float:
     The largest squared canonical correlation of the disturbance's columns, made about their means, with those of the
     ellipsoid: with 1 both cannot be distinguished.
 
-    Parameters
-    ----------
-    jacobian : (N, 9) float
-    regressors : (N, 3) float
-        `columns` of a disturbance counted from its mean.
+    `jacobian`: (N, 9); `regressors`: (N, 3), `columns` of a disturbance counted from its mean.
 
-    Examples
-    --------
     A current that follows the attitude, and one that does not:
 
     >>> rng = np.random.default_rng(1)

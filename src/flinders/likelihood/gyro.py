@@ -87,11 +87,7 @@ class Turned:
     def with_gyro(self, bias: Floats, scale: Floats) -> Turned:
         """The same for another gyro: to first order for a small change, integrated anew for a larger one.
 
-        Parameters
-        ----------
-        bias : (3,) float, rad/s
-        scale : (6,) or (9,) float
-            Γ, and ψ.
+        `bias`: (3,), rad/s; `scale`: (6,) or (9,), Γ, and ψ.
         """
         scale = _whole(scale)
         if np.array_equal(bias, self.bias) and np.array_equal(scale, self.scale):
@@ -206,8 +202,6 @@ def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArra
     window_s : float
         About how long a window is; a recording that is shorter is one window.
 
-    Examples
-    --------
     >>> time = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(2.0, 2.5, 0.1)])
     >>> windows(time, np.zeros((15, 3)), window_s=0.5)
     array([[ 0,  1,  2,  3,  4],
@@ -238,7 +232,6 @@ def moved(turned: Turned, q: Floats, turning: Floats, columns: Mapping[str, slic
 
     Parameters
     ----------
-    turned : Turned
     q : (W, n, 3) float
         The field's direction.
     turning : (W, n, 3) float, rad/s

@@ -136,11 +136,8 @@ def mean_gradient(
         Of all that follows.
     group : ObservationGroup
         Windows of a gyro.
-    at : Parameters
     directions : (W, 3) float
         Of each window, as they have settled.
-    layout : ParameterLayout
-    weights : Weights
     """
     gradient = _of_model(walked, directions) + _of_gyro(walked, group, at, layout)
     together = _together(walked, group, directions)

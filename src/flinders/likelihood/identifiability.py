@@ -77,11 +77,8 @@ class Support:
     def of(cls, matrix: Floats, spurious: Callable[[], Floats]) -> Self:
         """Look at a normal matrix in standard deviations.
 
-        Parameters
-        ----------
-        matrix : (K, K) float
-        spurious : callable
-            Gives the (K, K) matrix of `spurious_information`, where asked: a well-conditioned matrix needs none.
+        `matrix`: (K, K); `spurious`: gives the (K, K) matrix of `spurious_information`, where asked: a well-conditioned
+        matrix needs none.
         """
         diagonal = np.diag(matrix)
         nothing = max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)

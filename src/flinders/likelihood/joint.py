@@ -277,8 +277,6 @@ def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     -------
     (3, 3) float
 
-    Examples
-    --------
     >>> from flinders.geometry.quaternions import of_angles
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     >>> attitudes = attitude.body_to_world(of_angles(angles))

@@ -374,13 +374,10 @@ def _add_beside(
     ----------
     rows : ObservationRows
         But for their Jacobian.
-    group : ObservationGroup
-    at : Parameters
     q : (W, n, 3) float
         The field's direction at each reading.
     turned : (W, n, 3, 2) float
         What is across the direction of the window, at each reading.
-    weights : Weights
     """
     trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
     steep = np.sqrt(trust) * weights.steepness

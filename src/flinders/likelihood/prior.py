@@ -59,13 +59,7 @@ def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquation
     The centre lies within ten spreads of the readings from their middle, and the size is theirs to a factor of about
     ten. A level turn leaves both open across its plane; anything that was seen does not feel it.
 
-    Parameters
-    ----------
-    ellipsoid : Ellipsoid
-    middle : (3,) float
-        Mean reading.
-    spread : float
-        Root mean square distance of the readings from it.
+    `middle`: (3,), mean reading; `spread`: root mean square distance of the readings from it.
     """
     width = SENSE * spread
     residual = np.append(ellipsoid.centre - middle, np.trace(ellipsoid.shape) / 3.0 - spread) / width

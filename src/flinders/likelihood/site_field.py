@@ -45,10 +45,7 @@ INCLINATION_SIGMA_DEG: Final = 1.0
 class Site:
     """The field at a place.
 
-    Raises
-    ------
-    UsageError
-        For numbers that no site has.
+    Raises `UsageError` for numbers that no site has.
     """
 
     strength: float | None = None  # in the unit of the readings

@@ -92,21 +92,10 @@ def member_chunks(file: File, member: zipfile.ZipInfo, *, ratio: bool = True) ->
 def open_zip(file: File, *, topic: str | None = None, **options: Any) -> TextRecording:
     """Open the member of an archive that holds the magnetometer.
 
-    Parameters
-    ----------
-    file : File
-    topic : str, optional
-        The member's name, or a part of it that no other has; by default the one that a phone logger would have
-        written the raw magnetometer to.
-    **options
-        As `flinders.readers.text.open_text`.
-
-    Raises
-    ------
-    NoMagnetometer, UsageError
-        Where it is not clear which member it is, or there is none of that name.
-    UnreadableInput
-        For a spreadsheet, an archive that is broken or locked, and one that unpacks to too much.
+    `topic`: the member's name, or a part of it that no other has; by default the one that a phone logger would have
+    written the raw magnetometer to; `**options`: as `flinders.readers.text.open_text`. Raises `NoMagnetometer` or
+    `UsageError` where it is not clear which member it is, or there is none of that name; `UnreadableInput` for a
+    spreadsheet, an archive that is broken or locked, and one that unpacks to too much.
     """
     there = members(file)
     for name, kind in SHEETS.items():

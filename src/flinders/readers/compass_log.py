@@ -83,6 +83,9 @@ def is_compass_log(path: str | os.PathLike[str]) -> bool:
 def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto") -> CompassLog:
     """Read a log of a boat.
 
+    Raises `UnreadableInput` for another file, or one without compass, reference or clock; `UsageError` for another
+    reference.
+
     Parameters
     ----------
     path : str or path
@@ -90,13 +93,6 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
     reference : ``auto``, ``heading`` or ``course``
         What the compass is held against: a true heading of another instrument, where there is one that was not
         calculated from the compass, else the course over ground.
-
-    Raises
-    ------
-    UnreadableInput
-        For another file, or one without compass, reference or clock.
-    UsageError
-        For another reference.
     """
     if reference not in {"auto", "heading", "course"}:
         raise UsageError(f"reference is {reference!r}: need auto, heading or course")

@@ -61,10 +61,7 @@ LARGEST: Final = 1e6
 def messages(lines: Iterable[str]) -> Iterator[Message]:
     """Yield what sentences say, with times.
 
-    Raises
-    ------
-    UnreadableInput
-        Where no line has a time.
+    Raises `UnreadableInput` where no line has a time.
     """
     numbers: list[tuple[int, Kind, float, str]] = []
     stamps: list[tuple[int, float]] = []

@@ -40,10 +40,7 @@ TRUE, MAGNETIC = 0, 1
 def messages(lines: Iterable[str]) -> Iterator[Message]:
     """Yield what frames say.
 
-    Raises
-    ------
-    UnreadableInput
-        For frames without a clock.
+    Raises `UnreadableInput` for frames without a clock.
     """
     is_timed = False
     for line in lines:

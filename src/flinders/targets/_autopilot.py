@@ -177,10 +177,7 @@ class CompassParameters:
     def symmetric(cls, calibration: Calibration, compass: int) -> Floats:
         """(3, 3) the symmetric matrix of a calibration without motors, in the axes as recorded, without its rotation.
 
-        Raises
-        ------
-        UnitError, UsageError
-            For a calibration in counts; for a compass that there is not.
+        Raises `UnitError` for a calibration in counts; `UsageError` for a compass that there is not.
         """
         cls.refuse_unknown(compass)
         if calibration.unit != MICROTESLA:

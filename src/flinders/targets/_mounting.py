@@ -149,10 +149,7 @@ class MountingTable:
     def read(self, words: str) -> Floats:
         """(3, 3) of a number, a name, or three angles in degrees with commas, each as the firmware has it.
 
-        Raises
-        ------
-        UsageError
-            For anything else.
+        Raises `UsageError` for anything else.
         """
         word = words.strip().upper()
         by_name = {name: number for number, (name, *_) in enumerate(self.rows)}
