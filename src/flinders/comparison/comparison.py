@@ -349,7 +349,6 @@ def compare_level(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 
 
     Parameters
     ----------
-    a, b : Fit
     dip_deg : float
         Inclination of the field at the turn, in degrees; said, and in both ellipses already.
     target_deg : float

@@ -128,7 +128,6 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     ----------
     first : Fit
         What should have been loaded.
-    turn : Turn
     dip_deg : float
         Inclination of the field.
     source : str

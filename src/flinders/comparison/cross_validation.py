@@ -97,7 +97,6 @@ def cross_validated(
 
     Parameters
     ----------
-    estimator : Estimator
     samples : Samples
         In the order of time.
     blocks : int

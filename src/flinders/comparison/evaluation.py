@@ -150,7 +150,6 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
     ----------
     fit : Fit
         Fitted or loaded from its file, in the unit of the truth. Where its axes are mapped, the truth is mapped alike.
-    truth : Truth
     dip_deg : float, optional
         Inclination of the field for headings; that of the truth unless another is given.
     target_deg : float

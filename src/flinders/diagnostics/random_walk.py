@@ -345,7 +345,6 @@ def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
 
     Parameters
     ----------
-    spans : _Spans
     sizes : (T,) float
         Of a walk, q; a filter for each of them goes along.
     radius : float

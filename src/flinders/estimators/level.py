@@ -86,10 +86,7 @@ class Level:
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing, or none: no level turn says what lies across it.
 
-        Raises
-        ------
-        UsageError
-            For either.
+        Raises `UsageError` for either.
         """
         check_prior(self.prior)
         if self.prior is None:
@@ -98,14 +95,8 @@ class Level:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to x and y.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If half of the readings are in one place.
-        NeedsSamples
-            If only sums were given.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if half
+        of the readings are in one place; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name, axes="xy")
         height = float(readings.summary.moments.mean[2])
@@ -167,16 +158,8 @@ def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
     As of `Robust`, in the plane: conics with tr Q = 2 and a slight pull towards the circle. A circle around the
     readings where no seven of them lie on an ellipse.
 
-    Parameters
-    ----------
-    readings : (N, 3) float
-        At one height.
-    rng : Generator
-
-    Raises
-    ------
-    NotAnEllipsoid
-        If half of the readings are in one place, or all on a line.
+    `readings`: (N, 3), at one height. Raises `NotAnEllipsoid` if half of the readings are in one place, or all on a
+    line.
     """
     some = readings if len(readings) <= SCORED else readings[rng.choice(len(readings), SCORED, replace=False)]
     origin = np.median(some, axis=0)

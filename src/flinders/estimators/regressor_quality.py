@@ -282,7 +282,6 @@ def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: S
         Of the normal matrix.
     coefficients : (K,) float
         Parameters that the disturbances' columns are multiplied with; 0 for all others.
-    meters : sequence of Meter
 
     Examples
     --------

@@ -108,7 +108,6 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
 
     Parameters
     ----------
-    recordings : sequence of Recording
     names : sequence of str
         ``current``, ``throttle``, ``temperature``.
 

@@ -93,7 +93,6 @@ def profile(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
 
     Parameters
     ----------
-    name : str
     cost : callable
         χ² at a lag in s.
     grid : (2 n + 1,) float, s

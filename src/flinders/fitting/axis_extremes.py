@@ -110,7 +110,6 @@ def from_extremes(
         See `MinMax`.
     field_strength, target_deg, dip_deg, sensor
         As for `flinders.fit`; the target is only what the finding is compared with.
-    unit, axes : Unit, Axes, optional
 
     Raises
     ------

@@ -96,7 +96,6 @@ def run(
         A folder, a pattern, a file or a URL, as for `flinders.fleet.storage.listed`.
     out : str or path
         The Parquet file to write, or the URL of an object.
-    options : Options
     workers, scheduler
         As for `flinders.fleet.scheduler.map_units`.
     resume : bool

@@ -277,7 +277,6 @@ def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     plane : str
         ``xy``, ``yz`` or ``zx``; the third axis is the one that is turned about.
     dip_deg : float

@@ -123,7 +123,6 @@ def level_error(
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit².
     dip_deg : float
@@ -168,7 +167,6 @@ def deviation_covariance(
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         As for `level_error`, and so are `dip_deg` and `down`.
 
@@ -213,7 +211,6 @@ def tilted_error(
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         As for `level_error`, and so are `dip_deg` and `down`.
     tilt_deg : float
@@ -298,7 +295,6 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         Of (b, S), in unit².
     directions : (K, 3) float
@@ -363,7 +359,6 @@ def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floa
 
     Parameters
     ----------
-    dip_deg : float
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
 

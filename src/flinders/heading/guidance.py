@@ -134,7 +134,6 @@ def guide(
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; may be singular, where a method holds some of them.
     noise : float

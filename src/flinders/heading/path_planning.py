@@ -157,7 +157,6 @@ def plan(
 
     Parameters
     ----------
-    belief : Belief
     at : (3,) array-like
         Where the field points now, in corrected sensor axes.
     target_deg : float

@@ -86,12 +86,10 @@ def next_directions(
 
     Parameters
     ----------
-    at : SurveyParameters
     covariance : (24, 24) float
         Of what there is.
     noises : (3,) float
         Standard deviations of a reading of field and gravity, and of aim.
-    count : int, optional
     """
     gradients, information = angle_gradients(at), np.linalg.inv(covariance)
     added = [_information(at, azimuth, inclination, noises) for azimuth, inclination in PROCEDURE.tolist()]

@@ -247,7 +247,6 @@ def holds_log(
 
     Parameters
     ----------
-    path : str or path
     columns, pattern, topic : str, optional
         As `open_recording`; columns say which magnetometer it is already.
 
@@ -341,7 +340,6 @@ def read_shots(
 
     Parameters
     ----------
-    path : str or path
     axes : str
         Where each axis of the instrument, right-handed, comes from in the magnetometer, such as ``x,y,-z``.
     acceleration_axes : str, optional

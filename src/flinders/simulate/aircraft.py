@@ -145,14 +145,12 @@ def calibration_flight(
 
     Parameters
     ----------
-    seed : int or Generator
     aircraft : Aircraft, optional
         By default one of `Aircraft.random`.
     headings_deg : sequence of float
         Flown one after the other, the manoeuvres on each.
     manoeuvres : sequence of str
         Of ``roll``, ``pitch`` and ``yaw``.
-    rate_hz, field_strength, dip_deg : float
     scalar_noise, geology : float, µT
         White noise of the scalar magnetometer, and root mean square of the slow change of the field along the lines,
         which forgets itself in 20 s.

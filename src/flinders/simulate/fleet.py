@@ -135,10 +135,8 @@ def unit(
     ----------
     number : int
         From 0; with the seed of the fleet it says all.
-    seed : int
     bad : float
         Share of units that something is wrong with; which fault, and which severity, is drawn evenly.
-    readings : int
     fault : str, optional
         One of `FAULTS`, or nothing for a good unit, instead of what would be drawn: the same sensor, turned alike.
     severity : int

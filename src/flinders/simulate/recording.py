@@ -126,7 +126,6 @@ def tumble(
         One of `MOTIONS`; see the head of this package.
     n : int, optional
         Readings; by default as many as the motion takes: a minute by hand is 3,000, and 1,000 have no order.
-    rate_hz : float
     tilt_deg : float, optional
         How far the body is tilted at most, for ``tilted``, ``drive`` and ``flight``.
     stationary : float
@@ -139,7 +138,6 @@ def tumble(
         In place of the sensor's own, which is 0.5 for a random one.
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
-    disturbances : sequence of Perturbation
     imu : Imu, optional
         Another gyro and accelerometer than the usual ones.
 

@@ -66,7 +66,6 @@ def survey_shots(
 
     Parameters
     ----------
-    seed : int or Generator
     shots : int
         A multiple of four, 56 at most.
     gain : float
@@ -77,7 +76,6 @@ def survey_shots(
         Of one axis of a reading, of the field and of gravity, 1 σ.
     aim_deg : float
         Error of aim about each axis, 1 σ.
-    dip_deg : float
 
     Raises
     ------

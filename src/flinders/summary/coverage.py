@@ -164,7 +164,6 @@ class RecordCoverage(Coverage):
 
     Parameters
     ----------
-    record : Records
     summary : Summary
         Of the same readings.
     ellipsoid : Ellipsoid

@@ -129,7 +129,6 @@ def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> floa
 
     Parameters
     ----------
-    chi_square : float
     freedom : int
         Its degrees of freedom.
     others : float

@@ -219,7 +219,6 @@ class Statistics:
 
         Parameters
         ----------
-        record : Records
         time : (N,) float, s, optional
             As the engine was given it.
         skipped : tuple of Skipped

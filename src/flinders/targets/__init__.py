@@ -112,7 +112,6 @@ def read_back(
 
     Parameters
     ----------
-    content : bytes
     source : str
         For messages.
     target : str, optional

@@ -128,9 +128,7 @@ class Collapsed(NotAnEllipsoid):
 def check_options(*, weights: str, noise: float | None, field_strength: float | None) -> None:
     """Refuse options that mean nothing.
 
-    Raises
-    ------
-    UsageError
+    Raises `UsageError`.
     """
     if weights not in ("estimate", "prior"):
         raise UsageError(f"weights is {weights!r}: need estimate, prior")
@@ -165,10 +163,7 @@ def theta_of(b: Floats, d: Floats) -> Floats:
 def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
     """(3,) b and (3, 3) D of (9,) θ': D = U diag(√(1 + s) − 1) Uᵀ where E = U diag(s) Uᵀ.
 
-    Raises
-    ------
-    NotAnEllipsoid
-        Unless I + E is positive definite.
+    Raises `NotAnEllipsoid` unless I + E is positive definite.
     """
     values, vectors = np.linalg.eigh(_EYE + symmetric(theta[3:]))
     if not values[0] > 0.0:
@@ -226,15 +221,9 @@ class Reference:
     def of(cls, readings: Readings, method: str, field_strength: float | None) -> Self:
         """Take the strength from the column of the recording, else the one that is given, else the readings' own.
 
-        Raises
-        ------
-        NeedsSamples
-            Where there are only sums.
-        WrongStrength
-            For a column that is not positive, is the length of the readings themselves, is missing in one of
-            several recordings, or stands beside a strength that is given as well.
-        NotAnEllipsoid
-            Where not even a sphere goes through the readings.
+        Raises `NeedsSamples` where there are only sums; `WrongStrength` for a column that is not positive, is the
+        length of the readings themselves, is missing in one of several recordings, or stands beside a strength that is
+        given as well; `NotAnEllipsoid` where not even a sphere goes through the readings.
         """
         if readings.recording is None:
             raise NeedsSamples(method)
@@ -299,10 +288,7 @@ class Reference:
     def start(self) -> Floats:
         """(9,) θ' of the consistent ellipsoid.
 
-        Raises
-        ------
-        NotAnEllipsoid
-            Where there is none.
+        Raises `NotAnEllipsoid` where there is none.
         """
         ellipsoid = self.alike or adjusted(self.readings)[0]
         gain = self.size * np.linalg.inv(ellipsoid.shape)
@@ -322,9 +308,7 @@ class Reference:
     def refuse_unrelated(self, explained: float) -> None:
         """Refuse a strength that varies by as much as the readings do, and not with them.
 
-        Raises
-        ------
-        WrongStrength
+        Raises `WrongStrength`.
         """
         if self.varies and explained < ENOUGH_EXPLAINED and self.spread > CONTRADICTED * self.noise:
             raise WrongStrength(
@@ -560,7 +544,6 @@ def estimate_of(
 
     Parameters
     ----------
-    reference : Reference
     b : (3,) float
         b'.
     d : (3, 3) float

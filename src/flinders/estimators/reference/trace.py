@@ -96,8 +96,5 @@ class Watched(Protocol):
 
         Where a method loses its way, what it gave until then is followed, and nothing after it.
 
-        Raises
-        ------
-        FitError
-            As `estimate`, where there is nothing to follow.
+        Raises `FitError` as `estimate`, where there is nothing to follow.
         """
