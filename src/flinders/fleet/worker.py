@@ -27,8 +27,8 @@ from flinders.core.samples import CountedRecording, Samples
 from flinders.core.units import Unit
 from flinders.deprecation import warn
 from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
+from flinders.estimators.data import recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
-from flinders.fitting.source import recording_of
 from flinders.fleet import storage
 from flinders.fleet.dataset import (
     Interner,
