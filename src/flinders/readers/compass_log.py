@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.readers._messages import Message
+    from flinders.readers.nmea0183 import Message
 
 FORMATS: Final = {"NMEA 0183": nmea0183, "NMEA 2000": nmea2000, "Signal K": signalk}
 """By name; each has `SIGN`, which finds it in the first lines, and `messages`."""
