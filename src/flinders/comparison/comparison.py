@@ -438,12 +438,8 @@ def _one(fit: Fit) -> EllipsoidPairs:
 def refuse_unlike(a: Fit, b: Fit) -> None:
     """Refuse calibrations whose numbers cannot be held against each other.
 
-    Raises
-    ------
-    UnitError
-        Where one is in µT and the other in counts.
-    AxesError
-        Where their axes are mapped in different ways.
+    Raises `UnitError` where one is in µT and the other in counts; `AxesError` where their axes are mapped in different
+    ways.
     """
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(

@@ -95,6 +95,9 @@ def cross_validated(
     least squares would change. The precision Λ of a change by three tenths of the radius keeps δ at zero where nothing
     was seen. The scatter is that of the jackknife over K blocks, (K − 1)/K Σ (θₖ − θ̄)(θₖ − θ̄)ᵀ, all θₖ of one radius.
 
+    Raises `NotValidated` if a fit fails where one block is missing, or the method is for readings of which none may be
+    missing; `UsageError` for fewer than two blocks, or fewer than four readings in each.
+
     Parameters
     ----------
     samples : Samples
@@ -105,13 +108,6 @@ def cross_validated(
         Inclination of the field at the site, positive where it points along +z.
     counted : (N,) bool, optional
         Readings that are asked when their block is held back: not outliers, which a method may fit or not.
-
-    Raises
-    ------
-    NotValidated
-        If a fit fails where one block is missing, or the method is for readings of which none may be missing.
-    UsageError
-        For fewer than two blocks, or fewer than four readings in each.
 
     References
     ----------

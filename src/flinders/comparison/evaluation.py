@@ -146,6 +146,9 @@ class Evaluation:
 def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg: float = TARGET_DEG) -> Evaluation:
     """Hold a calibration against what is true of its sensor.
 
+    Raises `UnitError` where one is in µT and the other in counts; `UsageError` for a target that is not positive, or a
+    dip within a degree of the poles.
+
     Parameters
     ----------
     fit : Fit
@@ -154,13 +157,6 @@ def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg
         Inclination of the field for headings; that of the truth unless another is given.
     target_deg : float
         Worst heading error that is good enough.
-
-    Raises
-    ------
-    UnitError
-        Where one is in µT and the other in counts.
-    UsageError
-        For a target that is not positive, or a dip within a degree of the poles.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
@@ -314,10 +310,7 @@ def recover(
 ) -> Recovery:
     """Swing a compass around, calibrate it by the method ``level``, and state what was found in its own terms.
 
-    Raises
-    ------
-    FitError
-        Where there is no calibration at all.
+    Raises `FitError` where there is no calibration at all.
     """
     swung = swing(compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
     refusal = None

@@ -220,10 +220,7 @@ def compare_methods(
 def known(methods: Sequence[str] | None) -> Sequence[str]:
     """All methods, or those that were named.
 
-    Raises
-    ------
-    UsageError
-        For one that is not known, or named twice.
+    Raises `UsageError` for one that is not known, or named twice.
     """
     names = list(METHODS) if methods is None else list(methods)
     for name in names:

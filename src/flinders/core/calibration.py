@@ -122,6 +122,9 @@ class Calibration(Value):
     ) -> Calibration:
         """Turn an ellipsoid of readings into the sphere it should have been.
 
+        Raises `ArrayError` unless `shape` is symmetric and positive definite; `UsageError` for a field strength that is
+        not positive.
+
         Parameters
         ----------
         centre : (3,) in ``raw.inside``
@@ -133,13 +136,6 @@ class Calibration(Value):
             makes F the geometric mean of the radii (NXP AN4246; MotionCal; MATLAB's magcal).
         raw, axes, sensor, frame
             How the readings were recorded, as the attributes of the same name.
-
-        Raises
-        ------
-        ArrayError
-            Unless `shape` is symmetric and positive definite.
-        UsageError
-            For a field strength that is not positive.
 
         Examples
         --------
@@ -226,6 +222,9 @@ class Calibration(Value):
     ) -> Floats:
         """Correct readings.
 
+        Raises `ArrayError` for a wrong shape, or values that are no numbers; `UsageError` where a disturbance is not
+        given.
+
         Parameters
         ----------
         raw : (..., 3) in `unit`
@@ -241,13 +240,6 @@ class Calibration(Value):
         -------
         (..., 3) in `unit`
             Of length `field_strength` where only the earth's field was there.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape, or values that are no numbers.
-        UsageError
-            Where a disturbance is not given.
 
         Examples
         --------
@@ -353,12 +345,8 @@ class Calibration(Value):
         The recording's unit, axes and frame are those of `first`, the field strength is that of `self`; an identity
         leaves the other as it is.
 
-        Raises
-        ------
-        UnitError
-            Where one is in µT and the other in counts.
-        UsageError
-            Where this one follows a disturbance, or the scale of `first` does.
+        Raises `UnitError` where one is in µT and the other in counts; `UsageError` where this one follows a
+        disturbance, or the scale of `first` does.
         """
         if not isinstance(first, Calibration):
             return NotImplemented
@@ -406,10 +394,7 @@ class Calibration(Value):
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write a calibration file, whole or not at all; `load` reads back the same numbers to the bit.
 
-        Raises
-        ------
-        OutputExists, OutputError
-            Where there is a file already, unless `force`; where it cannot be written.
+        Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
         """
         write(self.to_document(), path, force=force)
 

@@ -140,6 +140,9 @@ class Samples:
     ) -> Samples:
         """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
 
+        Raises `ArrayError` for a wrong shape, columns of unequal length, a throttle beyond 0 to 1, or no unit
+        quaternions; `UnitError` or `AxesError` for a unit or mapping that is not known.
+
         Parameters
         ----------
         field : (N, 3) array-like
@@ -152,13 +155,6 @@ class Samples:
             Where each new axis comes from, such as ``"x,-y,-z"``.
         time, acceleration, rate, temperature, current, strength, throttle, attitude, currents, throttles : optional
             As the attributes of the same names; vectors and attitude in the recorded axes, strength in `unit`.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape, columns of unequal length, a throttle beyond 0 to 1, or no unit quaternions.
-        UnitError, AxesError
-            For a unit or mapping that is not known.
         """
         unit = unit if isinstance(unit, Unit) else Unit.of(unit, scale)
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
@@ -282,10 +278,7 @@ class Samples:
     def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
         """As a table of Arrow, with the columns of `as_columns`; ``to_pandas()`` of it gives a frame of pandas.
 
-        Raises
-        ------
-        MissingExtra
-            Without pyarrow.
+        Raises `MissingExtra` without pyarrow.
         """
         return needs("pyarrow", "parquet", "a table of Arrow").table(self.as_columns())
 

@@ -198,6 +198,8 @@ def random_walk_of(
 
     What was turned in one plane tells of the offset in that plane alone, and across it nothing is said to move.
 
+    Raises `NeedsSamples` without times that go forward; `TooFewSamples` for fewer than a hundred readings.
+
     Parameters
     ----------
     readings : (N, 3) float
@@ -212,13 +214,6 @@ def random_walk_of(
     is_own : bool
         The ellipsoid is the fit to these readings, and what they lie off it is noise. Of another one, noise is what is
         left beside a course of twelve pieces.
-
-    Raises
-    ------
-    NeedsSamples
-        Without times that go forward.
-    TooFewSamples
-        For fewer than a hundred readings.
     """
     if time is None or not bool(np.all(np.diff(time) >= 0.0)) or time[-1] <= time[0]:
         raise NeedsSamples("walk")
@@ -266,10 +261,7 @@ def walk_through(
 
     As `random_walk_of` otherwise.
 
-    Raises
-    ------
-    NeedsSamples, TooFewSamples
-        As `random_walk_of`.
+    Raises `NeedsSamples` or `TooFewSamples` as `random_walk_of`.
     """
     single = next(iter(singles(recording)))
     blocks = [block for block in single.blocks() if len(block)]

@@ -152,6 +152,9 @@ def driving_of(
 ) -> Driving:
     """Find what drives the offset.
 
+    Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column; `TooFewSamples`
+    for fewer readings than anything can be distinguished from.
+
     Parameters
     ----------
     recordings : sequence of Recording
@@ -161,15 +164,6 @@ def driving_of(
         ``throttles``.
     spread : float, optional
         As for `flinders.likelihood.prior`, on the shape; None for the default, as a solver needs a hold.
-
-    Raises
-    ------
-    UsageError
-        For a name that is not known.
-    InputError
-        Where a recording lacks the column.
-    TooFewSamples
-        For fewer readings than anything can be distinguished from.
     """
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()
@@ -318,14 +312,9 @@ def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
 def with_disturbances(source: object, names: Sequence[str], *, spread: float | None) -> tuple[Driving, Recording]:
     """Find what drives a recording, and settle it: what is left is fitted like any other.
 
-    Raises
-    ------
-    UsageError
-        For what is no recording, or a disturbance that is not known.
-    NotTurned
-        Where the sensor was still: `still` finds its disturbances, and nothing finds an ellipsoid.
-    InputError, TooFewSamples
-        As `driving_of`.
+    Raises `UsageError` for what is no recording, or a disturbance that is not known; `NotTurned` where the sensor was
+    still: `still` finds its disturbances, and nothing finds an ellipsoid; `InputError` or `TooFewSamples` as
+    `driving_of`.
     """
     if not hasattr(source, "blocks"):
         raise UsageError(f"to follow {' and '.join(names)} needs a recording with that column: give Samples")

@@ -133,14 +133,8 @@ class Logged:
     def of(cls, recordings: Sequence[Recording], names: tuple[str, ...]) -> Self:
         """Go through the recordings once; of ``currents`` and ``throttles`` take each motor's.
 
-        Raises
-        ------
-        UsageError
-            For a name that is not known.
-        InputError
-            Where a recording lacks the column.
-        TooFewSamples
-            For fewer readings than anything can be distinguished from.
+        Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column;
+        `TooFewSamples` for fewer readings than anything can be distinguished from.
         """
         names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's disturbances
         wholes = [RecordedColumns.of(recording, names) for recording in recordings]
@@ -230,12 +224,7 @@ class RecordedColumns:
 def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
     """Names of disturbances, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
 
-    Raises
-    ------
-    UsageError
-        For a name that is not known.
-    InputError
-        For those of motors where none was recorded.
+    Raises `UsageError` for a name that is not known; `InputError` for those of motors where none was recorded.
 
     Examples
     --------

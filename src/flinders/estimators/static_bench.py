@@ -106,15 +106,12 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
 
     What is left tells whether the sensor was still: a turn leaves much more than noise.
 
+    Raises `UsageError`, `InputError` or `TooFewSamples` as `flinders.estimators.disturbance.driving_of`.
+
     Parameters
     ----------
     names : sequence of str
         ``current``, ``throttle``, ``temperature``.
-
-    Raises
-    ------
-    UsageError, InputError, TooFewSamples
-        As `flinders.estimators.disturbance.driving_of`.
     """
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()

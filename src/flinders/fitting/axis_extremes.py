@@ -102,6 +102,8 @@ def from_extremes(
 ) -> Extremes:
     """Calibrate from the smallest and the largest reading of each axis, as `MinMax` does.
 
+    Raises `UsageError` unless they are six, finite, the smaller of each axis first; or for a variant that is not there.
+
     Parameters
     ----------
     numbers : (6,) array-like, in `unit`
@@ -110,11 +112,6 @@ def from_extremes(
         See `MinMax`.
     field_strength, target_deg, dip_deg, sensor
         As for `flinders.fit`; the target is only what the finding is compared with.
-
-    Raises
-    ------
-    UsageError
-        Unless they are six, finite, the smaller of each axis first; or for a variant that is not there.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")

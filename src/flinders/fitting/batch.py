@@ -170,6 +170,8 @@ class BatchColumns(FitColumns):
 def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_deg: float = 60.0) -> BatchColumns:
     """Fit and judge many units at once, each as `flinders.fit` would by itself.
 
+    Raises `UsageError` for a target that is not positive, or within a degree of the magnetic poles.
+
     Parameters
     ----------
     units : sequence of Samples, or Lined
@@ -183,11 +185,6 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     -------
     BatchColumns
         In the order given. A unit that gives no calibration is a row with its error.
-
-    Raises
-    ------
-    UsageError
-        For a target that is not positive, or within a degree of the magnetic poles.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")

@@ -124,6 +124,9 @@ def refresh_at_headings(
 ) -> Fit:
     """Renew the hard iron of a calibration from poses at known headings.
 
+    Raises `Refused` with the fit, where it cannot be trusted; `UsageError` without a dip, without a heading for each
+    pose, for a vehicle that was moved, and as `flinders.refresh`.
+
     Parameters
     ----------
     poses : sequence of Samples, Recording, (N, 3) array-like, path, open file or data frame
@@ -140,13 +143,6 @@ def refresh_at_headings(
         What headings, tilts and the dip may be off by.
     target_deg : float
         Worst heading error that is good enough, in degrees.
-
-    Raises
-    ------
-    Refused
-        With the fit, where it cannot be trusted.
-    UsageError
-        Without a dip, without a heading for each pose, for a vehicle that was moved, and as `flinders.refresh`.
     """
     refuse_unfit(previous)
     dip_deg = site.inclination_deg if dip_deg is None and site is not None else dip_deg
@@ -205,10 +201,7 @@ class Pose:
     def of(cls, samples: Samples, shape: Floats) -> Self:
         """Take the mean of a recording.
 
-        Raises
-        ------
-        UsageError
-            Where the vehicle was moved.
+        Raises `UsageError` where the vehicle was moved.
         """
         if len(samples) == 0:
             raise UsageError(f"{samples.source} has no reading: record the pose for some seconds")
@@ -351,6 +344,8 @@ class Stretch:
 def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWEST) -> list[Stretch]:
     """Find where a vehicle went straight, at least so fast.
 
+    Raises `UsageError` for readings without times.
+
     Parameters
     ----------
     samples : Samples
@@ -358,11 +353,6 @@ def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWES
     velocity : TimeSeries
         (M,) times by the same clock and (M, 2) m/s over ground, north and east.
     slowest : float, m/s
-
-    Raises
-    ------
-    UsageError
-        For readings without times.
     """
     if samples.time is None:
         raise UsageError(f"{samples.source} has no times: courses go with a log")
@@ -393,6 +383,8 @@ def refresh_on_courses(
 
     For cars, boats and aircraft with wings; a multirotor may point anywhere.
 
+    Raises `FitError` where the vehicle never went straight and fast enough in a steady field.
+
     Parameters
     ----------
     recording, previous, **judged
@@ -405,11 +397,6 @@ def refresh_on_courses(
         Speed below which a course is not used.
     crab_deg : float, degrees
         1 σ of what the course and the heading differ by.
-
-    Raises
-    ------
-    FitError
-        Where the vehicle never went straight and fast enough in a steady field.
     """
     samples = replace(samples_of(recording, previous), frame=previous.calibration.frame)
     straight = stretches(samples, velocity, slowest=slowest)

@@ -90,6 +90,10 @@ def run(
 ) -> RunSummary:
     """Calibrate a fleet.
 
+    Raises `UnreadableInput` if there is nothing to read; `UsageError` for options that cannot be used, before anything
+    is done; if an earlier run has left partitions, or those of another plan; `OutputError` if results cannot be
+    written; partitions that are done stay done; `LinkError` if the scheduler is not there.
+
     Parameters
     ----------
     where : str
@@ -106,18 +110,6 @@ def run(
         A `ProgressCallback`.
     notice : callable, optional
         Called with the reason why the work does not go on, and with what is done of a run that is interrupted.
-
-    Raises
-    ------
-    UnreadableInput
-        If there is nothing to read.
-    UsageError
-        For options that cannot be used, before anything is done; if an earlier run has left partitions, or those of
-        another plan.
-    OutputError
-        If results cannot be written; partitions that are done stay done.
-    LinkError
-        If the scheduler is not there.
     """
     begun = time.monotonic()
     progress = Progress(watch, notice)

@@ -181,10 +181,7 @@ class UnitResults(FitColumns):
     def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
         """As a table of Arrow.
 
-        Raises
-        ------
-        MissingExtra
-            If pyarrow is not installed.
+        Raises `MissingExtra` if pyarrow is not installed.
         """
         arrow = needs_arrow()
         arrays = [_array(arrow, name, getattr(self, name)) for name in NAMES]
@@ -202,10 +199,7 @@ class UnitResults(FitColumns):
     def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
         """From a table of Arrow that has the columns of `schema`; those `LATER` may be missing.
 
-        Raises
-        ------
-        DocumentError
-            If columns are missing.
+        Raises `DocumentError` if columns are missing.
         """
         refuse_other_table(table.column_names, NAMES)
         columns: dict[str, Any] = {name: _column(name, [value] * len(table)) for name, value in LATER.items()}

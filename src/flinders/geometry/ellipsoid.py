@@ -47,10 +47,8 @@ class Ellipsoid:
     def from_quadric(cls, coefficients: Floats, *, method: str = "") -> Self:
         """Take the ellipsoid out of ten coefficients, of either sign.
 
-        Raises
-        ------
-        NotAnEllipsoid
-            If the quadric is open, imaginary or not finite: each eigenvalue is looked at, not the determinant.
+        Raises `NotAnEllipsoid` if the quadric is open, imaginary or not finite: each eigenvalue is looked at, not the
+        determinant.
         """
         form, linear, constant = symmetric(coefficients[:6]), coefficients[6:9], coefficients[9]
         if not np.all(np.isfinite(coefficients)):

@@ -55,10 +55,7 @@ PLANES: Final[tuple[Plane, ...]] = get_args(Plane)
 def order_of(plane: Plane) -> tuple[int, int, int]:
     """Places of the first, the second and the third axis of a plane.
 
-    Raises
-    ------
-    UsageError
-        For what is no plane.
+    Raises `UsageError` for what is no plane.
 
     Examples
     --------

@@ -81,10 +81,7 @@ def tiles() -> Tiles:
 def tile_of(directions: ArrayLike) -> NDArray[np.intp]:
     """(N,) which tile each of (N, 3) directions of any length falls in.
 
-    Raises
-    ------
-    ArrayError
-        For another shape, or what is not finite.
+    Raises `ArrayError` for another shape, or what is not finite.
     """
     vectors = table(directions)
     centres = tiles().centres.T.astype(np.float32)

@@ -105,10 +105,7 @@ class Deviation:
         >>> round(float(swing.compass(swing.magnetic(100.0))), 6)
         100.0
 
-        Raises
-        ------
-        FitError
-            Where deviations are so large that two compass headings mean one magnetic heading.
+        Raises `FitError` where deviations are so large that two compass headings mean one magnetic heading.
         """
         wanted = floats(magnetic_deg, "magnetic_deg")
         if not self.is_one_to_one:
@@ -161,10 +158,7 @@ class Deviation:
     def card(self, step_deg: float = CARD_STEP_DEG) -> tuple[Floats, Floats, Floats | None]:
         """Headings by compass, deviations and their 1 σ, all round in steps.
 
-        Raises
-        ------
-        UsageError
-            Unless the step goes into 360 a whole number of times.
+        Raises `UsageError` unless the step goes into 360 a whole number of times.
         """
         if not (
             step_deg > 0.0 and 360.0 / step_deg < 4000.0 and abs(360.0 / step_deg - round(360.0 / step_deg)) < 1e-9
@@ -323,10 +317,7 @@ def eight_points(deviation_deg: ArrayLike) -> Floats:
     A = mean; B = (E − W)/2; C = (N − S)/2; D = ((NE + SW) − (SE + NW))/4; E = ((N + S) − (E + W))/4
     (H.O. 226, Handbook of Magnetic Compass Adjustment). B and C use two of the headings; `fit` uses all.
 
-    Raises
-    ------
-    ArrayError
-        Unless there are eight.
+    Raises `ArrayError` unless there are eight.
     """
     values = column(deviation_deg, 8, "deviation_deg")
     refuse_gaps(values, "deviation_deg")

@@ -121,6 +121,8 @@ def level_error(
     reading's error δu = −S⁻¹(δb + δS u), the heading errs by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A
     constant part is a matter of mounting, which a magnetometer cannot see, and is removed.
 
+    Raises `UsageError` within a degree of the magnetic poles, where there is no heading.
+
     Parameters
     ----------
     covariance : (9, 9) float
@@ -130,11 +132,6 @@ def level_error(
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z. A sensor that is
         mounted a little tilted is judged about the vehicle's vertical.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles, where there is no heading.
     """
     gradient = level_gradients(ellipsoid, dip_deg=dip_deg, down=down)
     rms, worst = _in_degrees(gradient, covariance)
@@ -146,10 +143,7 @@ def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats
 
     Up to a sign, which no variance sees; parameters as those of `level_error`.
 
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
+    Raises `UsageError` within a degree of the magnetic poles.
     """
     across, directions = _level_fields(dip_deg, down)
     gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
@@ -165,6 +159,8 @@ def deviation_covariance(
     The heading's error over a level turn, as in `level_error`, is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first
     order, so that each coefficient is twice the mean of its product with it. A is a matter of mounting.
 
+    Raises `UsageError` within a degree of the magnetic poles.
+
     Parameters
     ----------
     covariance : (9, 9) float
@@ -173,11 +169,6 @@ def deviation_covariance(
     Returns
     -------
     (4, 4) degrees²
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
 
     Examples
     --------
@@ -209,17 +200,14 @@ def tilted_error(
     vehicle does by T δv. What is constant while it is *level* is a matter of mounting and removed; what the tilt
     adds, in each of 24 directions, counts.
 
+    Raises `UsageError` within a degree of the magnetic poles.
+
     Parameters
     ----------
     covariance : (9, 9) float
         As for `level_error`, and so are `dip_deg` and `down`.
     tilt_deg : float
         0 to 180, which is upside down.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
     """
     across, directions = _level_fields(dip_deg, down)
     mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
@@ -244,10 +232,7 @@ def attitude_limit_deg(
     The largest tilt up to which `tilted_error` stays within `limit_deg`: 0 where a level vehicle is beyond it
     already, 180 where all attitudes are within. Looked for in steps of 5°, and found to 0.01°.
 
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
+    Raises `UsageError` within a degree of the magnetic poles.
     """
 
     def within(tilt_deg: float) -> bool:
@@ -340,10 +325,7 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
     The heading of b + S u(ψ) less ψ, its mean removed. Where the offset is larger than the
     horizontal field the raw heading does not even go round, and the error reaches 180°.
 
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
+    Raises `UsageError` within a degree of the magnetic poles.
     """
     heading, directions = level_turn(dip_deg, down)
     readings = ellipsoid.centre[:, np.newaxis] + ellipsoid.shape @ directions
@@ -357,15 +339,12 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
 def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
     """(72,) headings ψ and (3, 72) unit fields u(ψ) that a level vehicle meets in a full turn.
 
+    Raises `UsageError` within a degree of the magnetic poles.
+
     Parameters
     ----------
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
 
     Examples
     --------

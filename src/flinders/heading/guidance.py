@@ -132,6 +132,8 @@ def guide(
 ) -> Guidance:
     """Find the direction whose readings would reduce the worst error most.
 
+    Raises `UsageError` within a degree of the magnetic poles, for the goal ``heading``.
+
     Parameters
     ----------
     covariance : (9, 9) float
@@ -149,11 +151,6 @@ def guide(
         ``heading``: of a level vehicle; ``attitude``: the field's direction, whichever way the sensor is turned.
     batch : float, optional
         Readings that will be taken before the next advice; by default a hundredth of those there are.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles, for the goal ``heading``.
     """
     wanted = goal_gradients(ellipsoid, goal, CELLS, dip_deg=dip_deg, down=down)
     jacobian = magnitude.information(CELLS, ellipsoid)

@@ -97,6 +97,8 @@ def legs(
 ) -> LoggedSwing:
     """Take a reading from each straight leg of a log.
 
+    Raises `FitError` for fewer than five legs.
+
     Parameters
     ----------
     time, compass_deg, reference_deg, speed : (N,)
@@ -109,11 +111,6 @@ def legs(
         Legs at less over ground are left out, of courses.
     crab_deg : float, degrees
         1 σ of leeway, of courses.
-
-    Raises
-    ------
-    FitError
-        For fewer than five legs.
     """
     step = float(np.median(np.diff(time)))
     spans = _spans(compass_deg, step, least_s)
@@ -219,15 +216,12 @@ FINEST_DEG: Final = 0.01
 def turning(time: Floats, compass_deg: Floats, heading_deg: Floats) -> LoggedSwing:
     """Take a reading from each sector that the compass passes, the lag taken out.
 
+    Raises `FitError` where it passed fewer than five sectors.
+
     Parameters
     ----------
     time, compass_deg, heading_deg : (N,)
         s, degrees by the compass, and magnetic degrees by the other instrument; NaN where it has none.
-
-    Raises
-    ------
-    FitError
-        Where it passed fewer than five sectors.
     """
     is_known = np.isfinite(heading_deg)
     time, compass, heading = time[is_known], compass_deg[is_known], heading_deg[is_known]

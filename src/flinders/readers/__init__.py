@@ -245,15 +245,12 @@ def holds_log(
 ) -> bool:
     """Tell whether there is a magnetometer to choose: in a log, or a table of several; never for a pipe.
 
+    Raises `UnreadableInput` for what is not there, or of no kind that is read.
+
     Parameters
     ----------
     columns, pattern, topic : str, optional
         As `open_recording`; columns say which magnetometer it is already.
-
-    Raises
-    ------
-    UnreadableInput
-        For what is not there, or of no kind that is read.
     """
     if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
         return False  # what cannot be looked at twice is left alone

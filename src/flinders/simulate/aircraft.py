@@ -143,6 +143,8 @@ def calibration_flight(
 ) -> Flight:
     """Fly rolls, pitches and yaws on several headings, with turns at standard rate between them.
 
+    Raises `UsageError` for an unknown manoeuvre.
+
     Parameters
     ----------
     aircraft : Aircraft, optional
@@ -156,11 +158,6 @@ def calibration_flight(
         which forgets itself in 20 s.
     vector : Sensor, optional
         The vector magnetometer, by default one of `fluxgate`.
-
-    Raises
-    ------
-    UsageError
-        For an unknown manoeuvre.
     """
     rng = np.random.default_rng(seed)
     aircraft = Aircraft.random(rng) if aircraft is None else aircraft

@@ -131,6 +131,8 @@ def unit(
 ) -> Specimen:
     """Make one unit of a fleet.
 
+    Raises `UsageError` for a fault or severity that does not exist, or numbers out of range.
+
     Parameters
     ----------
     number : int
@@ -141,11 +143,6 @@ def unit(
         One of `FAULTS`, or nothing for a good unit, instead of what would be drawn: the same sensor, turned alike.
     severity : int
         Of that fault: 1 or 2.
-
-    Raises
-    ------
-    UsageError
-        For a fault or severity that does not exist, or numbers out of range.
 
     Examples
     --------

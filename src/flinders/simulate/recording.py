@@ -118,6 +118,8 @@ def tumble(
     Sensor, motion, stray fields, noise, pauses and each disturbance have a random stream of their own: with the same
     seed, another noise, share of outliers or disturbance leaves the sensor and its path as they are.
 
+    Raises `UsageError` for a motion that is not known, or a number out of its range.
+
     Parameters
     ----------
     seed : int or Generator
@@ -140,11 +142,6 @@ def tumble(
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
     imu : Imu, optional
         Another gyro and accelerometer than the usual ones.
-
-    Raises
-    ------
-    UsageError
-        For a motion that is not known, or a number out of its range.
 
     Examples
     --------
@@ -211,10 +208,7 @@ def angle_error_deg(
     does not count. With ``rotation="symmetric"`` the sensor's own `Sensor.rotation` is an error, as it would be of a
     heading; ``"best"`` takes the best rotation away first, for sensors whose matrix is not symmetric.
 
-    Raises
-    ------
-    ArrayError
-        For a wrong shape or values that are not finite.
+    Raises `ArrayError` for a wrong shape or values that are not finite.
 
     Examples
     --------

@@ -78,6 +78,8 @@ class Sensor:
     ) -> Self:
         """Draw a sensor like those on small boards: symmetric A, ±25 % scale, ±0.15 across, ±100 µT an axis.
 
+        Raises `UsageError` unless 0 ≤ `strength` < 1.8 and 0 ≤ `soft` × `strength` < 0.45, or for a negative `hard`.
+
         Parameters
         ----------
         rng : Generator
@@ -90,11 +92,6 @@ class Sensor:
             How large the offset of an axis is at most.
         noise, resolution, limit : float, µT
             As the attributes of the same name.
-
-        Raises
-        ------
-        UsageError
-            Unless 0 ≤ `strength` < 1.8 and 0 ≤ `soft` × `strength` < 0.45, or for a negative `hard`.
 
         Examples
         --------

@@ -64,6 +64,8 @@ def survey_shots(
 ) -> SimulatedSurvey:
     """Simulate an instrument and its shots in the first directions of the procedure, four rolls to each.
 
+    Raises `UsageError` for another number of shots, or a negative number of the others.
+
     Parameters
     ----------
     shots : int
@@ -76,11 +78,6 @@ def survey_shots(
         Of one axis of a reading, of the field and of gravity, 1 σ.
     aim_deg : float
         Error of aim about each axis, 1 σ.
-
-    Raises
-    ------
-    UsageError
-        For another number of shots, or a negative number of the others.
     """
     if shots % 4 or not 0 < shots <= 4 * len(PROCEDURE):
         raise UsageError(f"{shots} shots: need a multiple of four, {4 * len(PROCEDURE)} at most")

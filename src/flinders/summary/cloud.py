@@ -66,6 +66,8 @@ class Cloud:
     def of(cls, field: ArrayLike, *, time: ArrayLike | None = None, side: float | None = None) -> Self:
         """Sort readings into cells.
 
+        Raises `ArrayError` for a wrong shape or values that are not finite.
+
         Parameters
         ----------
         field : (N, 3) array-like
@@ -74,11 +76,6 @@ class Cloud:
             When each was taken, ascending.
         side : float, optional
             Edge of a cell; by default `natural_side` of these readings.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape or values that are not finite.
         """
         readings = table(field)
         times = None if time is None else column(time, len(readings), "time")

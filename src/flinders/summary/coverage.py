@@ -101,10 +101,7 @@ class Coverage:
     def counts(self) -> Floats:
         """(100,) readings in each of `CELLS`.
 
-        Raises
-        ------
-        NeedsRecording
-            Where the numbers come from a calibration file.
+        Raises `NeedsRecording` where the numbers come from a calibration file.
         """
         if self.by_cell is None:
             raise NeedsRecording("the directions of the readings")

@@ -70,17 +70,14 @@ class Moments:
     def of(cls, field: ArrayLike, *, weight: ArrayLike | None = None) -> Self:
         """Add up a cloud.
 
+        Raises `ArrayError` for a wrong shape or values that are not finite.
+
         Parameters
         ----------
         field : (N, 3) array-like
             Raw readings in any unit.
         weight : (N,) array-like, optional
             Relative weight of each reading; one by default.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape or values that are not finite.
         """
         readings = table(field)
         weights = None if weight is None else column(weight, len(readings), "weight")

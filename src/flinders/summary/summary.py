@@ -57,16 +57,13 @@ class Summary:
     def of(cls, readings: Samples | ArrayLike, *, side: float | None = None) -> Summary:
         """Summarise readings that are in memory.
 
+        Raises `ArrayError` for a wrong shape.
+
         Parameters
         ----------
         readings : Samples or (N, 3) array-like
         side : float, optional
             Edge of the cloud's cells; by default it follows from the readings.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape.
         """
         samples = readings if isinstance(readings, Samples) else Samples.of(readings)
         if side is None and len(samples):
