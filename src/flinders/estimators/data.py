@@ -6,9 +6,9 @@
 
 A recording that is short enough stays in memory after the first pass:
 
->>> in_memory = Cached(Samples(np.ones((5, 3))), room=10)
->>> [len(block) for block in in_memory.blocks()], in_memory.in_memory().field.shape
-([5], (5, 3))
+>>> read_once = Joined((Samples(np.ones((5, 3))), Samples(np.ones((5, 3)))))
+>>> [type(Readings._of_one(read_once, room).recording).__name__ for room in (10, 9)]
+['Samples', 'Joined']
 
 Inliers are what a robust fit uses: readings near the surface that are not part of a run of outliers. What passes by
 fades in and out, and its field crosses zero along the surface's normal: readings between outliers and shortly before
@@ -37,7 +37,7 @@ import os
 from collections import deque
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import islice
+from itertools import chain, islice
 from math import comb
 from typing import TYPE_CHECKING, Any, Final, Self, TypeGuard, cast
 
@@ -66,35 +66,10 @@ HELD: Final = 1_000_000
 again, and fitted to every second, third … reading."""
 
 
-class Cached(Wrapped):
-    """A recording that remembers its readings on the first pass, unless there are too many.
-
-    Attributes
-    ----------
-    recording : Recording
-    room : int
-        Readings that may be remembered.
-    """
-
-    def __init__(self, recording: Recording, room: int) -> None:
-        self.recording = recording
-        self.room = room
-        self._blocks: list[Samples] | None = None
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the recording and keep its readings as long as there is room."""
-        self._blocks, rows = [], 0
-        for block in self.recording.blocks():
-            rows += len(block)
-            if rows > self.room:
-                self._blocks = None
-            if self._blocks is not None:
-                self._blocks.append(block)
-            yield block
-
-    def in_memory(self) -> Recording:
-        """The readings, or the recording itself where they were too many."""
-        return self.recording if self._blocks is None else concatenated(self._blocks, self)
+def _consumed(blocks: deque[Samples]) -> Iterator[Samples]:
+    """Blocks, none of which stays in memory."""
+    while blocks:
+        yield blocks.popleft()
 
 
 def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
@@ -303,8 +278,13 @@ class Readings:
         """Summarise one recording, and keep it if it has no more readings than there is room for."""
         if isinstance(recording, Samples):
             return cls(Summary.deferred(recording), recording)
-        cached = Cached(recording, room)
-        return cls(Summary.through(cached), cached.in_memory())
+        blocks, begun, rows = recording.blocks(), deque[Samples](), 0
+        for block in blocks:
+            begun.append(block)
+            rows += len(block)
+            if rows > room:
+                return cls(Summary.over(chain(_consumed(begun), blocks)), recording)
+        return cls(Summary.over(begun), concatenated(list(begun), recording))
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:

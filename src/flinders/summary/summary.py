@@ -23,6 +23,8 @@ from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality, TimeStamps
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
@@ -82,9 +84,14 @@ class Summary:
     @classmethod
     def through(cls, recording: Recording) -> Summary:
         """Summarise a recording block by block, in one pass and in bounded memory."""
+        return cls.over(recording.blocks())
+
+    @classmethod
+    def over(cls, blocks: Iterable[Samples]) -> Summary:
+        """Summarise blocks of one recording."""
         whole: Summary = cls.empty()
         side = None
-        for block in recording.blocks():
+        for block in blocks:
             if side is None and len(block):
                 side = natural_side(block.field)
             whole = whole + cls.of(block, side=side)
