@@ -79,14 +79,14 @@ FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
 
-LAST: Final = ("arrays", "text")
-"""Modules that take what no other does: any archive, and whatever is not binary."""
+LAST: Final = "text"
+"""The module that takes what no other does: whatever is not binary."""
 
 
 def _rows() -> tuple[Reader, ...]:
     """Collect the rows at the ends of the modules of this package, those of `LAST` last."""
-    there = sorted(module.name for module in iter_modules(__path__) if module.name not in LAST)
-    modules = (import_module(f"{__name__}.{name}") for name in (*there, *LAST))
+    there = sorted(module.name for module in iter_modules(__path__) if module.name != LAST)
+    modules = (import_module(f"{__name__}.{name}") for name in (*there, LAST))
     return tuple(row for module in modules for row in getattr(module, "READERS", ()))
 
 
