@@ -446,7 +446,17 @@ FIXED: Final = re.compile(r"calibration\.at\((.*?)\)")
 
 
 def in_options(message: str) -> str:
-    """Write the keywords of a message as options."""
+    """Write the keywords of Python in a message of the library as options.
+
+    >>> in_options("give unit='mG', or scale= for counts; or write it with force=True")
+    'give --unit mG, or --scale for counts; or write it with --force'
+    >>> in_options("map them with axes='-x,y,z'"), in_options("give --acceleration-axes=-x,y,z")
+    ('map them with --axes=-x,y,z', 'give --acceleration-axes=-x,y,z')
+    >>> in_options("no reading in fleet/unit=A17/log.parquet")                            # a name of a folder
+    'no reading in fleet/unit=A17/log.parquet'
+    >>> in_options("take it at one value with calibration.at(current=0, temperature=20)")
+    'take it at one value with --fix current=0 --fix temperature=20'
+    """
     message = FIXED.sub(lambda match: " ".join(f"--fix {value}" for value in match[1].split(", ")), message)
     return KEYWORD.sub(_option, message)
 

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import ctypes
 import gc
 import io
 import os
-import platform
-import re
 import signal
 import sys
 import threading
 from collections.abc import Iterator, Mapping
-from importlib import import_module, metadata, resources
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders import __version__
 from flinders.cli._output import in_options, print_fit, print_json, say
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
     from types import FrameType
 
     from flinders.findings import Verdict
@@ -53,6 +49,8 @@ FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noi
 def show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
     """Print the versions and end the program."""
     if is_asked and not context.resilient_parsing:
+        from flinders.cli._version import versions
+
         click.echo(versions())
         context.exit()
 
@@ -61,6 +59,10 @@ class Commands(Mapping[str, "click.Command"]):
     """Commands by name, each the ``command`` of a module of its own beside this one, imported when it is asked for.
 
     `modules`: ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
+
+    >>> commands = Commands("info", "import_", "two_axis")
+    >>> list(commands), commands["two-axis"].name
+    (['info', 'import', 'two-axis'], 'two-axis')
     """
 
     def __init__(self, *modules: str) -> None:
@@ -233,60 +235,3 @@ def _silence_stdout() -> None:
     """What could not be written will not be tried again at exit: let the interpreter flush into nothing."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-KERNELS: Final = {1: "baseline kernels", 2: "AVX2 kernels"}
-"""Number that the engine gives its kernels, and their name."""
-
-OPTIONAL: Final = re.compile(r"([\w-]+)[^;]*; extra == ['\"]all['\"]")
-"""A requirement of ``flinders[all]`` as an installed package states it."""
-
-
-def versions() -> str:
-    """Lines of name and version, the program's own first."""
-    optional = sorted(match[1] for line in metadata.requires("flinders") or () if (match := OPTIONAL.match(line)))
-    there = [f"{name} {_version(name)}" for name in optional if _version(name)]
-    missing = [name for name in optional if not _version(name)]
-    rows = {
-        "flinders": __version__,
-        "Python": f"{platform.python_version()}, {platform.system()} {platform.machine()}",
-        "NumPy": _version("numpy"),
-        "engine": _engine(),
-        "3-D view": _bundle(),
-        "optional": ", ".join(there) or "none",
-        "missing": ", ".join(missing) + "; pip install 'flinders[all]'" if missing else "",
-        "plugins": ", ".join(_plugins()),
-    }
-    return "\n".join(f"{name:<8} {value}" for name, value in rows.items() if value)
-
-
-def _version(package: str) -> str:
-    """Version of an installed package, or nothing."""
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return ""
-
-
-def _engine() -> str:
-    """Kernels that the engine takes on this processor, asked without NumPy."""
-    from flinders.native import build
-
-    try:
-        library = ctypes.CDLL(str(build.library()))
-    except (build.NoCompiler, OSError) as error:
-        return f"not usable: {error}"
-    return KERNELS[library.flinders_kernels(0)]
-
-
-def _bundle() -> str:
-    """State of the page's 3-D library, with what to do where it is missing."""
-    if resources.files("flinders").joinpath("static", "vendor", "three.js").is_file():
-        return "installed"
-    return "not installed, npm could not fetch it; in a checkout: uv sync --reinstall-package flinders"
-
-
-def _plugins() -> Iterable[str]:
-    """Packages that add readers or targets."""
-    entries = [*metadata.entry_points(group="flinders.readers"), *metadata.entry_points(group="flinders.targets")]
-    return dict.fromkeys(f"{entry.dist.name} {entry.dist.version}" for entry in entries if entry.dist)

@@ -1,0 +1,70 @@
+"""``flinders --version``: versions of all that a result, or a fault, may depend on."""
+
+from __future__ import annotations
+
+import ctypes
+import platform
+import re
+from importlib import metadata, resources
+from typing import TYPE_CHECKING, Final
+
+from flinders import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+KERNELS: Final = {1: "baseline kernels", 2: "AVX2 kernels"}
+"""Number that the engine gives its kernels, and their name."""
+
+OPTIONAL: Final = re.compile(r"([\w-]+)[^;]*; extra == ['\"]all['\"]")
+"""A requirement of ``flinders[all]`` as an installed package states it."""
+
+
+def versions() -> str:
+    """Lines of name and version, the program's own first."""
+    optional = sorted(match[1] for line in metadata.requires("flinders") or () if (match := OPTIONAL.match(line)))
+    there = [f"{name} {_version(name)}" for name in optional if _version(name)]
+    missing = [name for name in optional if not _version(name)]
+    rows = {
+        "flinders": __version__,
+        "Python": f"{platform.python_version()}, {platform.system()} {platform.machine()}",
+        "NumPy": _version("numpy"),
+        "engine": _engine(),
+        "3-D view": _bundle(),
+        "optional": ", ".join(there) or "none",
+        "missing": ", ".join(missing) + "; pip install 'flinders[all]'" if missing else "",
+        "plugins": ", ".join(_plugins()),
+    }
+    return "\n".join(f"{name:<8} {value}" for name, value in rows.items() if value)
+
+
+def _version(package: str) -> str:
+    """Version of an installed package, or nothing."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _engine() -> str:
+    """Kernels that the engine takes on this processor, asked without NumPy."""
+    from flinders.native import build
+
+    try:
+        library = ctypes.CDLL(str(build.library()))
+    except (build.NoCompiler, OSError) as error:
+        return f"not usable: {error}"
+    return KERNELS[library.flinders_kernels(0)]
+
+
+def _bundle() -> str:
+    """State of the page's 3-D library, with what to do where it is missing."""
+    if resources.files("flinders").joinpath("static", "vendor", "three.js").is_file():
+        return "installed"
+    return "not installed, npm could not fetch it; in a checkout: uv sync --reinstall-package flinders"
+
+
+def _plugins() -> Iterable[str]:
+    """Packages that add readers or targets."""
+    entries = [*metadata.entry_points(group="flinders.readers"), *metadata.entry_points(group="flinders.targets")]
+    return dict.fromkeys(f"{entry.dist.name} {entry.dist.version}" for entry in entries if entry.dist)
