@@ -21,9 +21,8 @@ from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
 from flinders.estimators import auto, level, outliers
 from flinders.estimators import data as readings
-from flinders.findings import CATALOGUE, fit, limit_of
-from flinders.findings.causes import CAUSES
-from flinders.findings.conditions import OF_A_TUMBLE, stated
+from flinders.findings import CATALOGUE, CAUSES, fit, limit_of
+from flinders.findings.row import OF_A_TUMBLE, stated
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
 from flinders.geometry.sphere import bisected, icosahedron
 from flinders.heading import guidance, path_planning
