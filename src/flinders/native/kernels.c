@@ -400,14 +400,22 @@ static inline void add_four(const real *rows, size_t stride, int columns, real s
                 sums[a][b] += one[a] * one[b] + two[a] * two[b] + three[a] * three[b] + four[a] * four[b];
 }
 
-/* Products of the columns of rows (n, columns), a symmetric matrix. */
-static void gram(const real *rows, size_t n, int columns, real *matrix)
+/* The same of n rows. */
+static inline void add_rows(const real *rows, size_t n, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
 {
-    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}}, last[5 * FL_COLUMNS] = {0};
     const size_t stride = (size_t)columns, most = n > 4 ? (n - 1) / 4 * 4 : 0;
+    real last[5 * FL_COLUMNS] = {0};
     for (size_t i = 0; i < most; i += 4) add_four(rows + stride * i, stride, columns, sums);
     memcpy(last, rows + stride * most, stride * (n - most) * sizeof(real));
     add_four(last, stride, columns, sums);
+}
+
+/* Products of the columns of rows (n, columns), a symmetric matrix. */
+static void gram(const real *rows, size_t n, int columns, real *matrix)
+{
+    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}};
+    if (columns == FL_COLUMNS) add_rows(rows, n, FL_COLUMNS, sums); /* a number that the compiler knows */
+    else add_rows(rows, n, columns, sums);
     for (int a = 0; a < columns; a++)
         for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
 }
