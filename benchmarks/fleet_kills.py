@@ -84,15 +84,26 @@ def started(source: str, out: Path, after: int, *words: str) -> subprocess.Popen
 
 def program_killed(source: str, out: Path, after: int) -> str:
     """Kill the program once so many partitions are done, and resume."""
+    return ended_by(signal.SIGKILL, source, out, after)
+
+
+def program_interrupted(source: str, out: Path, after: int) -> str:
+    """Press Ctrl-C once so many partitions are done, and resume."""
+    return ended_by(signal.SIGINT, source, out, after)
+
+
+def ended_by(number: signal.Signals, source: str, out: Path, after: int) -> str:
+    """End the program by a signal, wait until its workers have ended too, and resume."""
     program = started(source, out, after, "--workers", "2")
-    program.kill()
+    program.send_signal(number)
     begun = time.monotonic()
     program.wait()
     wait_until(lambda: not running_in(program.pid))
     seconds = time.monotonic() - begun
     told = run(source, out, Options(), workers=2, resume=True)
     return (
-        f"program killed, its workers ended in {seconds:.1f} s, {told.resumed} of {told.partitions} partitions stayed"
+        f"{number.name}: program and workers ended in {seconds:.1f} s, "
+        f"{told.resumed} of {told.partitions} partitions stayed"
     )
 
 
@@ -183,7 +194,8 @@ def main() -> None:
     parser.add_argument("--scheduler", action="store_true", help="kill workers and scheduler of a Dask cluster")
     given = parser.parse_args()
     times = given.times
-    kinds = (cluster_worker_killed, scheduler_killed) if given.scheduler else (worker_killed, program_killed)
+    of_cluster = (cluster_worker_killed, scheduler_killed)
+    kinds = of_cluster if given.scheduler else (worker_killed, program_killed, program_interrupted)
     rng = random.Random(1)
     with tempfile.TemporaryDirectory() as place:
         (Path(place) / "in").mkdir()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import json
 import os
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -135,3 +137,19 @@ def no_room(_: int) -> bytes:
 def test_a_full_disk_of_a_worker_is_told_as_one_of_the_driver() -> None:
     with pytest.raises(OutputError, match=r"^no space left on the disk: free some, or use another disk$"):
         list(map_units(no_room, [1, 2], workers=2))
+
+
+def test_a_script_without_a_main_block_is_refused(tmp_path: Path) -> None:
+    """Each worker runs it again; without a limit that would go on for every unit of the fleet."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from flinders.errors import LinkError\n"
+        "from flinders.fleet.scheduler import map_units\n"
+        "try:\n    list(map_units(abs, range(100), workers=2))\n"
+        "except LinkError as error:\n    raise SystemExit(str(error))\n",
+        encoding="utf-8",
+    )
+    ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=600)
+    assert ended.returncode == 1
+    assert "3 worker processes ended before they began" in ended.stderr
+    assert '`if __name__ == "__main__":`' in ended.stderr

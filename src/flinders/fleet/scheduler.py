@@ -34,6 +34,11 @@ Result = TypeVar("Result")
 
 ATTEMPTS: Final = 3
 """Workers that a unit of work may cost; as many as Dask allows."""
+UNSTARTED: Final = (
+    f"{ATTEMPTS} worker processes ended before they began: a script that calls this needs its calls below "
+    '`if __name__ == "__main__":`, and a worker needs memory; with 0 workers this process does it all'
+)
+"""What to do where no worker can be started."""
 PATIENCE_S: Final = 10.0
 """Seconds within which a scheduler has to answer."""
 RECOUNT_S: Final = 5.0
@@ -135,6 +140,7 @@ def _in_processes(
     """Keep so many processes busy, and replace those that die."""
     waiting = deque(range(len(units)))
     attempts: Counter[int] = Counter()
+    unstarted = 0
     workers = {_Worker() for _ in range(min(count, len(units)))}
     busy: dict[Future[Result], tuple[_Worker, int]] = {}
 
@@ -154,6 +160,9 @@ def _in_processes(
                     give(worker)
                     continue
                 attempts[place] += 1
+                unstarted = 0 if worker.pid else unstarted + 1
+                if unstarted == ATTEMPTS:
+                    raise LinkError(UNSTARTED)
                 died(WorkerDeath(worker.pid, place, attempts[place]))
                 workers.remove(worker)
                 worker.stop()

@@ -409,10 +409,14 @@ def parser_of(grid: Grid) -> Parse | None:
         if any(sign in lines.text for sign in DOUBTFUL):
             return None
         content = lines.text.encode()
-        whole = table.ReadOptions(column_names=names, block_size=len(content) + 1)
+        whole = table.ReadOptions(column_names=names, block_size=len(content) + 1, use_threads=False)
         try:
             read = table.read_csv(
-                arrow.BufferReader(content), read_options=whole, parse_options=cut, convert_options=converted
+                arrow.BufferReader(content),
+                read_options=whole,
+                parse_options=cut,
+                convert_options=converted,
+                memory_pool=arrow.system_memory_pool(),  # others keep what they gave back
             )
         except arrow.ArrowException:
             return None
