@@ -636,8 +636,8 @@ def _scaled_inverse(factor: tuple[float, ...], scale: float) -> Floats:
     """(3, 3) inverse of the matrix of a Cholesky factor, times a scale."""
     first, second, third, d, e, f = factor
     x, y, z = 1.0 / first, 1.0 / second, 1.0 / third  # the inverse of the factor, with u, v, w below its diagonal
-    u, w = -d * x * y, -f * y * z
-    v = -(e * x + f * u) * z
+    u, w = 0.0 - d * x * y, 0.0 - f * y * z  # no zero is negative
+    v = 0.0 - (e * x + f * u) * z
     xy, xz, yz = scale * (u * y + v * w), scale * v * z, scale * w * z
     xx, yy, zz = scale * (x * x + u * u + v * v), scale * (y * y + w * w), scale * z * z
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
