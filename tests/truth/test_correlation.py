@@ -55,7 +55,7 @@ def claims(record: Callable[[int], Simulated], trials: Trials) -> tuple[float, f
 
 @pytest.mark.parametrize("trial", [21, 95, 742, 1424])
 def test_noise_that_moves_the_readings_of_a_clump_is_no_slow_noise(trial: int) -> None:
-    """Jacobians at the readings follow their distances from an ellipsoid: with them, errors were 5 to 16 times the bound."""
+    """Jacobians at the readings follow their distances from an ellipsoid: errors were 5 to 16 times the bound."""
     recording = dataset("S6", trial, 2.0)
     fit = flinders.fit(recording.samples.field, field_strength=50.0, target_deg=90.0)
     off = parameter_error(fit.calibration.matrix, fit.calibration.offset, recording)
