@@ -31,9 +31,9 @@ import numpy as np
 
 import flinders
 from flinders import simulate
+from flinders.fleet.change_points import YEAR
 from flinders.fleet.drift import drift_of
 from flinders.fleet.results import UnitResult, UnitResults, objects
-from flinders.fleet.variance import YEAR
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.shots import ROLLS_DEG
+from flinders.core.survey import ROLLS_DEG
 from flinders.fitting.survey import fit_survey
 from flinders.geometry.angles import folded
 from flinders.heading.pointing_error import (

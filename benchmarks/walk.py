@@ -2,6 +2,7 @@
 
     python -m benchmarks.walk            # the counts
     python -m benchmarks.walk --list     # and the files, in the order in which they are entered
+    python -m benchmarks.walk --sizes    # instead: files, lines of code and lines of docstrings of each package
 
 Counts are of the distinct files of `flinders` in which a traced run enters a function, and of the functions that are
 called from a lower package, as a callback or a recording that wraps another; what runs when a module is imported does
@@ -17,6 +18,7 @@ worker      from the readings of that row group to the row: the same in one proc
 from __future__ import annotations
 
 import argparse
+import ast
 import functools
 import sys
 import tempfile
@@ -168,6 +170,26 @@ def a_live_fit(_: Path) -> None:
     evaluate(step(LiveSession(), Arrived(60.0, rows_of(_tumble()), Unit.of("uT")))[0])
 
 
+def sizes() -> dict[str, list[int]]:
+    """Files, lines of code, and lines of docstrings of each package; comments and empty lines are neither."""
+    counts: dict[str, list[int]] = {}
+    for path in sorted(ROOT.rglob("*.py")):
+        text = path.read_text("utf-8")
+        docstrings = _docstrings(ast.parse(text))
+        lines = {number for number, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"}
+        for name in (path.relative_to(ROOT).parts[0], "in all"):
+            count = counts.setdefault(name, [0, 0, 0])
+            count[:] = count[0] + 1, count[1] + len(lines - docstrings), count[2] + len(docstrings)
+    return counts
+
+
+def _docstrings(module: ast.Module) -> set[int]:
+    """Numbers of the lines of all docstrings."""
+    owners = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    first = [node.body[0] for node in ast.walk(module) if isinstance(node, owners) and ast.get_docstring(node)]
+    return {number for each in first for number in range(each.lineno, (each.end_lineno or each.lineno) + 1)}
+
+
 def _command(*words: str) -> None:
     """Run a command of the program in this process."""
     done = CliRunner().invoke(program, words)
@@ -179,7 +201,12 @@ def main() -> None:
     """Print the counts."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--list", action="store_true", help="also list the files")
+    parser.add_argument("--sizes", action="store_true", help="print the sizes of the packages instead")
     asked = parser.parse_args()
+    if asked.sizes:
+        for name, (files, code, docstrings) in sizes().items():
+            print(f"{name:<16} {files:>3} files, {code:>6,} lines of code, {docstrings:>6,} of docstrings")
+        return
     runs = {
         "a reading, to the header": a_reading,
         "a line, to the page": a_line,

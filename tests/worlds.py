@@ -10,6 +10,7 @@ Each builder takes a seed and returns a recording with its truth, or readings al
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -54,6 +55,17 @@ ARMS: Final = np.array([[0.5, 0.1, -0.3], [-0.4, 0.2, 0.3], [0.1, -0.5, 0.2], [0
 """µT/A of four motors."""
 TURNED: Final = rotations(np.array([[0.3, -0.2, 1.4]]))[0]
 """From the axes of a second sensor on a body into those of the first."""
+
+
+def table_text(header: str, table: Floats) -> str:
+    """A recording as CSV, three decimals for each number."""
+    rows = (",".join(f"{value:.3f}" for value in row) for row in table)
+    return "\n".join([header, *rows, ""])
+
+
+def write_field(path: str | Path, field: Floats) -> None:
+    """Write (N, 3) readings in µT as CSV."""
+    Path(path).write_text(table_text("mag_x_uT,mag_y_uT,mag_z_uT", field), encoding="utf-8")
 
 
 def judged(field: Floats | Samples | Joined, **options: object) -> Fit:

@@ -33,10 +33,7 @@ FEW: Final = 9
 def floats(values: ArrayLike, name: str = "values") -> Floats:
     """Turn anything array-like into float64 without copying where it is float64 already.
 
-    Raises
-    ------
-    ArrayError
-        For text, ragged lists, complex numbers, dates and objects.
+    Raises `ArrayError` for text, ragged lists, complex numbers, dates and objects.
     """
     try:
         array = np.asarray(values)
@@ -50,10 +47,7 @@ def floats(values: ArrayLike, name: str = "values") -> Floats:
 def vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
     """Let through an array of (..., 3) numbers, finite unless `finite` is False.
 
-    Raises
-    ------
-    ArrayError
-        With the shape that was found, or the first row that is not finite.
+    Raises `ArrayError` with the shape that was found, or the first row that is not finite.
     """
     array = floats(values, name)
     if array.ndim == 0 or array.shape[-1] != 3:
@@ -66,10 +60,7 @@ def vectors(values: ArrayLike, name: str = "field", *, finite: bool = True) -> F
 def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Floats:
     """Let through an (N, 3) array; a single triple counts as one row.
 
-    Raises
-    ------
-    ArrayError
-        As `vectors`, and for arrays of more than two dimensions.
+    Raises `ArrayError` as `vectors`, and for arrays of more than two dimensions.
     """
     array = vectors(values, name, finite=finite)
     if array.ndim == 1:
@@ -82,10 +73,7 @@ def table(values: ArrayLike, name: str = "field", *, finite: bool = True) -> Flo
 def triple(values: ArrayLike, name: str = "offset") -> Floats:
     """Let through three finite numbers.
 
-    Raises
-    ------
-    ArrayError
-        For another shape, or what is not finite.
+    Raises `ArrayError` for another shape, or what is not finite.
     """
     array = floats(values, name)
     if array.shape != (3,):
@@ -132,10 +120,7 @@ class Value:
 def column(values: ArrayLike, rows: int, name: str) -> Floats:
     """Let through an (N,) array with one value a row.
 
-    Raises
-    ------
-    ArrayError
-        With the shape that was found.
+    Raises `ArrayError` with the shape that was found.
     """
     array = floats(values, name)
     if array.shape != (rows,):
@@ -146,10 +131,7 @@ def column(values: ArrayLike, rows: int, name: str) -> Floats:
 def matrix(values: ArrayLike, name: str = "matrix", size: int = 3) -> Floats:
     """Let through a finite (size, size) array.
 
-    Raises
-    ------
-    ArrayError
-        With the shape, or the first row that is not finite.
+    Raises `ArrayError` with the shape, or the first row that is not finite.
     """
     array = floats(values, name)
     if array.shape != (size, size):

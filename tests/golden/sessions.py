@@ -15,8 +15,6 @@ from flinders.cli import main
 if TYPE_CHECKING:
     import pytest
 
-    from flinders.arrays import Floats
-
 Golden: TypeAlias = Callable[[str, str], None]
 
 ROOT: Final = Path(__file__).resolve().parent.parent.parent
@@ -31,12 +29,6 @@ def session(*lines: str, code: int = 0) -> str:
         shown += f"$ {line}\n{ended.output}"
         assert ended.exit_code == (code if place == len(lines) else 0), shown
     return shown
-
-
-def table_text(header: str, field: Floats) -> str:
-    """A recording as CSV, three decimals for each number."""
-    rows = (",".join(f"{value:.3f}" for value in row) for row in field)
-    return "\n".join([header, *rows, ""])
 
 
 def rounded(value: object) -> object:

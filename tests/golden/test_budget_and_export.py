@@ -12,16 +12,12 @@ from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.golden.sessions import Golden
 
 
 @pytest.fixture(autouse=True)
-def calibrations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def calibrations() -> None:
     """A calibration that fits the registers, and one of a field strength in another unit, which does not."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     matrix = np.array([[0.91, 0.05, 0.1], [0.05, 1.19, -0.1], [0.1, -0.1, 0.94]])
     offset = np.array([-69.8, 68.9, -5.6])
     Calibration(matrix, offset, 49.4, raw=Unit.of("mG")).save("calibration.json")
@@ -45,13 +41,6 @@ def test_export(golden: Golden) -> None:
 
 def test_export_of_what_does_not_fit(golden: Golden) -> None:
     golden("cli/export-refused.txt", session("flinders export --to adis16480 doubled.json -o registers.txt", code=4))
-
-
-@pytest.mark.parametrize(
-    "command", ["export", "budget", "budget heading", "budget wire", "budget pair", "budget magnet"]
-)
-def test_help(command: str, golden: Golden) -> None:
-    golden(f"cli/flinders-{command.replace(' ', '-')}-help.txt", session(f"flinders {command} --help"))
 
 
 @pytest.mark.parametrize("name", ["budget.md", "registers.md"])

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
 import pytest
 from tests.golden.sessions import ROOT, assert_sessions_are_real, session
+from tests.worlds import write_field
 
 from flinders import simulate
+from flinders.cli import main
 from flinders.estimators import table
 from flinders.findings import CATALOGUE
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from tests.golden.sessions import Golden
 
 DOCS = ROOT / "docs"
@@ -22,14 +26,19 @@ DOCS = ROOT / "docs"
 def record(name: str, motion: str, *, axes: tuple[int, int, int] = (0, 1, 2)) -> None:
     """Write a simulated recording, its axes in another order where the sensor is mounted so."""
     field = simulate.tumble(seed=2, motion=motion).samples.field[:, axes]
-    lines = [",".join(f"{value:.3f}" for value in row) for row in field]
-    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+    write_field(name, field)
 
 
-@pytest.mark.parametrize("command", ["", "calibrate", "apply", "check", "compare", "demo", "methods"])
+def commands(group: click.Group, name: str = "flinders") -> Iterator[str]:
+    """The program and its commands, as they are typed."""
+    yield name
+    for each, command in group.commands.items():
+        yield from commands(command, f"{name} {each}") if isinstance(command, click.Group) else (f"{name} {each}",)
+
+
+@pytest.mark.parametrize("command", list(commands(main)))
 def test_help(command: str, golden: Golden) -> None:
-    words = ["flinders", *command.split(), "--help"]
-    golden(f"cli/{'-'.join(words[:-1])}-help.txt", session(" ".join(words)))
+    golden(f"cli/{command.replace(' ', '-')}-help.txt", session(f"{command} --help"))
 
 
 def test_demo(golden: Golden) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.worlds import write_field
 
 from flinders import simulate
 from flinders.cli import main
@@ -26,8 +27,7 @@ if TYPE_CHECKING:
 
 def record(name: str, *, n: int = 1000) -> None:
     field = simulate.tumble(seed=2, motion="hand", n=n).samples.field
-    lines = [",".join(f"{value:.3f}" for value in row) for row in field]
-    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+    write_field(name, field)
 
 
 def calibrate(*words: str) -> Result:

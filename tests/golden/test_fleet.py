@@ -17,10 +17,8 @@ pytest.importorskip("pyarrow")
 
 
 @pytest.fixture(autouse=True)
-def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def logs() -> None:
     """Five vehicles, of which one was hardly turned and one wrote half a file."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     for place, vehicle in enumerate(("V101", "V102", "V103", "V104")):
         for seed, day in enumerate(("2026-03-01", "2026-06-01")):
             field = simulate.tumble(seed=10 * place + seed, n=400, motion="uniform").samples.field
@@ -36,7 +34,3 @@ def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_fleet_with_all_that_may_happen(golden: Golden, request: pytest.FixtureRequest) -> None:
     golden("cli/fleet.txt", session("flinders fleet logs --out calibrations.parquet --workers 0", code=3))
     assert_sessions_are_real("fleet.md", request)
-
-
-def test_help(golden: Golden) -> None:
-    golden("cli/flinders-fleet-help.txt", session("flinders fleet --help"))

@@ -16,14 +16,7 @@ if TYPE_CHECKING:
 parquet = pytest.importorskip("pyarrow.parquet")
 
 
-def test_a_fleet_in_which_something_was_moved(golden: Golden, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
+def test_a_fleet_in_which_something_was_moved(golden: Golden) -> None:
     rows, _ = simulated(Fleet(units=200, step_deg=3.0), np.random.default_rng(3))
     parquet.write_table(rows.to_arrow(), Path("calibrations.parquet"))
     golden("cli/drift.txt", session("flinders drift calibrations.parquet", code=3))
-
-
-def test_the_help(golden: Golden, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    golden("cli/flinders-drift-help.txt", session("flinders drift --help"))

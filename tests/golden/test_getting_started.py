@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Final
 import pytest
 from click.testing import CliRunner
 from tests.flight_log import dataflash
-from tests.golden.sessions import ROOT, table_text
+from tests.golden.sessions import ROOT
+from tests.worlds import table_text
 
 from flinders import simulate
 from flinders.cli import main

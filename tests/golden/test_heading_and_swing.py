@@ -6,10 +6,10 @@ import re
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 from click.testing import CliRunner
 from tests.boats import Boat, nmea0183_of, octagon
 from tests.golden.sessions import session
+from tests.worlds import write_field
 
 from flinders import simulate
 from flinders.cli import main
@@ -26,8 +26,7 @@ HO226 = "compass,deviation\n0,10.5\n45,20\n90,11.5\n135,-1.2\n180,-5.5\n225,-8\n
 def record(tmp_path: Path, *, gravity: bool = False) -> None:
     """A calibration, and a log of the same sensor with an accelerometer, x forward, y right, z down."""
     tumble = simulate.tumble(seed=2)
-    rows = (",".join(f"{value:.3f}" for value in row) for row in tumble.samples.field)
-    (tmp_path / "tumble.csv").write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+    write_field(tmp_path / "tumble.csv", tumble.samples.field)
     CliRunner().invoke(main, ["calibrate", "tumble.csv", "-o", "calibration.json"])
     rng = np.random.default_rng(7)
     steps = np.arange(900)
@@ -44,11 +43,6 @@ def record(tmp_path: Path, *, gravity: bool = False) -> None:
         force = (body @ [0.0, 0.0, -9.81] + rng.normal(0.0, 0.02, 3)) * (-1.0 if gravity else 1.0)
         log.append(",".join(f"{value:.3f}" for value in (0.1 * step, *np.ravel(raw), *force)))
     (tmp_path / "log.csv").write_text("\n".join([*log, ""]), encoding="utf-8")
-
-
-@pytest.mark.parametrize("command", ["heading", "swing"])
-def test_help(command: str, golden: Golden) -> None:
-    golden(f"cli/flinders-{command}-help.txt", session(f"flinders {command} --help"))
 
 
 def test_headings_of_a_log(tmp_path: Path, golden: Golden) -> None:

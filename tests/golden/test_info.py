@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(autouse=True)
-def recordings_of_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def recordings_of_80_columns() -> None:
     """A log with two compasses and a table with one, in the working directory."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     Path("flight.bin").write_bytes(b"".join(dataflash()))
     field = simulate.tumble(seed=2).samples.field
     np.savez("bench.npz", t=np.arange(len(field)) / 50, mag=field.round(2))
@@ -37,7 +35,3 @@ def test_info_of_a_table(golden: Golden) -> None:
 def test_all_sensors(golden: Golden) -> None:
     line = "flinders calibrate flight.bin --sensor all -o compass-{sensor}.json"
     golden("cli/sensor-all.txt", session(line, code=3))
-
-
-def test_help(golden: Golden) -> None:
-    golden("cli/flinders-info-help.txt", session("flinders info --help"))

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from click.testing import CliRunner
 from tests.conftest import GOLDEN
-from tests.golden.sessions import rounded, table_text
+from tests.golden.sessions import rounded
+from tests.worlds import table_text
 
 from flinders import simulate
 from flinders.cli import main

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
-from tests.worlds import TUMBLED_SENSOR
+from tests.worlds import TUMBLED_SENSOR, write_field
 
 import flinders
 from flinders import simulate
@@ -19,15 +18,12 @@ from flinders.simulate.motions import north_and_down, posed, seen_from
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
 
-    from flinders.arrays import Floats
     from flinders.simulate import Sensor
 
 
 @pytest.fixture(autouse=True)
-def vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def vehicle() -> None:
     """A calibration of a vehicle, and wobbles of it after a battery was moved, and after steel was built in."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     flinders.fit(simulate.tumble(seed=3, sensor=TUMBLED_SENSOR).samples).save("calibration.json")
     moved = replace(TUMBLED_SENSOR, offset=TUMBLED_SENSOR.offset + np.array([8.0, -5.0, 3.0]))
     steel = np.eye(3) + 0.05 * np.array([[0.5, 1.0, 0.0], [1.0, -0.5, 0.4], [0.0, 0.4, 0.0]])
@@ -37,16 +33,11 @@ def vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(6)
     for name, heading in {"north": 0.0, "east": 90.0, "south": 180.0, "west": 270.0}.items():
         field = 50.0 * seen_from(posed(math.radians(heading), 0.0, 0.0), north_and_down(60.0))
-        _write(f"{name}.csv", moved.read(np.tile(field, (100, 1)), rng))
+        write_field(f"{name}.csv", moved.read(np.tile(field, (100, 1)), rng))
 
 
 def _wobble(name: str, sensor: Sensor) -> None:
-    _write(name, simulate.tumble(seed=4, motion="wobble", sensor=sensor).samples.field)
-
-
-def _write(name: str, field: Floats) -> None:
-    rows = [",".join(f"{value:.3f}" for value in row) for row in field]
-    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+    write_field(name, simulate.tumble(seed=4, motion="wobble", sensor=sensor).samples.field)
 
 
 def test_a_moved_battery(golden: Golden) -> None:
@@ -60,10 +51,6 @@ def test_steel_that_was_built_in(golden: Golden) -> None:
 def test_known_headings(golden: Golden) -> None:
     words = "north.csv east.csv south.csv west.csv --magnetic-heading 0,90,180,270 --dip 60 -o parked.json"
     golden("cli/refresh-headings.txt", session(f"flinders refresh --previous calibration.json {words}"))
-
-
-def test_help(golden: Golden) -> None:
-    golden("cli/flinders-refresh-help.txt", session("flinders refresh --help"))
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from html import unescape
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
+from tests.worlds import write_field
 
 from flinders import simulate
 from flinders.fitting import calibrate
@@ -24,8 +24,7 @@ DATED = re.compile(r"\d+ \w+ \d{4}, [\d:]+ UTC(, with Flinders \S+)?")
 
 def record(name: str, motion: str) -> None:
     field = simulate.tumble(seed=2, motion=motion).samples.field
-    rows = [",".join(f"{value:.3f}" for value in row) for row in field]
-    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+    write_field(name, field)
 
 
 def words(text: str) -> str:
@@ -49,11 +48,6 @@ def test_a_drawing_on_a_terminal(golden: Golden) -> None:
     drawn = FigureData.of(fit, samples)
     shown = (plot(drawn, fit, is_plain=is_plain).plain for is_plain in (False, True))
     golden("report/terminal.txt", "\n".join(line.rstrip() for text in shown for line in text.splitlines()) + "\n")
-
-
-@pytest.mark.parametrize("command", ["report", "plot"])
-def test_help(command: str, golden: Golden) -> None:
-    golden(f"cli/flinders-{command}-help.txt", session(f"flinders {command} --help"))
 
 
 def test_a_report_of_a_calibration_and_a_recording(golden: Golden) -> None:

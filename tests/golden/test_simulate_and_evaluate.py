@@ -5,16 +5,10 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-import pytest
 from tests.golden.sessions import session
 
 if TYPE_CHECKING:
     from tests.golden.sessions import Golden
-
-
-@pytest.mark.parametrize("command", ["simulate", "simulate three-axis", "simulate two-axis", "evaluate"])
-def test_help(command: str, golden: Golden) -> None:
-    golden(f"cli/flinders-{command.replace(' ', '-')}-help.txt", session(f"flinders {command} --help"))
 
 
 def test_a_calibration_that_knows_its_errors(golden: Golden) -> None:

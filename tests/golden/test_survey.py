@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(autouse=True)
-def shots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def shots() -> None:
     """Shots of a DistoX as TopoDroid exports them, one of them beside an iron door."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     simulated = in_counts(survey_shots(3, shots=24).shots)
     simulated.magnetic[13] += np.array([900.0, -700.0, 500.0])
     Path("shots.csv").write_text(topodroid(simulated), encoding="utf-8")
@@ -33,10 +31,6 @@ def test_a_calibration(golden: Golden) -> None:
 def test_a_check_of_an_earlier_one(golden: Golden) -> None:
     session("flinders survey shots.csv --distox coefficients.bin")
     golden("cli/survey-check.txt", session("flinders survey shots.csv --calibration coefficients.bin"))
-
-
-def test_help(golden: Golden) -> None:
-    golden("cli/flinders-survey-help.txt", session("flinders survey --help"))
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:

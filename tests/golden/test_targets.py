@@ -71,10 +71,6 @@ def test_there_and_back(golden: Golden) -> None:
     golden("cli/import.txt", session(*lines))
 
 
-def test_help(golden: Golden) -> None:
-    golden("cli/flinders-targets-help.txt", session("flinders targets --help"))
-
-
 # the page of the docs
 
 PAGE = ROOT / "docs" / "targets.md"

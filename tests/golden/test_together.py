@@ -22,10 +22,8 @@ TURNED = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.fixture(autouse=True)
-def boat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def boat() -> None:
     """A compass on the mast and two inside, one of which has a telephone beside it from 20 to 28 s."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(4)
     path = simulate.tumble(seed=4, motion="hand", n=1200, rate_hz=20.0)
     time = np.arange(1200) / 20.0

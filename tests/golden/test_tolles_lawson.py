@@ -8,16 +8,12 @@ import pytest
 from tests.golden.sessions import assert_sessions_are_real, session
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tests.golden.sessions import Golden
 
 
 @pytest.fixture(autouse=True)
-def flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def flights() -> None:
     """A calibration flight of an aircraft, and one on other headings."""
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.chdir(tmp_path)
     session("flinders simulate aircraft -o box.csv")
     session("flinders simulate aircraft -o lines.csv --headings 45,225 --seed 2")
 
@@ -26,11 +22,6 @@ def test_a_calibration_flight_and_a_survey(golden: Golden) -> None:
     fit = "flinders tolles-lawson box.csv -o coefficients.json"
     compensate = "flinders tolles-lawson lines.csv --coefficients coefficients.json -o compensated.csv"
     golden("cli/tolles-lawson.txt", session(fit, compensate))
-
-
-def test_help(golden: Golden) -> None:
-    golden("cli/flinders-tolles-lawson-help.txt", session("flinders tolles-lawson --help"))
-    golden("cli/flinders-simulate-aircraft-help.txt", session("flinders simulate aircraft --help"))
 
 
 def test_the_sessions_in_the_docs_are_real(request: pytest.FixtureRequest) -> None:

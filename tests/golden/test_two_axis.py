@@ -22,10 +22,6 @@ def swing() -> None:
     CliRunner().invoke(main, ["simulate", "two-axis", "-o", "swing.csv"])
 
 
-def test_help(golden: Golden) -> None:
-    golden("cli/flinders-two-axis-help.txt", session("flinders two-axis --help"))
-
-
 def test_a_swing_of_36_points(golden: Golden) -> None:
     swing()
     golden("cli/two-axis-turn.txt", session("flinders two-axis swing.csv -o calibration.json --polar rose.svg", code=3))

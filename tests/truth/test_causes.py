@@ -11,8 +11,7 @@ from tests.worlds import judged
 
 from flinders import simulate
 from flinders.core.samples import Samples
-from flinders.findings import CATALOGUE, Finding, first_causes
-from flinders.findings.causes import CAUSES
+from flinders.findings import CATALOGUE, CAUSES, Finding, first_causes
 from flinders.report.fit_pages import of_fit
 
 if TYPE_CHECKING:

@@ -7,8 +7,13 @@ import numpy.testing as npt
 import pytest
 
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.heading.confidence import bounds_deg, deviation_covariances
-from flinders.heading.error_propagation import deviation_covariance, level_error, level_gradients
+from flinders.heading.error_propagation import (
+    bounds_deg,
+    deviation_covariance,
+    deviation_covariances,
+    level_error,
+    level_gradients,
+)
 
 DRAWS = 20_000
 

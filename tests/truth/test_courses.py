@@ -16,7 +16,7 @@ from flinders import simulate
 from flinders.core.geomag import site_field
 from flinders.core.samples import Samples
 from flinders.errors import FitError, UsageError
-from flinders.fitting.courses import refresh_on_courses, stretches
+from flinders.fitting.known_heading import refresh_on_courses, stretches
 from flinders.fitting.result import Fit, Refused
 from flinders.geometry.ellipsoid import Ellipsoid, upper
 from flinders.heading.error_propagation import level_error

@@ -24,7 +24,7 @@ from flinders.estimators.static_bench import still
 from flinders.findings import CATALOGUE
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import of_column, of_noisy
-from flinders.simulate import table
+from flinders.simulate import recording
 from flinders.simulate.truth import Truth
 from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
 
@@ -352,7 +352,7 @@ def run(*words: str, code: int = 0) -> str:
 
 
 def write(samples: Samples, path: Path) -> None:
-    path.write_text("\n".join(table.lines(samples)) + "\n")
+    path.write_text("\n".join(recording.lines(samples)) + "\n")
 
 
 def test_what_lies_beyond_the_recorded_range_is_a_finding_in_json(

@@ -33,7 +33,7 @@ from flinders.estimators.static_bench import still
 from flinders.fitting.disturbance_selection import earned
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
-from flinders.simulate import table
+from flinders.simulate import recording
 from flinders.targets import ExportOptions, find, registry
 from flinders.targets.ardupilot import ArduPilotParameters as ArduPilot
 from flinders.targets.px4 import Px4Parameters as Px4
@@ -269,7 +269,7 @@ def run(*words: str, code: int = 0) -> str:
 
 
 def write(samples: Samples, path: Path) -> str:
-    path.write_text("\n".join(table.lines(samples)) + "\n")
+    path.write_text("\n".join(recording.lines(samples)) + "\n")
     return str(path)
 
 
@@ -527,7 +527,7 @@ def test_motors_have_one_lag() -> None:
 
 def test_four_motors_go_through_table_calibration_file_and_command(tmp_path: Path) -> None:
     samples = flown_by_four(5, 0.1)
-    rows = list(table.lines(samples))
+    rows = list(recording.lines(samples))
     names = {4: "flight.csv", 3: "three.csv", 2: "two.csv"}
     for motors, name in names.items():
         text = "\n".join(row.rsplit(",", 4 - motors)[0] for row in rows)

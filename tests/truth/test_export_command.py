@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.worlds import write_field
 
 from flinders import simulate
 from flinders.cli import main
@@ -198,8 +199,7 @@ def test_wrong_use_is_one_line_on_stderr(words: str, code: int, message: str) ->
 
 def record(name: str, motion: str) -> None:
     field = simulate.tumble(seed=2, motion=motion).samples.field
-    lines = [",".join(f"{value:.3f}" for value in row) for row in field]
-    Path(name).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+    write_field(name, field)
 
 
 @pytest.mark.parametrize("target", ["ardupilot", "px4", "px4-shell"])

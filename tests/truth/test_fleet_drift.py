@@ -21,11 +21,10 @@ from flinders.comparison.comparison import compare
 from flinders.comparison.pairs import EllipsoidPairs, differences
 from flinders.errors import DocumentError, UsageError
 from flinders.fleet.aggregate import overview_of
-from flinders.fleet.change_points import change_points, interval_tests
+from flinders.fleet.change_points import Variance, change_points, estimate_variance, interval_tests
 from flinders.fleet.drift import drift_of
 from flinders.fleet.history import OffsetSeries, histories
 from flinders.fleet.results import UnitResult, UnitResults
-from flinders.fleet.variance import Variance, estimate_variance
 from flinders.report.fleet import page
 
 if TYPE_CHECKING:

@@ -20,8 +20,7 @@ from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.units import Unit
 from flinders.errors import UsageError
-from flinders.fitting.export import export_fit
-from flinders.fitting.gates import gates_of
+from flinders.fitting.export import export_fit, gates_of
 from flinders.fitting.result import Fit
 from flinders.targets import ExportOptions, find
 from flinders.targets._gates import Gates

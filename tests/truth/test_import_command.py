@@ -11,6 +11,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.worlds import write_field
 
 from flinders import simulate
 from flinders.cli import main
@@ -34,8 +35,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name, path in (("ardupilot", "compass.param"), ("px4-shell", "px4.txt"), ("motioncal", "packet.bin")):
         assert run("export", "--to", name, "calibration.json", "-o", path).exit_code == 0
     field = simulate.tumble(seed=2).samples.field
-    lines = [",".join(f"{value:.3f}" for value in row) for row in field]
-    Path("tumble.csv").write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *lines, ""]), encoding="utf-8")
+    write_field("tumble.csv", field)
     return tmp_path
 
 

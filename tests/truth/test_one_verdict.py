@@ -15,7 +15,7 @@ from flinders.fitting.result import Fit
 from flinders.live.guided import Session
 from flinders.report.html import TITLES
 from flinders.report.html_file import asset
-from flinders.simulate.table import write_csv
+from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
     from flinders.core.samples import Samples

@@ -18,7 +18,7 @@ import flinders
 from flinders.core.samples import COLUMNS
 from flinders.core.units import Unit
 from flinders.errors import AxesError, MissingExtra, NoMagnetometer, OutputExists, UnitError, UsageError
-from flinders.simulate.table import write_csv
+from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,6 +16,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 from tests.trials import nightly
+from tests.worlds import write_field
 
 from flinders import simulate
 from flinders.cli import main
@@ -31,8 +32,7 @@ def run(*words: str) -> Result:
 
 def write(path: str, motion: str = "uniform", *, n: int = 400, axes: Sequence[int] = (0, 1, 2)) -> None:
     field = simulate.tumble(seed=2, n=n, motion=motion).samples.field[:, list(axes)]
-    rows = [",".join(f"{value:.3f}" for value in row) for row in field]
-    Path(path).write_text("\n".join(["mag_x_uT,mag_y_uT,mag_z_uT", *rows, ""]), encoding="utf-8")
+    write_field(path, field)
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,7 @@ from tests.program import flinders_
 import flinders
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
-from flinders.core.shots import PROCEDURE, Shots
-from flinders.core.survey import SurveyCalibration
+from flinders.core.survey import PROCEDURE, Shots, SurveyCalibration
 from flinders.core.units import Unit
 from flinders.errors import ArrayError, DocumentError, FitError, InputError, NotExportable, UnreadableInput, UsageError
 from flinders.fitting.survey import SurveyFit, check_shots, fit_survey
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from flinders.core.shots import Pointing
+    from flinders.core.survey import Pointing
     from flinders.simulate import SimulatedSurvey
 
 COUNTS = 24000

@@ -14,8 +14,7 @@ from tests.program import flinders_
 from flinders.errors import FitError, UnreadableInput
 from flinders.geometry.angles import folded
 from flinders.heading.deviation import Deviation, fit
-from flinders.heading.legs import LoggedSwing, legs
-from flinders.heading.turning import turning
+from flinders.heading.legs import LoggedSwing, legs, turning
 from flinders.readers import nmea0183, nmea2000, signalk
 from flinders.readers.compass_log import read_compass_log
 

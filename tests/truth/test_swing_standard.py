@@ -12,8 +12,7 @@ from tests.program import flinders_
 
 from flinders.errors import FitError
 from flinders.heading.compensation import compensation
-from flinders.heading.conformity import conformity
-from flinders.heading.deviation import common_error, design, fit
+from flinders.heading.deviation import common_error, conformity, design, fit
 from flinders.heading.standards import STANDARDS
 from flinders.report.certificate import certificate
 

@@ -20,7 +20,7 @@ from flinders.estimators.tolles_lawson import fitted
 from flinders.estimators.tolles_lawson_terms import NAMES, Signal, as_coefficients, cosine_transform, turned
 from flinders.fitting.aeromagnetic import dumps, loads
 from flinders.simulate import Aircraft, Sensor, calibration_flight
-from flinders.simulate.table import write_csv
+from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

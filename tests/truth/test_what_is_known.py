@@ -14,7 +14,7 @@ from tests.flight_log import dataflash
 from flinders.cli import main
 from flinders.errors import UsageError
 from flinders.simulate import tumble
-from flinders.simulate.table import write_csv
+from flinders.simulate.recording import write_csv
 
 if TYPE_CHECKING:
     from click.testing import Result

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from flinders.cli._output import print_fit, print_json, say
-from flinders.cli._wording import in_options
+from flinders.cli._output import in_options, print_fit, print_json, say
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
@@ -59,10 +58,7 @@ def show_versions(context: click.Context, _option: click.Parameter, is_asked: bo
 class Commands(Mapping[str, "click.Command"]):
     """Commands by name, each the ``command`` of a module of its own beside this one, imported when it is asked for.
 
-    Parameters
-    ----------
-    modules : str
-        ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
+    `modules`: ``two_axis`` holds ``two-axis``; a name that Python keeps for itself ends with an underscore.
 
     >>> commands = Commands("info", "import_", "two_axis")
     >>> list(commands), commands["two-axis"].name

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from flinders.cli._swing_options import StandardOptions, SwingOptions
     from flinders.core.geomag import SiteField
     from flinders.heading.compensation import Compensation
-    from flinders.heading.conformity import Conformity
-    from flinders.heading.deviation import Deviation, Expected
+    from flinders.heading.deviation import Conformity, Deviation, Expected
     from flinders.heading.legs import LoggedSwing
     from flinders.heading.stationary import HalfTurn, Rest
     from flinders.readers.compass_log import CompassLog
@@ -72,8 +71,7 @@ class Swing:
 
     def judged_by(self, rule: StandardOptions, place: option.Place) -> Swing:
         """The same by a rule: the error of the base in its uncertainty, the limit, and what was before."""
-        from flinders.heading.conformity import conformity
-        from flinders.heading.deviation import common_error
+        from flinders.heading.deviation import common_error, conformity
 
         if self.deviation is None:
             return self
@@ -209,8 +207,7 @@ def _site_of_boat(log: CompassLog, place: option.Place) -> SiteField:
 
 def _logged(log: CompassLog, magnetic_deg: Floats, options: SwingOptions) -> LoggedSwing:
     """Readings from straight legs; where there are too few, from turns, if the reference is a heading."""
-    from flinders.heading.legs import LEG_S, legs
-    from flinders.heading.turning import turning
+    from flinders.heading.legs import LEG_S, legs, turning
 
     least_s = options.known.stationary_s if option.is_typed("stationary_s") else LEG_S
     try:

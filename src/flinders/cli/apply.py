@@ -108,13 +108,13 @@ def _lines(
 
 def _tabulated(source: Recording, corrector: Corrector, preparation: Preparation, *, add: bool) -> Iterator[str]:
     """Yield the lines of a table of corrected readings, with all other columns."""
-    from flinders.simulate import table
+    from flinders.simulate.recording import lines
 
     for number, block in enumerate(source.blocks()):
         if len(block):
             corrected = corrector(preparation(block).field)
             samples = block if add else replace(block, field=corrected)
-            header, *rows = table.lines(samples, corrected=corrected if add else None)
+            header, *rows = lines(samples, corrected=corrected if add else None)
             yield from (f"{line}\n" for line in ([header] if number == 0 else []) + rows)
 
 

@@ -77,9 +77,7 @@ class Fleet(option.Group):
     def check(self) -> None:
         """Find what could not be done, or written, before anything is read.
 
-        Raises
-        ------
-        UsageError, OutputError
+        Raises `UsageError` or `OutputError`.
         """
         from flinders.core.files import refuse_existing
         from flinders.fleet.storage import is_remote
@@ -248,7 +246,7 @@ def _most_frequent(title: str, counts: dict[str, int]) -> RenderableType:
 
 def _remarks(summary: RunSummary) -> list[str]:
     """Further lines of the page."""
-    from flinders.findings.conditions import OF_A_TUMBLE, stated
+    from flinders.findings.row import OF_A_TUMBLE, stated
 
     lines = []
     if summary.worst_deg:

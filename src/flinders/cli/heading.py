@@ -146,8 +146,7 @@ def _rows(columns: dict[str, Floats]) -> str:
 
 def claims(log: HeadingLog) -> dict[str, Any]:
     """What heading error to expect, 1 σ, at the dip of the site, of a level vehicle and as far as it was tilted."""
-    from flinders.heading.confidence import level_bound_deg
-    from flinders.heading.error_propagation import level_error, tilted_error
+    from flinders.heading.error_propagation import level_bound_deg, level_error, tilted_error
 
     dip, source = log.site_dip()
     claimed: dict[str, Any] = {"dip_deg": dip, "dip_from": source, "level": None, "bound": None, "tilted": None}

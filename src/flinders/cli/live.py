@@ -66,9 +66,7 @@ class LiveSource(option.Group):
     def check(self) -> None:
         """See that one source is named, and that options go with it.
 
-        Raises
-        ------
-        UsageError
+        Raises `UsageError`.
         """
         sources = {
             "--serial": self.port, "--udp": self.udp, "--tcp": self.tcp, "--mavlink": self.mavlink,
@@ -168,11 +166,7 @@ class Live(option.Group):
     def check(self) -> None:
         """See that one source is named, and that the recording can go where it shall.
 
-        Raises
-        ------
-        UsageError
-        OutputError
-            Where a file is in the way.
+        Raises `UsageError`; `OutputError` where a file is in the way.
         """
         self.source.check()
         if not self.host:

@@ -139,7 +139,7 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
 def _on_courses(opened: list[Counted], previous: Fit, options: Refresh, judged: dict[str, Any]) -> Fit:
     """Refresh by the courses of one log."""
     from flinders.core.geomag import recorded_field
-    from flinders.fitting.courses import refresh_on_courses
+    from flinders.fitting.known_heading import refresh_on_courses
 
     recording = opened[0].recording
     velocity = getattr(recording, "velocity", None)

@@ -17,7 +17,7 @@ from flinders.errors import UsageError, counted
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from flinders.comparison.recovery import Recovery
+    from flinders.comparison.evaluation import Recovery
     from flinders.simulate import Perturbation, Sensor, Simulated
 
 MOTIONS: Final = {
@@ -112,7 +112,7 @@ class Simulation(option.Group):
         """Write the recording, `bare` with the magnetic field alone, and its truth next to it; say what it is."""
         from dataclasses import replace
 
-        from flinders.simulate.table import lines, write_csv
+        from flinders.simulate.recording import lines, write_csv
         from flinders.simulate.truth import Truth, write
 
         samples = replace(simulated.samples, acceleration=None, rate=None) if bare else simulated.samples
@@ -357,7 +357,7 @@ def two_axis(options: TwoAxis) -> int:
     used, the table is printed all the same, and the exit code is 4. The recording has a third column that reads
     nothing; calibrate it with flinders two-axis.
     """
-    from flinders.comparison.recovery import recover
+    from flinders.comparison.evaluation import recover
     from flinders.report.comparison_pages import of_recovery
     from flinders.simulate import TwoAxis as Compass
 
@@ -403,7 +403,7 @@ def aircraft(options: CalibrationFlight) -> int:
     import numpy as np
 
     from flinders.simulate import Aircraft, calibration_flight, fluxgate
-    from flinders.simulate.table import lines
+    from flinders.simulate.recording import lines
 
     outputs = options.checked_outputs()
     headings = option.numbers_of(options.headings)

@@ -15,8 +15,7 @@ from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.core.calibration_file import SourceFile
-    from flinders.core.shots import Shots
-    from flinders.core.survey import SurveyCalibration
+    from flinders.core.survey import Shots, SurveyCalibration
     from flinders.fitting.survey import SurveyFit
 
 
@@ -87,7 +86,7 @@ def command(options: Survey) -> int:
     from flinders.core.calibration_file import dumps
     from flinders.fitting.survey import fit_survey
     from flinders.readers import read_shots
-    from flinders.report.survey_page import of_survey
+    from flinders.report.survey_pages import of_survey
 
     outputs = options.checked_outputs(options.calibration)
     if options.calibration is not None:
@@ -110,7 +109,7 @@ def _check(options: Survey, path: str) -> int:
     """Show what an earlier calibration makes of shots, read in its axes."""
     from flinders.fitting.survey import check_shots
     from flinders.readers import read_shots
-    from flinders.report.survey_page import of_check
+    from flinders.report.survey_pages import of_check
 
     typed = [name for name in FITTING if option.is_typed(name)]
     if typed:

@@ -94,7 +94,7 @@ def _named(recording: Recording) -> str:
 def _fit(samples: Samples, options: TollesLawson) -> int:
     """Fit coefficients, and write them unless they are refused."""
     from flinders.fitting.aeromagnetic import as_dict, dumps, tolles_lawson
-    from flinders.report.aeromagnetic_pages import of_tolles_lawson
+    from flinders.report.survey_pages import of_tolles_lawson
 
     fit, outputs = tolles_lawson(samples), options.outputs
     if fit.verdict != "refused":
@@ -108,7 +108,7 @@ def _fit(samples: Samples, options: TollesLawson) -> int:
 def _compensate(samples: Samples, options: TollesLawson) -> int:
     """Compensate readings, and say what is left."""
     from flinders.fitting.aeromagnetic import load
-    from flinders.report.aeromagnetic_pages import of_compensated
+    from flinders.report.survey_pages import of_compensated
 
     fit, outputs = load(options.coefficients or ""), options.outputs
     compensated = fit.compensated(samples)

@@ -61,34 +61,17 @@ MEDIAN_CHANGE: Final = 0.6745
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """A stretch of time in which a sensor does not agree with the others.
+    """A stretch of time in which a sensor does not agree with the others."""
 
-    Attributes
-    ----------
-    sensor : int, optional
-        Which one, counted from 0; None where that cannot be told.
-    by_length : bool
-        The length of its readings told it, not the others.
-    first, last : int
-        Moments, counted from 0.
-    start_s, end_s : float, s
-    angle_deg : float
-        Largest angle between its direction and that of the others, averaged over a second.
-    heading_deg : float
-        What it may turn a level heading by.
-    length : float
-        By how much its readings are too long, as a share of the field, where that is farthest from none.
-    """
-
-    sensor: int | None
-    by_length: bool
-    first: int
+    sensor: int | None  #: which one, counted from 0; None where that cannot be told
+    by_length: bool  #: the length of its readings told it, not the others
+    first: int  #: moment, counted from 0
     last: int
     start_s: float
     end_s: float
-    angle_deg: float
-    heading_deg: float
-    length: float
+    angle_deg: float  #: largest angle between its direction and that of the others, averaged over a second
+    heading_deg: float  #: what it may turn a level heading by
+    length: float  #: by how much its readings are too long, as a share of the field, where that is farthest from none
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

@@ -71,13 +71,6 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - whatever a result holds
 class RotationDifference:
     """How far the rotations from the magnetometer's axes into those of the body are apart, b after a undone.
 
-    Attributes
-    ----------
-    vector_deg : (3,) float
-        The rotation between both, about the axes of the body.
-    covariance : (3, 3) float or None, degrees²
-        The sum of both; None unless both state theirs.
-
     Examples
     --------
     >>> apart = RotationDifference(np.array([0.0, 0.0, 3.0]), np.eye(3))
@@ -85,8 +78,8 @@ class RotationDifference:
     (3.0, 3.0, 0.029)
     """
 
-    vector_deg: Floats
-    covariance: Floats | None = None
+    vector_deg: Floats  #: (3,): the rotation between both, about the axes of the body
+    covariance: Floats | None = None  #: (3, 3), degrees²: the sum of both; None unless both state theirs
 
     @classmethod
     def of(cls, a: Fit, b: Fit) -> Self | None:
@@ -140,56 +133,30 @@ class RotationDifference:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """How far two calibrations a and b are apart, and how far chance could have put them. Differences are b less a.
+    """How far two calibrations a and b are apart, and how far chance could have put them. Differences are b less a."""
 
-    Attributes
-    ----------
-    heading_difference_deg : HeadingError
-        Of a level vehicle: rms over 72 headings and the worst, the mean removed.
-    heading_mean_deg : float
-        That mean: it looks like a mounting that has turned.
-    claimed_deg : HeadingError or None
-        1 σ of the heading difference, if both covariances are right; None where neither states one.
-    direction_difference_deg : float
-        Angle between the corrected fields, rms over 400 directions spread evenly over the sphere.
-    offset_difference : (3,) float, in `unit`
-    offset_sigma : (3,) float or None, in `unit`
-        1 σ of that, as claimed.
-    field_strength : float, in `unit`
-        Radius of the sphere that both are brought to; what `offset_share` is a share of.
-    scale_difference : float
-        Radius of b over that of a, less one; for one field strength where `is_scale_known`.
-    is_scale_known : bool
-        Both were given a field strength. If not, the scale is the strength of two unknown fields, and left out
-        of all that is compared but `scale_difference`.
-    chi_square : float or None
-        Of the difference in offset and shape, against the sum of the covariances.
-    freedom : int
-        Its degrees of freedom: the rank of that sum, 9, or 8 without the scale, less what both methods hold.
-    target_deg : float
-        The worst heading difference that is good enough.
-    unit : str
-    rotation : RotationDifference, optional
-        How far the rotations into the body are apart, where both know one. They are in none of the other numbers.
-    left_out_deg : float, optional
-        Angle of the rotation, where one of both alone knows one.
-    """
-
-    heading_difference_deg: HeadingError
-    heading_mean_deg: float
+    heading_difference_deg: HeadingError  #: of a level vehicle: rms over 72 headings and the worst, the mean removed
+    heading_mean_deg: float  #: that mean: it looks like a mounting that has turned
+    #: 1 σ of the heading difference, if both covariances are right; None where neither states one
     claimed_deg: HeadingError | None
+    #: angle between the corrected fields, rms over 400 directions spread evenly over the sphere
     direction_difference_deg: float
-    offset_difference: Floats
-    offset_sigma: Floats | None
+    offset_difference: Floats  #: (3,), in `unit`
+    offset_sigma: Floats | None  #: (3,), in `unit`: 1 σ of that, as claimed
+    #: in `unit`: radius of the sphere that both are brought to; what `offset_share` is a share of
     field_strength: float
-    scale_difference: float
+    scale_difference: float  #: radius of b over that of a, less one; for one field strength where `is_scale_known`
+    #: both were given a field strength. If not, the scale is the strength of two unknown fields, and left out of all
+    #: that is compared but `scale_difference`.
     is_scale_known: bool
-    chi_square: float | None
+    chi_square: float | None  #: of the difference in offset and shape, against the sum of the covariances
+    #: its degrees of freedom: the rank of that sum, 9, or 8 without the scale, less what both methods hold
     freedom: int
-    target_deg: float
+    target_deg: float  #: the worst heading difference that is good enough
     unit: str
+    #: how far the rotations into the body are apart, where both know one. They are in none of the other numbers.
     rotation: RotationDifference | None = None
-    left_out_deg: float | None = None
+    left_out_deg: float | None = None  #: angle of the rotation, where one of both alone knows one
 
     @property
     def offset_share(self) -> float:
@@ -282,17 +249,11 @@ class Strength:
 
     >>> Strength.of(np.array([0.9, 1.1])) + Strength.of(np.array([1.0, 1.0]))
     Strength(mean=1.000, spread=7.1%, readings=4)
-
-    Attributes
-    ----------
-    readings : int
-    total, squares : float
-        Sums of the lengths less one, and of the squares of that.
     """
 
     readings: int = 0
-    total: float = 0.0
-    squares: float = 0.0
+    total: float = 0.0  #: sum of the lengths less one
+    squares: float = 0.0  #: sum of the squares of that
 
     @classmethod
     def of(cls, lengths: Floats) -> Self:
@@ -388,7 +349,6 @@ def compare_level(a: Fit, b: Fit, *, dip_deg: float = 60.0, target_deg: float = 
 
     Parameters
     ----------
-    a, b : Fit
     dip_deg : float
         Inclination of the field at the turn, in degrees; said, and in both ellipses already.
     target_deg : float
@@ -478,12 +438,8 @@ def _one(fit: Fit) -> EllipsoidPairs:
 def refuse_unlike(a: Fit, b: Fit) -> None:
     """Refuse calibrations whose numbers cannot be held against each other.
 
-    Raises
-    ------
-    UnitError
-        Where one is in µT and the other in counts.
-    AxesError
-        Where their axes are mapped in different ways.
+    Raises `UnitError` where one is in µT and the other in counts; `AxesError` where their axes are mapped in different
+    ways.
     """
     if a.calibration.unit != b.calibration.unit:
         raise UnitError(

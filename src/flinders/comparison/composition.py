@@ -124,21 +124,17 @@ def refuse_unloaded(first: Fit, turn: Turn, *, dip_deg: float, source: str) -> N
     Along the axes that the calibration knows, a loaded turn goes as far up and down as the level part of its field,
     and about zero but for what soft iron lends from the vertical field.
 
+    Raises `UsageError` where the readings are larger or smaller by three, lie nearer to the offset of the calibration
+    than to zero, or, after other turns, far from zero.
+
     Parameters
     ----------
     first : Fit
         What should have been loaded.
-    turn : Turn
     dip_deg : float
         Inclination of the field.
     source : str
         What the message calls the recording.
-
-    Raises
-    ------
-    UsageError
-        Where the readings are larger or smaller by three, lie nearer to the offset of the calibration than to zero,
-        or, after other turns, far from zero.
     """
     turns = turns_of(first.method)
     known = "xyz" if "" in turns else "".join(turns)

@@ -57,22 +57,12 @@ LEAST: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """What cross-validation found.
+    """What cross-validation found."""
 
-    Attributes
-    ----------
-    heading_error_deg : HeadingError
-        Of a level vehicle, 1 σ: bias and scatter together.
-    bias_deg, scatter_deg : float
-        Each alone, rms over all headings.
-    misfit : float
-        Rms distance of the readings held back from the surface that the others gave, in their unit; noise included.
-    blocks : int
-    """
-
-    heading_error_deg: HeadingError
-    bias_deg: float
-    scatter_deg: float
+    heading_error_deg: HeadingError  #: of a level vehicle, 1 σ: bias and scatter together
+    bias_deg: float  #: bias alone, rms over all headings
+    scatter_deg: float  #: scatter alone
+    #: rms distance of the readings held back from the surface that the others gave, in their unit; noise included
     misfit: float
     blocks: int
 
@@ -105,9 +95,11 @@ def cross_validated(
     least squares would change. The precision Λ of a change by three tenths of the radius keeps δ at zero where nothing
     was seen. The scatter is that of the jackknife over K blocks, (K − 1)/K Σ (θₖ − θ̄)(θₖ − θ̄)ᵀ, all θₖ of one radius.
 
+    Raises `NotValidated` if a fit fails where one block is missing, or the method is for readings of which none may be
+    missing; `UsageError` for fewer than two blocks, or fewer than four readings in each.
+
     Parameters
     ----------
-    estimator : Estimator
     samples : Samples
         In the order of time.
     blocks : int
@@ -116,13 +108,6 @@ def cross_validated(
         Inclination of the field at the site, positive where it points along +z.
     counted : (N,) bool, optional
         Readings that are asked when their block is held back: not outliers, which a method may fit or not.
-
-    Raises
-    ------
-    NotValidated
-        If a fit fails where one block is missing, or the method is for readings of which none may be missing.
-    UsageError
-        For fewer than two blocks, or fewer than four readings in each.
 
     References
     ----------

@@ -6,6 +6,12 @@
 >>> evaluation = evaluate(calibrate.fit(recording.samples), simulate.truth.Truth.of(recording))
 >>> evaluation.verdict, evaluation.heading_error_deg.worst < 0.2
 ('as claimed', True)
+
+The recipe for two axes on a simulated swing, what it finds and what is true:
+
+>>> recovery = recover(simulate.TwoAxis((1.2, 0.9), (12.0, -8.0), skew_deg=5.0, noise=0.25), seed=1)
+>>> recovery.verdict, round(recovery.estimate.skew_deg, 1)
+('limited', 4.8)
 """
 
 from __future__ import annotations
@@ -19,7 +25,9 @@ import numpy as np
 from flinders.comparison.comparison import CHANCE, DIRECTIONS, printed
 from flinders.core.units import label
 from flinders.errors import UnitError, UsageError
-from flinders.geometry.plane import heading_errors
+from flinders.fitting.calibrate import fit
+from flinders.fitting.result import Refused
+from flinders.geometry.plane import PlaneEllipse, Turn, heading_errors
 from flinders.geometry.rotation import best_rotation, rotation_vectors
 from flinders.heading.error_propagation import (
     DirectionError,
@@ -28,6 +36,8 @@ from flinders.heading.error_propagation import (
     level_gradients,
     level_turn,
 )
+from flinders.simulate import TwoAxis, swing
+from flinders.simulate.two_axis import Polar
 from flinders.summary.pooling import chance_of, chi_square_of
 
 if TYPE_CHECKING:
@@ -35,6 +45,7 @@ if TYPE_CHECKING:
     from flinders.core.axes import Axes
     from flinders.core.calibration import Calibration
     from flinders.fitting.result import Fit
+    from flinders.simulate import Simulated
     from flinders.simulate.truth import Truth
 
 Claim = Literal["as claimed", "worse than claimed", "unclaimed"]
@@ -44,58 +55,30 @@ TARGET_DEG: Final = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """True errors of a calibration, and those that it claims.
+    """True errors of a calibration, and those that it claims."""
 
-    Attributes
-    ----------
-    heading_error_deg : HeadingError
-        Of a level vehicle: rms over 72 headings and the worst, the mean removed.
-    heading_mean_deg : float
-        That mean: it looks like a mounting that has turned.
-    claimed_heading_deg : HeadingError or None
-        1 σ that the calibration's covariance gives at the same dip; None where it states none.
-    direction_error_deg : (rms, worst)
-        Angle between the corrected and the true field over 400 directions, with any rotation left in.
-    freed_direction_error_deg : (rms, worst)
-        The same once the best common rotation is taken away: all that a magnetometer alone can answer for.
-    claimed_direction_deg : (rms, worst) or None
-        1 σ, which is one of the rotation-free error.
-    rotation_deg : float
-        Angle of that rotation.
-    offset_error : (3,) float, in `unit`
-        Offset less the true one.
-    offset_sigma : (3,) float or None, in `unit`
-        1 σ, as claimed.
-    matrix_error : float
-        What the correction leaves of the soft iron, rotation and scale taken away: Frobenius norm of P − 1, where
-        R P is the polar decomposition of matrix × true matrix and P is scaled to determinant 1.
-    scale_error : float or None
-        Corrected length over the true one, less one; None where no field strength was given, and nothing is claimed.
-    chi_square, freedom : float or None, int
-        Of the level heading errors against the covariance; they are circles and figures of eight around the
-        compass, with two numbers each.
-    field_strength : float, in `unit`
-        The true one.
-    target_deg : float
-    unit : str
-    """
-
-    heading_error_deg: HeadingError
-    heading_mean_deg: float
+    heading_error_deg: HeadingError  #: of a level vehicle: rms over 72 headings and the worst, the mean removed
+    heading_mean_deg: float  #: that mean: it looks like a mounting that has turned
+    #: (rms, worst): angle between the corrected and the true field over 400 directions, with any rotation left in
     direction_error_deg: DirectionError
+    #: (rms, worst): the same once the best common rotation is taken away: all that a magnetometer alone can answer for
     freed_direction_error_deg: DirectionError
-    rotation_deg: float
-    offset_error: Floats
+    rotation_deg: float  #: angle of that rotation
+    offset_error: Floats  #: (3,), in `unit`: offset less the true one
+    #: what the correction leaves of the soft iron, rotation and scale taken away: Frobenius norm of P − 1, where R P is
+    #: the polar decomposition of matrix × true matrix and P is scaled to determinant 1
     matrix_error: float
+    #: corrected length over the true one, less one; None where no field strength was given, and nothing is claimed
     scale_error: float | None
-    field_strength: float
+    field_strength: float  #: in `unit`: the true one
     target_deg: float
     unit: str
+    #: 1 σ that the calibration's covariance gives at the same dip; None where it states none
     claimed_heading_deg: HeadingError | None = None
-    claimed_direction_deg: DirectionError | None = None
-    offset_sigma: Floats | None = None
-    chi_square: float | None = None
-    freedom: int = 0
+    claimed_direction_deg: DirectionError | None = None  #: (rms, worst): 1 σ, which is one of the rotation-free error
+    offset_sigma: Floats | None = None  #: (3,), in `unit`: 1 σ, as claimed
+    chi_square: float | None = None  #: of the level heading errors against the covariance
+    freedom: int = 0  # two for a circle, two for a figure of eight around the compass
 
     @property
     def p_value(self) -> float | None:
@@ -163,22 +146,17 @@ class Evaluation:
 def evaluate(fit: Fit, truth: Truth, *, dip_deg: float | None = None, target_deg: float = TARGET_DEG) -> Evaluation:
     """Hold a calibration against what is true of its sensor.
 
+    Raises `UnitError` where one is in µT and the other in counts; `UsageError` for a target that is not positive, or a
+    dip within a degree of the poles.
+
     Parameters
     ----------
     fit : Fit
         Fitted or loaded from its file, in the unit of the truth. Where its axes are mapped, the truth is mapped alike.
-    truth : Truth
     dip_deg : float, optional
         Inclination of the field for headings; that of the truth unless another is given.
     target_deg : float
         Worst heading error that is good enough.
-
-    Raises
-    ------
-    UnitError
-        Where one is in µT and the other in counts.
-    UsageError
-        For a target that is not positive, or a dip within a degree of the poles.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")
@@ -288,3 +266,64 @@ def _rms_and_worst(angles: Floats) -> DirectionError:
 def _ratio(error: float, claimed: float) -> float | None:
     """An error over the claimed one; None where nothing is claimed."""
     return error / claimed if claimed > 0.0 else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recovery:
+    """A swing of a simulated compass, and what a calibration makes of it."""
+
+    true: TwoAxis
+    estimate: TwoAxis
+    swung: Simulated  #: the recording
+    polar: Polar  #: the recording around the compass rose, before and after correction
+    fit: Fit  #: of the method ``level``, also one that is refused
+    turn: Turn  #: the points of the recording, and the ellipses through them: of mean and scatter, and of the fit
+    refusal: Refused | None = None  #: why it would be no calibration to use
+
+    @property
+    def verdict(self) -> str:
+        """A swing of two axes is never better than limited."""
+        return "limited" if self.refusal is None else "refused"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        numbers = {
+            "scale_x": (self.true.scale[0], self.estimate.scale[0]),
+            "scale_y": (self.true.scale[1], self.estimate.scale[1]),
+            "offset_x": (self.true.offset[0], self.estimate.offset[0]),
+            "offset_y": (self.true.offset[1], self.estimate.offset[1]),
+            "skew_deg": (self.true.skew_deg, self.estimate.skew_deg),
+            "noise": (self.true.noise, self.estimate.noise),
+        }
+        pairs = {name: {"true": true, "found": estimate} for name, (true, estimate) in numbers.items()}
+        return {
+            "verdict": self.verdict,
+            "recovery": pairs,
+            "turn": self.turn.as_dict(),
+            "polar": self.polar.as_dict(),
+            "unit": "uT",
+        }
+
+
+def recover(
+    compass: TwoAxis, *, seed: int = 0, points: int = 36, field_strength: float = 50.0, dip_deg: float = 60.0
+) -> Recovery:
+    """Swing a compass around, calibrate it by the method ``level``, and state what was found in its own terms.
+
+    Raises `FitError` where there is no calibration at all.
+    """
+    swung = swing(compass, seed=seed, points=points, field_strength=field_strength, dip_deg=dip_deg)
+    refusal = None
+    try:
+        result = fit(swung.samples, method="level", field_strength=field_strength, dip_deg=dip_deg)
+    except Refused as refused:
+        result, refusal = refused.fit, refused
+    calibration, dip = result.calibration, math.radians(dip_deg)
+    shape = field_strength * np.linalg.inv(calibration.matrix)
+    centre = calibration.offset[:2] + math.sin(dip) * shape[:2, 2]
+    horizontal = field_strength * math.cos(dip)
+    ellipse = PlaneEllipse(centre, math.cos(dip) * shape[:2, :2])
+    estimate = TwoAxis.from_ellipse(centre, ellipse.shape, horizontal, noise=result.noise or 0.0)
+    polar = Polar.of(swung, calibration.matrix, calibration.offset)
+    turn = Turn.of("xy", swung.samples.field[:, :2], ellipse)
+    return Recovery(compass, estimate, swung, polar, result, turn, refusal)

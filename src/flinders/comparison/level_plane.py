@@ -53,18 +53,11 @@ STEP: Final = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Levelled:
-    """A calibration and a turn, as ellipses in the plane that was turned.
+    """A calibration and a turn, as ellipses in the plane that was turned."""
 
-    Attributes
-    ----------
-    known, fresh : Fit
-        In axes whose z is the vertical of the turn, as equators of ellipsoids.
-    dip_deg : float
-        Inclination of the field as the calibration sees it, positive where it points along +z of the mapped axes.
-    """
-
-    known: Fit
-    fresh: Fit
+    known: Fit  #: in axes whose z is the vertical of the turn, as equators of ellipsoids
+    fresh: Fit  #: in the same axes
+    #: inclination of the field as the calibration sees it, positive where it points along +z of the mapped axes
     dip_deg: float
 
     @classmethod

@@ -55,35 +55,18 @@ In `tests/truth/test_validation.py` the cross-validated error of unbiased method
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """What one method makes of a recording.
+    """What one method makes of a recording."""
 
-    Attributes
-    ----------
-    method : str
-        As it was asked for; `fit.method` says what was run.
-    seconds : float
-        The method alone, without the sums of the readings, which all share, and without judging it.
-    fit : Fit, optional
-        None where it gives no ellipsoid.
-    validation : Validation, optional
-        None where one block of time less leaves nothing to fit, or the readings are too few.
-    apart_deg : HeadingError, optional
-        Heading difference from the first method that was compared; None for that one.
-    refusal : FitError, optional
-        Why there is no fit.
-    unvalidated : FitError, optional
-        Why there is no validation.
-    coarser : float
-        How much larger an error may come out of the readings that were cross-validated, which are not all.
-    """
-
-    method: str
-    seconds: float
-    fit: Fit | None = None
+    method: str  #: as it was asked for; `fit.method` says what was run
+    seconds: float  #: the method alone, without the sums of the readings, which all share, and without judging it
+    fit: Fit | None = None  #: None where it gives no ellipsoid
+    #: None where one block of time less leaves nothing to fit, or the readings are too few
     validation: Validation | None = None
+    #: heading difference from the first method that was compared; None for that one
     apart_deg: HeadingError | None = None
-    refusal: FitError | None = None
-    unvalidated: FitError | None = None
+    refusal: FitError | None = None  #: why there is no fit
+    unvalidated: FitError | None = None  #: why there is no validation
+    #: how much larger an error may come out of the readings that were cross-validated, which are not all
     coarser: float = 1.0
 
     @property
@@ -145,23 +128,12 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contest:
-    """All methods on one recording.
+    """All methods on one recording."""
 
-    Attributes
-    ----------
-    entries : tuple of Entry
-        In the order of `flinders.estimators.METHODS`, or as they were named.
-    readings : int
-    blocks : int
-        Of time, for cross-validation; 0 where the readings were too few.
-    stride : int
-        Every how many of the readings were cross-validated.
-    """
-
-    entries: tuple[Entry, ...]
+    entries: tuple[Entry, ...]  #: in the order of `flinders.estimators.METHODS`, or as they were named
     readings: int
-    blocks: int
-    stride: int = 1
+    blocks: int  #: of time, for cross-validation; 0 where the readings were too few
+    stride: int = 1  #: every how many of the readings were cross-validated
 
     @property
     def verdict(self) -> Verdict:
@@ -248,10 +220,7 @@ def compare_methods(
 def known(methods: Sequence[str] | None) -> Sequence[str]:
     """All methods, or those that were named.
 
-    Raises
-    ------
-    UsageError
-        For one that is not known, or named twice.
+    Raises `UsageError` for one that is not known, or named twice.
     """
     names = list(METHODS) if methods is None else list(methods)
     for name in names:

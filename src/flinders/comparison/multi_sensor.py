@@ -76,55 +76,28 @@ ROUNDS: Final = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Member:
-    """One of the magnetometers.
-
-    Attributes
-    ----------
-    name : str
-    fit : Fit or error
-        With the others; `Refused` carries the fit where there is one that cannot be trusted.
-    alone : Fit or error
-        What it finds by itself.
-    rotation : (3, 3) float, optional
-        From its axes into those of the reference; its determinant is −1 where they are mirror images. None where it
-        was not found.
-    rotation_sigma_deg : (3,) float, optional
-        Standard deviation of that about the axes of the reference.
-    axes : str
-        The nearest way to exchange axes: where each axis of the reference comes from.
-    off_axes_deg : float
-        How far the rotation is from that.
-    size : float
-        Length of its readings over that of the reference's.
-    scatter_deg : float
-        What its readings, averaged over a second, are usually off, in degrees of a level heading.
-    delay_s, delay_sigma_s : float
-        By how much its clock is behind that of the reference, where that is proven.
-    copy_of : str
-        The sensor whose readings it repeats; nothing where it has its own.
-    is_kept : bool
-        `fit` is `alone`, since with the others it was known clearly worse: corrected readings are in its own axes.
-    joint_deg : float
-        Worst heading error with the others, of one that was kept.
-    findings : tuple of Finding
-        What the others tell of it; those of `fit`, too, where that is a fit.
-    """
+    """One of the magnetometers."""
 
     name: str
+    #: Fit or error: with the others; `Refused` carries the fit where there is one that cannot be trusted
     fit: Fit | FlindersError
-    alone: Fit | FlindersError
+    alone: Fit | FlindersError  #: Fit or error: what it finds by itself
+    #: (3, 3): from its axes into those of the reference; its determinant is −1 where they are mirror images. None where
+    #: it was not found.
     rotation: Floats | None = None
-    rotation_sigma_deg: Floats | None = None
-    axes: str = "x,y,z"
-    off_axes_deg: float = 0.0
-    size: float = 1.0
+    rotation_sigma_deg: Floats | None = None  #: (3,): standard deviation of that about the axes of the reference
+    axes: str = "x,y,z"  #: the nearest way to exchange axes: where each axis of the reference comes from
+    off_axes_deg: float = 0.0  #: how far the rotation is from that
+    size: float = 1.0  #: length of its readings over that of the reference's
+    #: what its readings, averaged over a second, are usually off, in degrees of a level heading
     scatter_deg: float = 0.0
-    delay_s: float = 0.0
-    delay_sigma_s: float = 0.0
-    copy_of: str = ""
+    delay_s: float = 0.0  #: by how much its clock is behind that of the reference, where that is proven
+    delay_sigma_s: float = 0.0  #: its standard deviation
+    copy_of: str = ""  #: the sensor whose readings it repeats; nothing where it has its own
+    #: `fit` is `alone`, since with the others it was known clearly worse: corrected readings are in its own axes
     is_kept: bool = False
-    joint_deg: float = 0.0
-    findings: tuple[Finding, ...] = ()
+    joint_deg: float = 0.0  #: worst heading error with the others, of one that was kept
+    findings: tuple[Finding, ...] = ()  #: what the others tell of it; those of `fit`, too, where that is a fit
 
     @property
     def is_mirrored(self) -> bool:
@@ -143,48 +116,26 @@ class Member:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agreement:
-    """How well the magnetometers agree.
+    """How well the magnetometers agree."""
 
-    Attributes
-    ----------
-    moments : int
-        At which two or more were read.
-    seconds : float
-        From the first of those to the last.
-    departures : tuple of Departure
-        Stretches in which they do not, in the order of time.
-    apart_deg : float
-        Of two: how far apart they are all the time, in degrees of heading, 1 σ, where nothing tells which is off; else
-        0.
-    """
-
-    moments: int
-    seconds: float
-    departures: tuple[Departure, ...] = ()
+    moments: int  #: at which two or more were read
+    seconds: float  #: from the first of those to the last
+    departures: tuple[Departure, ...] = ()  #: stretches in which they do not, in the order of time
+    #: of two: how far apart they are all the time, in degrees of heading, 1 σ, where nothing tells which is off; else 0
     apart_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Together:
-    """Several magnetometers of one body.
-
-    Attributes
-    ----------
-    members : tuple of Member
-    reference : str
-        Whose axes corrected readings of all are in.
-    agreement : Agreement
-    is_joint : bool
-        The fits rest on all of them, but for those that are kept. Where the body was turned too little for that, none
-        but one is left, or two disagree all the time, each has what it finds by itself.
-    in_body : bool
-        Corrected readings of all are in the axes of gyro and accelerometer, and not in those of the reference.
-    """
+    """Several magnetometers of one body."""
 
     members: tuple[Member, ...]
-    reference: str
+    reference: str  #: whose axes corrected readings of all are in
     agreement: Agreement
+    #: the fits rest on all of them, but for those that are kept. Where the body was turned too little for that, none
+    #: but one is left, or two disagree all the time, each has what it finds by itself.
     is_joint: bool
+    #: corrected readings of all are in the axes of gyro and accelerometer, and not in those of the reference
     in_body: bool = False
 
     def __getitem__(self, name: str) -> Member:

@@ -38,10 +38,7 @@ class Axes:
     def of(cls, text: str) -> Axes:
         """Read ``"x,-y,z"``: for each new axis, the recorded one it is taken from.
 
-        Raises
-        ------
-        AxesError
-            Unless each of x, y and z is named once.
+        Raises `AxesError` unless each of x, y and z is named once.
         """
         return _parsed(text)
 

@@ -58,32 +58,6 @@ ROTATIONS: Final = get_args(Rotation)
 class Calibration(Value):
     """``corrected = matrix @ (raw - offset)``, and ``|corrected| = field_strength``.
 
-    Attributes
-    ----------
-    matrix : (3, 3) float, dimensionless
-        Soft iron and scale; read-only.
-    offset : (3,) float, in `unit`
-        Hard iron, in mapped axes: what the sensor reads in zero field; read-only.
-    field_strength : float, in `unit`
-        Length of corrected readings.
-    field_strength_known : bool
-        It was given; otherwise the matrix has determinant 1, and this is the radius that results.
-    rotation : str
-        An ellipsoid fixes the matrix only up to a rotation on the left. ``symmetric``: the symmetric matrix
-        was taken by convention; ``estimated``: the fit saw the rotation; ``composed``: a product or inverse.
-    raw : Unit
-        The unit the recording was written in; ``raw.inside`` is the unit of the calibration.
-    axes : Axes
-        How recorded axes are turned before `apply`.
-    sensor : str, optional
-        Name or serial number.
-    frame : str
-        What the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
-        sensor is mounted, before they were logged. `axes` comes after either.
-    disturbances : tuple of Disturbance
-        What the offset follows: a current, a throttle, a temperature. With any,
-        ``corrected = matrix @ (raw - offset - Σ P (c - reference)) / (1 + a (T - reference))``.
-
     Raises
     ------
     ArrayError
@@ -93,15 +67,22 @@ class Calibration(Value):
         For a field strength that is not a positive number, or a rotation that is not known.
     """
 
-    matrix: Floats
-    offset: Floats
-    field_strength: float
+    matrix: Floats  #: (3, 3), dimensionless: soft iron and scale; read-only
+    offset: Floats  #: (3,), in `unit`: hard iron, in mapped axes: what the sensor reads in zero field; read-only
+    field_strength: float  #: in `unit`: length of corrected readings
+    #: it was given; otherwise the matrix has determinant 1, and this is the radius that results
     field_strength_known: bool = False
+    #: an ellipsoid fixes the matrix only up to a rotation on the left. ``symmetric``: the symmetric matrix was taken by
+    #: convention; ``estimated``: the fit saw the rotation; ``composed``: a product or inverse.
     rotation: Rotation = "symmetric"
-    raw: Unit = UNSTATED
-    axes: Axes = AS_RECORDED
-    sensor: str | None = None
+    raw: Unit = UNSTATED  #: the unit the recording was written in; ``raw.inside`` is the unit of the calibration
+    axes: Axes = AS_RECORDED  #: how recorded axes are turned before `apply`
+    sensor: str | None = None  #: name or serial number
+    #: what the recorded axes are: ``sensor``, its own; or ``vehicle``, which readings were turned into, by how the
+    #: sensor is mounted, before they were logged. `axes` comes after either.
     frame: str = "sensor"
+    #: what the offset follows: a current, a throttle, a temperature. With any, ``corrected = matrix @ (raw - offset - Σ
+    #: P (c - reference)) / (1 + a (T - reference))``.
     disturbances: tuple[Disturbance, ...] = ()
 
     drivers = renamed_attribute("drivers", "disturbances")
@@ -141,6 +122,9 @@ class Calibration(Value):
     ) -> Calibration:
         """Turn an ellipsoid of readings into the sphere it should have been.
 
+        Raises `ArrayError` unless `shape` is symmetric and positive definite; `UsageError` for a field strength that is
+        not positive.
+
         Parameters
         ----------
         centre : (3,) in ``raw.inside``
@@ -152,13 +136,6 @@ class Calibration(Value):
             makes F the geometric mean of the radii (NXP AN4246; MotionCal; MATLAB's magcal).
         raw, axes, sensor, frame
             How the readings were recorded, as the attributes of the same name.
-
-        Raises
-        ------
-        ArrayError
-            Unless `shape` is symmetric and positive definite.
-        UsageError
-            For a field strength that is not positive.
 
         Examples
         --------
@@ -244,6 +221,9 @@ class Calibration(Value):
     ) -> Floats:
         """Correct readings.
 
+        Raises `ArrayError` for a wrong shape, or values that are no numbers; `UsageError` where a disturbance is not
+        given.
+
         Parameters
         ----------
         raw : (..., 3) in `unit`
@@ -259,13 +239,6 @@ class Calibration(Value):
         -------
         (..., 3) in `unit`
             Of length `field_strength` where only the earth's field was there.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape, or values that are no numbers.
-        UsageError
-            Where a disturbance is not given.
 
         Examples
         --------
@@ -371,12 +344,8 @@ class Calibration(Value):
         The recording's unit, axes and frame are those of `first`, the field strength is that of `self`; an identity
         leaves the other as it is.
 
-        Raises
-        ------
-        UnitError
-            Where one is in µT and the other in counts.
-        UsageError
-            Where this one follows a disturbance, or the scale of `first` does.
+        Raises `UnitError` where one is in µT and the other in counts; `UsageError` where this one follows a
+        disturbance, or the scale of `first` does.
         """
         if not isinstance(first, Calibration):
             return NotImplemented
@@ -424,10 +393,7 @@ class Calibration(Value):
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write a calibration file, whole or not at all; `load` reads back the same numbers to the bit.
 
-        Raises
-        ------
-        OutputExists, OutputError
-            Where there is a file already, unless `force`; where it cannot be written.
+        Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
         """
         write(self.to_document(), path, force=force)
 

@@ -71,22 +71,6 @@ _NUMBERED: Final = re.compile(rf"({'|'.join(MOTORS)})([1-9]\d?)")
 class Disturbance(Value):
     """An offset, and for a temperature a scale, that follows something else.
 
-    Attributes
-    ----------
-    name : str
-        ``current``, ``throttle`` or ``temperature``: the column of `Samples` that it is multiplied by; of a motor by
-        itself ``current1``, ``throttle1`` and so on.
-    per_unit : (3,) float
-        By how much readings are off, in their unit, for each A, at full throttle, or for each °C; read-only.
-    reference : float
-        Where the offset of the calibration holds.
-    lowest, highest : float
-        What was seen of it when this was found; the same number twice where nobody knows.
-    lag_s : float, s
-        Readings follow so much later.
-    gain_per_unit : float
-        By which share what the earth's field makes of a reading grows with each °C; 0 for motors.
-
     Raises
     ------
     UsageError
@@ -95,12 +79,16 @@ class Disturbance(Value):
         For numbers that are not finite, or not three.
     """
 
+    #: ``current``, ``throttle`` or ``temperature``: the column of `Samples` that it is multiplied by; of a motor by
+    #: itself ``current1``, ``throttle1`` and so on
     name: str
+    #: (3,): by how much readings are off, in their unit, for each A, at full throttle, or for each °C; read-only
     per_unit: Floats
-    reference: float = 0.0
-    lowest: float = 0.0
-    highest: float = 0.0
-    lag_s: float = 0.0
+    reference: float = 0.0  #: where the offset of the calibration holds
+    lowest: float = 0.0  #: least of it that was seen; the same as `highest` where nobody knows
+    highest: float = 0.0  #: most of it that was seen
+    lag_s: float = 0.0  #: s: readings follow so much later
+    #: by which share what the earth's field makes of a reading grows with each °C; 0 for motors
     gain_per_unit: float = 0.0
 
     def __post_init__(self) -> None:

@@ -118,10 +118,7 @@ def replacing(
 
     A symbolic link stays, and what it points to is written; a file that is replaced keeps its permissions.
 
-    Raises
-    ------
-    OutputExists, OutputError
-        Where there is a file already, unless `force`; where it cannot be written.
+    Raises `OutputExists` where there is a file already, unless `force`; `OutputError` where it cannot be written.
     """
     with _refusals(path):
         target = _target(path)

@@ -97,6 +97,8 @@ class SiteField:
 def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.0, *, year: float) -> SiteField:
     """Ask the World Magnetic Model of a year.
 
+    Raises `UsageError` for a place that there is not, or a time without a model.
+
     Parameters
     ----------
     latitude_deg, longitude_deg : float, degrees
@@ -105,11 +107,6 @@ def site_field(latitude_deg: float, longitude_deg: float, altitude_m: float = 0.
         Above the ellipsoid, −1,000 to 850,000; sea level is near enough.
     year : float
         With its fraction, as `year_of` gives it: 2010 to 2030.
-
-    Raises
-    ------
-    UsageError
-        For a place that there is not, or a time without a model.
 
     Notes
     -----

@@ -22,10 +22,7 @@ Row = TypeVar("Row")
 def plugin_rows(group: str, kind: type[Row]) -> tuple[Row, ...]:
     """Load the rows of a group, in the order of the names of their entry points.
 
-    Raises
-    ------
-    PluginError
-        For a package that cannot be imported, or whose rows are of another kind.
+    Raises `PluginError` for a package that cannot be imported, or whose rows are of another kind.
     """
     entries = sorted(entry_points(group=group), key=lambda entry: entry.name)
     return tuple(row for entry in entries for row in _rows(entry, kind))

@@ -88,59 +88,35 @@ NAMES: Final = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """Columns of one recording, or of a stretch of it.
+    """Columns of one recording, or of a stretch of it."""
 
-    Attributes
-    ----------
-    field : (N, 3) float, in `unit.inside`
-        Raw readings, in `axes`.
-    unit : Unit
-        What the recording was written in, and what `field` is in now.
-    axes : Axes
-        How the recorded axes were turned before they became `field`; acceleration, rate and attitude alike.
-    time : (N,) float, s, optional
-        Ascending where the recording is sound.
-    acceleration : (N, 3) float, optional
-        Specific force in any unit: a level sensor at rest with z down reads −g on z.
-    rate : (N, 3) float, rad/s, optional
-        Angular rate of the body.
-    temperature : (N,) float, °C, optional
-    current : (N,) float, A, optional
-    throttle : (N,) float, 0 to 1, optional
-        Share of full thrust that the motors were asked for; NaN where it is not known.
-    currents, throttles : (N, M) float, optional
-        The same of each of M motors by itself, the first motor first.
-    attitude : (N, 4) float, optional
-        Unit quaternion w, x, y, z that turns the axes of `field` into north, east, down: with a perfect sensor
-        ``quaternions.rotated(attitude, field)`` is the field of the site. Where those are the axes of the vehicle,
-        forward, right, down, it is the vehicle's attitude. NaN where it is not known. It is an autopilot's estimate,
-        and its yaw may have come from the very compass that is to be calibrated.
-    strength : (N,) float, in `unit.inside`, optional
-        Strength of the field at each reading, from a model or a reference magnetometer; NaN where it is not known.
-    source : str
-        Where it came from, for messages.
-    frame : str
-        What the recorded axes are: ``sensor``, or ``vehicle`` where they were turned into those before.
-    skipped : tuple of Skipped
-        What was left out while reading.
-    """
-
-    field: Floats
+    field: Floats  #: (N, 3), in `unit.inside`: raw readings, in `axes`
+    #: what the recording was written in, and what `field` is in now
     unit: Unit = dataclasses.field(default_factory=Unit.of)
+    #: how the recorded axes were turned before they became `field`; acceleration, rate and attitude alike
     axes: Axes = dataclasses.field(default_factory=Axes)
-    time: Floats | None = None
+    time: Floats | None = None  #: (N,), s: ascending where the recording is sound
+    #: (N, 3): specific force in any unit: a level sensor at rest with z down reads −g on z
     acceleration: Floats | None = None
-    rate: Floats | None = None
-    temperature: Floats | None = None
-    current: Floats | None = None
+    rate: Floats | None = None  #: (N, 3), rad/s: angular rate of the body
+    temperature: Floats | None = None  #: (N,), °C
+    current: Floats | None = None  #: (N,), A
+    #: (N,), in `unit.inside`: strength of the field at each reading, from a model or a reference magnetometer; NaN
+    #: where it is not known
     strength: Floats | None = None
+    #: (N,), 0 to 1: share of full thrust that the motors were asked for; NaN where it is not known
     throttle: Floats | None = None
+    #: (N, 4): unit quaternion w, x, y, z that turns the axes of `field` into north, east, down: with a perfect sensor
+    #: ``quaternions.rotated(attitude, field)`` is the field of the site. Where those are the axes of the vehicle,
+    #: forward, right, down, it is the vehicle's attitude. NaN where it is not known. It is an autopilot's estimate, and
+    #: its yaw may have come from the very compass that is to be calibrated.
     attitude: Floats | None = None
-    currents: Floats | None = None
-    throttles: Floats | None = None
-    source: str = "array"
+    currents: Floats | None = None  #: (N, M): current of each of M motors by itself, the first motor first
+    throttles: Floats | None = None  #: (N, M): throttle of each
+    source: str = "array"  #: where it came from, for messages
+    #: what the recorded axes are: ``sensor``, or ``vehicle`` where they were turned into those before
     frame: str = "sensor"
-    skipped: tuple[Skipped, ...] = ()
+    skipped: tuple[Skipped, ...] = ()  #: what was left out while reading
 
     @classmethod
     def of(
@@ -164,6 +140,9 @@ class Samples:
     ) -> Samples:
         """Take columns in, in the recording's own unit and axes; leave out rows whose field is not finite.
 
+        Raises `ArrayError` for a wrong shape, columns of unequal length, a throttle beyond 0 to 1, or no unit
+        quaternions; `UnitError` or `AxesError` for a unit or mapping that is not known.
+
         Parameters
         ----------
         field : (N, 3) array-like
@@ -176,13 +155,6 @@ class Samples:
             Where each new axis comes from, such as ``"x,-y,-z"``.
         time, acceleration, rate, temperature, current, strength, throttle, attitude, currents, throttles : optional
             As the attributes of the same names; vectors and attitude in the recorded axes, strength in `unit`.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape, columns of unequal length, a throttle beyond 0 to 1, or no unit quaternions.
-        UnitError, AxesError
-            For a unit or mapping that is not known.
         """
         unit = unit if isinstance(unit, Unit) else Unit.of(unit, scale)
         axes = axes if isinstance(axes, Axes) else Axes.of(axes)
@@ -306,10 +278,7 @@ class Samples:
     def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
         """As a table of Arrow, with the columns of `as_columns`; ``to_pandas()`` of it gives a frame of pandas.
 
-        Raises
-        ------
-        MissingExtra
-            Without pyarrow.
+        Raises `MissingExtra` without pyarrow.
         """
         return needs("pyarrow", "parquet", "a table of Arrow").table(self.as_columns())
 

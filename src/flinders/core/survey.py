@@ -7,29 +7,37 @@ calibration turns readings of both into axes of the instrument, of which one is 
 >>> angles = instrument.angles([[0.5, 0.0, 0.8]], [[0.0, 0.0, 1.0]])              # held level, the laser to the north
 >>> np.stack([angles.azimuth_deg, angles.inclination_deg, angles.roll_deg]).round(6).T + 0.0
 array([[0., 0., 0.]])
+
+It is made from shots, a reading of both sensors each:
+
+>>> shots = Shots(np.ones((3, 3)), np.ones((3, 3)), groups=np.array([1, 1, 2]))
+>>> len(shots[shots.groups == 1]), shots.numbers
+(2, (1, 2, 3))
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self
 
 import msgspec
 import numpy as np
 
+from flinders.arrays import table
+from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
-from flinders.core.shots import FORWARD_RIGHT_DOWN
-from flinders.errors import DocumentError
+from flinders.core.units import Unit
+from flinders.errors import ArrayError, DocumentError, NoAccelerometer, UsageError
 
 if TYPE_CHECKING:
     import os
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
     from flinders.core.calibration_file import Document, Fitted, Provenance
-    from flinders.core.shots import Pointing
+    from flinders.core.samples import Samples
 
 
 class Angles(NamedTuple):
@@ -56,19 +64,11 @@ def pointing_angles(field: Floats, down: Floats) -> Angles:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyCalibration:
-    """Calibrations of both sensors into axes of the instrument, right-handed, one of which is the laser's.
-
-    Attributes
-    ----------
-    magnetometer, accelerometer : Calibration
-        The second corrects readings that point down.
-    pointing : str
-        The laser's axis: x, y or z.
-    """
+    """Calibrations of both sensors into axes of the instrument, right-handed, one of which is the laser's."""
 
     magnetometer: Calibration
-    accelerometer: Calibration
-    pointing: Pointing = "x"
+    accelerometer: Calibration  #: corrects readings that point down
+    pointing: Pointing = "x"  #: the laser's axis: x, y or z
 
     @classmethod
     def identity(cls, pointing: Pointing = "x") -> Self:
@@ -120,3 +120,83 @@ class SurveyCalibration:
         )
         document = self.magnetometer.to_document(fit=fit, provenance=provenance)
         return msgspec.structs.replace(document, survey=record)
+
+
+Pointing = Literal["x", "y", "z"]
+
+UNSTATED: Final = Unit.of()
+AS_RECORDED: Final = Axes()
+
+FORWARD_RIGHT_DOWN: Final[dict[Pointing, Axes]] = {"x": Axes(), "y": Axes.of("y,x,-z"), "z": Axes.of("z,x,y")}
+"""Forward, right and down of an instrument, by the axis of its laser."""
+
+PROCEDURE: Final = np.array([
+    (0, 0), (90, 0), (0, 90), (180, 0), (270, 0), (0, -90),
+    (45, 35.26), (135, -35.26), (225, 35.26), (315, -35.26), (45, -35.26), (135, 35.26), (225, -35.26), (315, 35.26),
+])  # fmt: skip
+"""(14, 2) azimuth and inclination in degrees: to the sides and corners of a cube, each with four rolls 90° apart."""
+
+ROLLS_DEG: Final = np.array([0.0, 90.0, 180.0, 270.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shots:
+    """Readings of a survey instrument, one of both sensors for each shot.
+
+    Raises
+    ------
+    ArrayError
+        For arrays of another shape or length, or values that are not finite.
+    """
+
+    magnetic: Floats  #: (N, 3), in `unit`
+    #: (N, 3), any unit: points down: the opposite of the specific force of `flinders.core.samples.Samples`
+    gravity: Floats
+    #: (N,): alike for shots in the same direction; None where nobody wrote that down
+    groups: NDArray[np.intp] | None = None
+    numbers: tuple[int, ...] = ()  #: what the file calls each shot; by default 1, 2, 3, …
+    pointing: Pointing = "x"  #: which axis is that of the laser: x, y or z
+    unit: Unit = UNSTATED  #: of the magnetometer
+    #: how the recorded axes of each sensor were turned into those of the instrument, right-handed
+    axes: Axes = AS_RECORDED
+    acceleration_axes: Axes = AS_RECORDED
+    source: str = "shots"
+
+    @classmethod
+    def of(cls, samples: Samples, axes: Axes, acceleration_axes: Axes, pointing: Pointing) -> Self:
+        """Take each reading of a recording as a shot, in recorded axes; `NoAccelerometer` where it has none."""
+        if samples.acceleration is None:
+            raise NoAccelerometer(
+                f"{samples.source} has no accelerometer: a survey instrument needs columns of both sensors, one shot a "
+                "line"
+            )
+        return cls(
+            axes.apply(samples.field), acceleration_axes.apply(-samples.acceleration), pointing=pointing,
+            unit=samples.unit, axes=axes, acceleration_axes=acceleration_axes, source=samples.source,
+        )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Check the arrays."""
+        for name in ("magnetic", "gravity"):
+            object.__setattr__(self, name, table(getattr(self, name), name))
+        if not self.numbers:
+            object.__setattr__(self, "numbers", tuple(range(1, len(self) + 1)))
+        for name in ("gravity", "groups", "numbers"):
+            values = getattr(self, name)
+            if values is not None and len(values) != len(self):
+                raise ArrayError(f"{name} has {len(values)} rows, and magnetic {len(self)}: need one for each shot")
+        if self.pointing not in FORWARD_RIGHT_DOWN:
+            raise UsageError(f"pointing is {self.pointing!r}: need x, y or z")
+
+    def __len__(self) -> int:
+        return len(self.magnetic)
+
+    def __getitem__(self, rows: NDArray[np.bool_]) -> Self:
+        """Those of the shots for which (N,) `rows` is true."""
+        return replace(
+            self,
+            magnetic=self.magnetic[rows],
+            gravity=self.gravity[rows],
+            groups=None if self.groups is None else self.groups[rows],
+            numbers=tuple(np.array(self.numbers)[rows].tolist()),
+        )

@@ -54,17 +54,15 @@ class Unit:
     def of(cls, name: str = COUNTS, scale: float | None = None) -> Unit:
         """Look a unit up by any of its spellings.
 
+        Raises `UnitError` for a name that is not known, a scale that is not positive, or a scale for a unit that has
+        its own.
+
         Parameters
         ----------
         name : str
             As a person or a file header writes it: ``µT``, ``uT``, ``mGauss``, ``LSB`` …
         scale : float, optional
             Microtesla in one count; only for counts.
-
-        Raises
-        ------
-        UnitError
-            For a name that is not known, a scale that is not positive, or a scale for a unit that has its own.
         """
         known = SPELLINGS.get(name.strip().casefold())
         if known is None:

@@ -61,22 +61,13 @@ PROVEN, MUCH = 40.0, 0.1
 
 @dataclass(frozen=True, slots=True)
 class AttitudeDependence:
-    """A disturbance of the readings that follows the attitude.
+    """A disturbance of the readings that follows the attitude."""
 
-    Attributes
-    ----------
-    heading_deg : float
-        What it makes of a level heading at the attitude where it is largest, about its mean; without the part that
-        hides in offset and soft iron.
-    explained : float
-        Share of the square of the residuals that it explains.
-    significance : float
-        T² of up to eight coefficients: about their number by chance.
-    """
-
+    # what it makes of a level heading at the attitude where it is largest, about its mean; without the part that hides
+    # in offset and soft iron
     heading_deg: float
-    explained: float
-    significance: float
+    explained: float  # share of the square of the residuals that it explains
+    significance: float  # T² of up to eight coefficients: about their number by chance
 
 
 def attitude_dependence_of(
@@ -84,14 +75,7 @@ def attitude_dependence_of(
 ) -> AttitudeDependence | None:
     """Test whether residuals follow the attitude; None where they do not, or nothing tells.
 
-    Parameters
-    ----------
-    samples : Samples
-        In the order of recording.
-    ellipsoid : Ellipsoid
-    dip_deg : float
-    limit : float
-        Distance from the ellipsoid beyond which readings are outliers.
+    `samples`: in the order of recording; `limit`: distance from the ellipsoid beyond which readings are outliers.
     """
     some = samples[:: -(-len(samples) // MOST)]
     if some.acceleration is None:

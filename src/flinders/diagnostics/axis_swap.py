@@ -75,37 +75,18 @@ LOOKED_AT: Final = 20_000
 
 @dataclass(frozen=True, slots=True)
 class AxisSwap:
-    """Axes that changed their sign, or were exchanged, while the recording was made.
+    """Axes that changed their sign, or were exchanged, while the recording was made."""
 
-    Attributes
-    ----------
-    axes : str
-        ``x``, ``y`` or ``z`` for a sign; ``xy``, ``yz`` or ``zx`` for two that were exchanged.
-    rows : tuple of int
-        Readings, counted from 0, from each of which on it is so, or is so no longer.
-    gain : float
-        How many times closer to an ellipsoid all readings lie once it is undone.
-    """
-
-    axes: str
-    rows: tuple[int, ...]
-    gain: float
+    axes: str  # ``x``, ``y`` or ``z`` for a sign; ``xy``, ``yz`` or ``zx`` for two that were exchanged
+    rows: tuple[int, ...]  # readings, counted from 0, from each of which on it is so, or is so no longer
+    gain: float  # how many times closer to an ellipsoid all readings lie once it is undone
 
 
 def axis_swap_of(readings: Floats, noise: float = np.inf) -> AxisSwap | None:
     """Look for the moments at which axes slipped.
 
-    Parameters
-    ----------
-    readings : (N, 3) float
-        In the order of recording, in any unit.
-    noise : float
-        Of the readings that a fit keeps, 1 σ: all of them have to lie as close once the swap is undone.
-
-    Returns
-    -------
-    AxisSwap or None
-        None where nothing slipped, or nothing that can be told.
+    `readings`: (N, 3), in the order of recording, in any unit; `noise`: of the readings that a fit keeps, 1 σ: all of
+    them have to lie as close once the swap is undone. Returns None where nothing slipped, or nothing that can be told.
     """
     if len(readings) < FEWEST:
         return None

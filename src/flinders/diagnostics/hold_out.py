@@ -38,18 +38,10 @@ FOLDS: Final = 3
 
 
 class HoldOutMisfit(NamedTuple):
-    """What is off in readings that were left out.
+    """What is off in readings that were left out."""
 
-    Attributes
-    ----------
-    length : float
-        Root mean square distance from the ellipsoid, in the unit of the readings.
-    height : float
-        Scatter of the sine of the dip, by the verticals that were asked for; NaN without any.
-    """
-
-    length: float
-    height: float = np.nan
+    length: float  # root mean square distance from the ellipsoid, in the unit of the readings
+    height: float = np.nan  # scatter of the sine of the dip, by the verticals that were asked for; NaN without any
 
 
 def folds(count: int, pieces: int = 1) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
@@ -64,7 +56,6 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
 
     Parameters
     ----------
-    samples : Samples
     terms : tuple of str
         Of `flinders.estimators.aiding.AIDS`.
     rotation : (3, 3) float, optional
@@ -94,15 +85,8 @@ def fitted(samples: Samples, terms: tuple[str, ...], rotation: Floats | None, ne
 def hold_out_misfit(samples: Samples, fits: list[Parameters], vertical: str | None) -> HoldOutMisfit:
     """How far off readings are from what was `fitted` without them.
 
-    Parameters
-    ----------
-    samples : Samples
-    fits : list of Parameters
-    vertical : str, optional
-        ``dip`` or ``tilt``: by which verticals the dip is looked at.
+    `vertical`: ``dip`` or ``tilt``: by which verticals the dip is looked at.
 
-    Examples
-    --------
     >>> from flinders import simulate
     >>> from flinders.estimators.aiding import solve
     >>> tumble = simulate.tumble(seed=1, motion="swayed", n=600)

@@ -133,13 +133,7 @@ def of_instruments(samples: Samples, alone: Ellipsoid, wanted: Sequence[str]) ->
     An instrument is left out where it cannot be told how it sits, and where the two do not sit alike: then the one
     that sits as the magnetometer is right.
 
-    Parameters
-    ----------
-    samples : Samples
-    alone : Ellipsoid
-        What the magnetometer finds by itself, well or badly.
-    wanted : sequence of str
-        ``rate`` and ``dip`` are looked at.
+    `alone`: what the magnetometer finds by itself, well or badly; `wanted`: ``rate`` and ``dip`` are looked at.
 
     Returns
     -------
@@ -257,13 +251,8 @@ def is_implausible(aided: Aided, aid: str) -> Mistake | None:
 def one_axis(rate: Floats) -> list[Mistake]:
     """Say where all turning is about one axis.
 
-    Parameters
-    ----------
-    rate : (N, 3) float, rad/s
-        Without the gyro's bias.
+    `rate`: (N, 3), rad/s, without the gyro's bias.
 
-    Examples
-    --------
     >>> one_axis(np.outer(np.linspace(-1.0, 1.0, 50), [0.0, 0.0, 1.0]))[0].code
     'one-axis'
     """

@@ -74,34 +74,17 @@ BARS: Final = "▁▂▃▄▅▆▇█"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomWalk:
-    """How the offset moved over a recording.
+    """How the offset moved over a recording."""
 
-    Attributes
-    ----------
-    per_root_second : float
-        q, in the unit of the readings; the most likely one, 0 for a constant offset.
-    at_most : float
-        What q could be with nineteen chances of twenty.
-    gain : float
-        Twice the logarithm of how much likelier the walk is than a constant offset.
-    time : (K,) float, s
-        Middle of each span.
-    path : (K, 3) float
-        Offset there, less that of the fit; where no walk is proven, one and the same all along.
-    sigma : (K, 3) float
-        Its standard deviation; where no walk is proven, how far from `path` the largest that it could be may have
-        been, rms.
-    field : float
-        Radius of the ellipsoid, in the same unit.
-    """
-
-    per_root_second: float
-    at_most: float
-    gain: float
-    time: Floats
-    path: Floats
+    per_root_second: float  #: q, in the unit of the readings; the most likely one, 0 for a constant offset
+    at_most: float  #: what q could be with nineteen chances of twenty
+    gain: float  #: twice the logarithm of how much likelier the walk is than a constant offset
+    time: Floats  #: (K,), s: middle of each span
+    path: Floats  #: (K, 3): offset there, less that of the fit; where no walk is proven, one and the same all along
+    #: (K, 3): its standard deviation; where no walk is proven, how far from `path` the largest that it could be may
+    #: have been, rms
     sigma: Floats
-    field: float
+    field: float  #: radius of the ellipsoid, in the same unit
 
     @property
     def is_proven(self) -> bool:
@@ -195,20 +178,11 @@ class RandomWalk:
 
 
 class _Spans(NamedTuple):
-    """What the readings of each span say of the offset, in standard deviations.
+    """What the readings of each span say of the offset, in standard deviations."""
 
-    Attributes
-    ----------
-    time : (K,) float, s
-    information : (K, 3, 3) float
-        Σ n nᵀ / σ².
-    gradient : (K, 3) float
-        Σ n s / σ².
-    """
-
-    time: Floats
-    information: Floats
-    gradient: Floats
+    time: Floats  #: (K,), s
+    information: Floats  #: (K, 3, 3): Σ n nᵀ / σ²
+    gradient: Floats  #: (K, 3): Σ n s / σ²
 
 
 def random_walk_of(
@@ -224,6 +198,8 @@ def random_walk_of(
 
     What was turned in one plane tells of the offset in that plane alone, and across it nothing is said to move.
 
+    Raises `NeedsSamples` without times that go forward; `TooFewSamples` for fewer than a hundred readings.
+
     Parameters
     ----------
     readings : (N, 3) float
@@ -238,13 +214,6 @@ def random_walk_of(
     is_own : bool
         The ellipsoid is the fit to these readings, and what they lie off it is noise. Of another one, noise is what is
         left beside a course of twelve pieces.
-
-    Raises
-    ------
-    NeedsSamples
-        Without times that go forward.
-    TooFewSamples
-        For fewer than a hundred readings.
     """
     if time is None or not bool(np.all(np.diff(time) >= 0.0)) or time[-1] <= time[0]:
         raise NeedsSamples("walk")
@@ -292,10 +261,7 @@ def walk_through(
 
     As `random_walk_of` otherwise.
 
-    Raises
-    ------
-    NeedsSamples, TooFewSamples
-        As `random_walk_of`.
+    Raises `NeedsSamples` or `TooFewSamples` as `random_walk_of`.
     """
     single = next(iter(singles(recording)))
     blocks = [block for block in single.blocks() if len(block)]
@@ -357,21 +323,13 @@ def _in_pieces(left: Floats, jacobian: Floats, time: Floats) -> Floats:
 
 
 class _Filtered(NamedTuple):
-    """What a Kalman filter knew after each span, and before it, for each of T sizes of a walk.
+    """What a Kalman filter knew after each span, and before it, for each of T sizes of a walk."""
 
-    Attributes
-    ----------
-    likelihood : (T,) float
-        Logarithm of the recording's, but for a constant.
-    before, after : (K, T, 3) float
-    covariance_before, covariance_after : (K, T, 3, 3) float
-    """
-
-    likelihood: Floats
-    before: Floats
-    after: Floats
-    covariance_before: Floats
-    covariance_after: Floats
+    likelihood: Floats  #: (T,): logarithm of the recording's, but for a constant
+    before: Floats  #: (K, T, 3)
+    after: Floats  #: (K, T, 3)
+    covariance_before: Floats  #: (K, T, 3, 3)
+    covariance_after: Floats  #: (K, T, 3, 3)
 
 
 def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
@@ -379,7 +337,6 @@ def _filtered(spans: _Spans, sizes: Floats, radius: float) -> _Filtered:
 
     Parameters
     ----------
-    spans : _Spans
     sizes : (T,) float
         Of a walk, q; a filter for each of them goes along.
     radius : float

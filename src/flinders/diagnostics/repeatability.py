@@ -32,22 +32,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingFit:
-    """One recording of several, fitted on its own.
-
-    Attributes
-    ----------
-    source : str
-    samples : int
-        Readings used.
-    ellipsoid : Ellipsoid
-    covariance : (9, 9) float
-        Of (b, S), in unit².
-    """
+    """One recording of several, fitted on its own."""
 
     source: str
-    samples: int
+    samples: int  #: readings used
     ellipsoid: Ellipsoid
-    covariance: Floats
+    covariance: Floats  #: (9, 9): of (b, S), in unit²
 
     @property
     def parameters(self) -> Floats:
@@ -57,53 +47,25 @@ class RecordingFit:
 
 @dataclass(frozen=True, slots=True)
 class Repeat:
-    """How one recording stands to the others.
-
-    Attributes
-    ----------
-    source : str
-    samples : int
-    claimed_deg : float
-        Worst level heading error that it claims on its own, 1 σ.
-    off_deg : float
-        Worst level heading difference from the others.
-    off_sigma_deg : float
-        What both claim of that difference, 1 σ.
-    offset : float
-        Distance of its offset from theirs, in the unit of the readings.
-    p_value : float
-        How often chance alone makes one recording of so many differ as much, over all nine parameters.
-    """
+    """How one recording stands to the others."""
 
     source: str
     samples: int
-    claimed_deg: float
-    off_deg: float
-    off_sigma_deg: float
-    offset: float
-    p_value: float
+    claimed_deg: float  #: worst level heading error that it claims on its own, 1 σ
+    off_deg: float  #: worst level heading difference from the others
+    off_sigma_deg: float  #: what both claim of that difference, 1 σ
+    offset: float  #: distance of its offset from theirs, in the unit of the readings
+    p_value: float  #: how often chance alone makes one recording of so many differ as much, over all nine parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Repeats:
-    """Recordings of one sensor against each other.
+    """Recordings of one sensor against each other."""
 
-    Attributes
-    ----------
-    parts : tuple of Repeat
-        In the order given; those that give no fit of their own are not among them.
-    scatter : (9, 9) float
-        What their scatter adds to the covariance of a joint fit, in unit².
-    scatter_deg : float
-        Worst level heading error (1 σ) from that alone.
-    p_value : float
-        How often chance alone scatters them as far.
-    """
-
-    parts: tuple[Repeat, ...]
-    scatter: Floats
-    scatter_deg: float
-    p_value: float
+    parts: tuple[Repeat, ...]  #: in the order given; those that give no fit of their own are not among them
+    scatter: Floats  #: (9, 9): what their scatter adds to the covariance of a joint fit, in unit²
+    scatter_deg: float  #: worst level heading error (1 σ) from that alone
+    p_value: float  #: how often chance alone scatters them as far
 
     @property
     def farthest(self) -> Repeat:

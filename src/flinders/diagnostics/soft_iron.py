@@ -34,27 +34,14 @@ TOLD: Final = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refreshed:
-    """A fit whose soft iron is that of an earlier calibration.
+    """A fit whose soft iron is that of an earlier calibration."""
 
-    Attributes
-    ----------
-    previous : str
-        Name of the earlier calibration.
-    offset_change : (3,) float
-        From its offset to that of the fit, in the unit of the calibration.
-    heading_change_deg : float
-        Heading error at the worst heading of a level vehicle that goes on with the earlier calibration.
-    soft_iron_by_chance : float
-        How often chance alone makes as much of a change of the soft iron as the readings show.
-    distortion : float
-        `Fit.distortion` of the earlier calibration: it belongs to the sensor.
-    """
-
-    previous: str
-    offset_change: Floats
+    previous: str  # name of the earlier calibration
+    offset_change: Floats  # (3,): from its offset to that of the fit, in the unit of the calibration
+    # heading error at the worst heading of a level vehicle that goes on with the earlier calibration
     heading_change_deg: float
-    soft_iron_by_chance: float
-    distortion: float = 0.0
+    soft_iron_by_chance: float  # how often chance alone makes as much of a change of the soft iron as the readings show
+    distortion: float = 0.0  # `Fit.distortion` of the earlier calibration: it belongs to the sensor
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready."""

@@ -58,27 +58,14 @@ BY_CHANCE: Final = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """A steady change over a recording, from its beginning to its end.
+    """A steady change over a recording, from its beginning to its end."""
 
-    Attributes
-    ----------
-    offset : (3,) float
-        In the unit of the readings.
-    strength : float
-        Of the field, as a fraction of it.
-    heading_deg : float
-        What the change of the offset does to a level heading, at the worst heading.
-    p_value : float
-        How often chance alone makes as much.
-    halves_apart : float, optional
-        How far the halves of the recording are apart at the worst heading, over what both claim; looked for where the
-        change is proven and below the target.
-    """
-
-    offset: tuple[float, float, float]
-    strength: float
-    heading_deg: float
-    p_value: float
+    offset: tuple[float, float, float]  # (3,): in the unit of the readings
+    strength: float  # of the field, as a fraction of it
+    heading_deg: float  # what the change of the offset does to a level heading, at the worst heading
+    p_value: float  # how often chance alone makes as much
+    # how far the halves of the recording are apart at the worst heading, over what both claim; looked for where the
+    # change is proven and below the target
     halves_apart: float | None = None
 
 
@@ -101,22 +88,13 @@ def drift_in(record: Records) -> Drift | None:
 
 @dataclass(frozen=True, slots=True)
 class Nonlinearity:
-    """Quadratic and cubic terms of the axes.
+    """Quadratic and cubic terms of the axes."""
 
-    Attributes
-    ----------
-    quadratic, cubic : (3,) float
-        What an axis reads too much where the field lies along it, as a fraction of the field.
-    heading_deg : float
-        What they do to a level heading, at the worst heading.
-    p_value : float
-        How often chance alone makes as much.
-    """
-
+    # (3,): what an axis reads too much where the field lies along it, as a fraction of the field
     quadratic: tuple[float, float, float]
     cubic: tuple[float, float, float]
-    heading_deg: float
-    p_value: float
+    heading_deg: float  # what they do to a level heading, at the worst heading
+    p_value: float  # how often chance alone makes as much
 
     @property
     def is_proven(self) -> bool:
@@ -153,24 +131,13 @@ def nonlinearity_in(record: Records) -> Nonlinearity | None:
 
 @dataclass(frozen=True, slots=True)
 class AxisLag:
-    """How late each axis is read.
+    """How late each axis is read."""
 
-    Attributes
-    ----------
-    lags : (3,) float
-        Of x, y and z about their mean: s, or readings where the recording has no times.
-    is_timed : bool
-        Whether they are in s.
-    heading_deg : float
-        What they do to a level heading of a vehicle at rest, at the worst heading.
-    p_value : float
-        How often chance alone makes as much.
-    """
-
+    # (3,): of x, y and z about their mean: s, or readings where the recording has no times
     lags: tuple[float, float, float]
-    is_timed: bool
-    heading_deg: float
-    p_value: float
+    is_timed: bool  # whether they are in s
+    heading_deg: float  # what they do to a level heading of a vehicle at rest, at the worst heading
+    p_value: float  # how often chance alone makes as much
 
     @property
     def is_proven(self) -> bool:

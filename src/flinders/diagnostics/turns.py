@@ -38,17 +38,8 @@ FEWEST: Final = 20
 def lean_in_turns_deg(samples: Samples, aided: Aided) -> float:
     """Angle (rms) by which the vertical of an accelerometer leans with the rate of turning.
 
-    Parameters
-    ----------
-    samples : Samples
-        With times and an acceleration, or there is nothing to see.
-    aided : Aided
-        A fit to them, best without ``dip``: that one bends until less of the lean is left.
-
-    Returns
-    -------
-    float, degrees
-        0 where nothing is seen.
+    `samples`: with times and an acceleration, or there is nothing to see; `aided`: a fit to them, best without ``dip``:
+    that one bends until less of the lean is left. Returns degrees, 0 where nothing is seen.
     """
     if samples.acceleration is None or samples.time is None:
         return 0.0

@@ -39,24 +39,13 @@ PROVEN: Final = 40.0
 
 @dataclass(frozen=True, slots=True)
 class Unmodelled:
-    """Something that was recorded beside the readings and moves them, and that the calibration does not follow.
+    """Something that was recorded beside the readings and moves them, and that the calibration does not follow."""
 
-    Attributes
-    ----------
-    name : str
-        ``current``, ``throttle`` or ``temperature``.
-    per_unit : tuple of float
-        By how much it moves the offset for each unit of it, roughly, in the unit of the readings.
-    heading_deg : float
-        What that makes of a level heading at the far end of its recorded range, at most.
-    chi_square : float
-        How much better residuals are explained with it, for independent readings.
-    """
-
-    name: str
+    name: str  # ``current``, ``throttle`` or ``temperature``
+    # by how much it moves the offset for each unit of it, roughly, in the unit of the readings
     per_unit: tuple[float, ...]
-    heading_deg: float
-    chi_square: float
+    heading_deg: float  # what that makes of a level heading at the far end of its recorded range, at most
+    chi_square: float  # how much better residuals are explained with it, for independent readings
 
 
 def unmodelled_of(
@@ -66,10 +55,8 @@ def unmodelled_of(
 
     Parameters
     ----------
-    samples : Samples
     ellipsoid : Ellipsoid
         A fit that follows none of them.
-    dip_deg : float
     time : float
         Readings that say as much as one independent reading.
     limit : float

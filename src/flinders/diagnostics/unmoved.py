@@ -89,10 +89,7 @@ SMALLEST, LARGEST = 1e-12, 1e15
 def require_moved(summary: Summary, unit: str, how: str = "through all directions") -> None:
     """Refuse readings of a sensor that was hardly turned.
 
-    Raises
-    ------
-    Unmoved
-        Saying within which angle all of them lie, and `how` the sensor has to be turned.
+    Raises `Unmoved`, which says within which angle all of them lie, and `how` the sensor has to be turned.
     """
     angle = unmoved_deg(summary, unit)
     if angle is not None:
@@ -126,11 +123,7 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
 def unmoved_deg(summary: Summary, unit: str) -> float | None:
     """Angle within which all readings of a sensor lie that was hardly turned; None of one that was.
 
-    Parameters
-    ----------
-    summary : Summary
-    unit : str
-        Of the readings, ``uT`` or ``counts``.
+    `unit`: of the readings, ``uT`` or ``counts``.
     """
     means = summary.cloud.means  # each place counts once, so that a rest amid a turn weighs no more than its place
     if len(summary) < FEWEST or not SMALLEST < float(np.abs(means).max()) < LARGEST:

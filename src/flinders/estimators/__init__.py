@@ -105,10 +105,7 @@ EMULATED: Final[dict[str, str]] = {
 def method_of(name: str) -> type[Estimator]:
     """Look a method up.
 
-    Raises
-    ------
-    UsageError
-        For a name that does not exist.
+    Raises `UsageError` for a name that does not exist.
     """
     if name in EMULATED:
         raise UsageError(

@@ -47,11 +47,7 @@ FINEST_LENGTH: Final = 1e-4
 def known_before(acceleration: Floats, prior: AccelerometerPrior) -> AccelerometerPrior:
     """What lengths add to a prior.
 
-    Parameters
-    ----------
-    acceleration : (N, 3) float
-        Specific force in body axes, any unit; NaN where there is none.
-    prior : AccelerometerPrior
+    `acceleration`: (N, 3), specific force in body axes, any unit; NaN where there is none.
     """
     force = acceleration[np.isfinite(acceleration).all(axis=1) & acceleration.any(axis=1)]
     if not len(force):

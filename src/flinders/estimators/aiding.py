@@ -97,58 +97,30 @@ FEWEST: Final = 12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aided:
-    """What was found.
-
-    Attributes
-    ----------
-    parameters : Parameters
-    covariance : (P, P) float
-        Of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad.
-    textbook : (P, P) float
-        The same if all residuals were independent.
-    layout : ParameterLayout
-    noise : float
-        Standard deviation of a component of a reading, in its unit.
-    vertical_noise : float, optional
-        Standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis.
-    aiding : tuple of str
-        Those that were used.
-    used : int
-        Readings.
-    outliers : (K,) int
-        Readings that did not belong, counted from 0.
-    prior_influence : float
-        Share of the least known parameter of the shape that the prior speaks for.
-    walk : float, rad/√s
-        Random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it.
-    rotation_seen : (3,) float
-        Share of the prior's variance that is left of the rotation about the body's x, y and z.
-    excess_variance : float
-        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
-    site_off : float, optional
-        Standard deviations between the dip found and that of the site.
-    scales_off : float
-        What the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead.
-        0 where they are as gyros are.
-    disturbances : tuple of str
-        Names of the disturbances.
-    """
+    """What was found."""
 
     parameters: Parameters
+    # (P, P): of the free parameters, in the order of `layout`; a rotation by its rotation vector on the left, in rad
     covariance: Floats
-    textbook: Floats
+    textbook: Floats  # (P, P): the same if all residuals were independent
     layout: ParameterLayout
-    noise: float
+    noise: float  # standard deviation of a component of a reading, in its unit
+    # standard deviation of dᵀq, in rad across the vertical; with ``attitude``, of an attitude about each axis
     vertical_noise: float | None
-    aiding: tuple[str, ...]
-    used: int
-    outliers: NDArray[np.intp]
-    prior_influence: float
+    aiding: tuple[str, ...]  # those that were used
+    used: int  # readings
+    outliers: NDArray[np.intp]  # (K,): readings that did not belong, counted from 0
+    prior_influence: float  # share of the least known parameter of the shape that the prior speaks for
+    # rad/√s: random walk of the direction within windows that residuals show: the gyro's noise, and what looks like it
     walk: float
+    # (3,): share of the prior's variance that is left of the rotation about the body's x, y and z
     rotation_seen: Floats
+    # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float = 1.0
-    site_off: float | None = None
-    disturbances: tuple[str, ...] = ()
+    site_off: float | None = None  # standard deviations between the dip found and that of the site
+    disturbances: tuple[str, ...] = ()  # names of the disturbances
+    # what the gyro's scales came out at, the farthest, where that is beyond `FAR_SCALES`: they were held instead. 0
+    # where they are as gyros are.
     scales_off: float = 0.0
 
     @property
@@ -217,6 +189,10 @@ def solve(
 ) -> Aided:
     """Fit all that a recording holds.
 
+    Raises `UsageError` for a term that is not known, or whose column is missing; `TooFewSamples` for fewer readings
+    than parameters; `NotAnEllipsoid` if no step leads to a closed surface; `FitError` for a column in which nothing is
+    told.
+
     Parameters
     ----------
     samples : Samples
@@ -253,17 +229,6 @@ def solve(
         Of an earlier calibration of this sensor, instead of `spread`.
     is_rough : bool
         Whether a fraction of a standard deviation does not matter, as for a check: few steps are taken.
-
-    Raises
-    ------
-    UsageError
-        For a term that is not known, or whose column is missing.
-    TooFewSamples
-        For fewer readings than parameters.
-    NotAnEllipsoid
-        If no step leads to a closed surface.
-    FitError
-        For a column in which nothing is told.
     """
     refuse_without(samples, terms)
     samples = replace(samples, rate=gyro.bridged(samples.time, samples.rate)[0])
@@ -348,10 +313,7 @@ def _accelerometer(samples: Samples, terms: Sequence[str], bias: float, gain: fl
 def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Aided | None) -> _Solved:
     """Go down from each start until one leaves no more than noise.
 
-    Raises
-    ------
-    TooFewSamples, NotAnEllipsoid, FitError
-        As `solve`.
+    Raises `TooFewSamples`, `NotAnEllipsoid` or `FitError` as `solve`.
     """
     if len(put.samples) < FEWEST:
         raise TooFewSamples(found=len(put.samples), needed=FEWEST, method="aided")
@@ -373,10 +335,7 @@ def _solved(put: _Prepared, gyro_scale: float, start: Ellipsoid | None, near: Ai
 def _searched(problem: JointProblem, begins: Iterable[Parameters], steps: int) -> JointIterate:
     """Where the best of some starts leads, the first that leaves no more than noise.
 
-    Raises
-    ------
-    NotAnEllipsoid
-        Where there is none.
+    Raises `NotAnEllipsoid` where there is none.
     """
     best: JointIterate | None = None
     for begin in begins:
@@ -412,10 +371,7 @@ def _starts(samples: Samples, site: Site | None) -> Iterator[Ellipsoid]:
 def _refuse_nothing(problem: JointProblem, samples: Samples) -> None:
     """Refuse a column that is there and tells nothing.
 
-    Raises
-    ------
-    FitError
-        Naming it.
+    Raises `FitError`, which names it.
     """
     trusts = [group.trust for group in problem.groups if group.trust is not None]
     if trusts and not any(trust.any() for trust in trusts):
@@ -446,10 +402,7 @@ def _moved_back(rate: Floats, rows: int) -> Floats:
 def refuse_without(samples: Samples, terms: Iterable[str]) -> None:
     """Refuse terms that are not known, and those whose column a recording lacks.
 
-    Raises
-    ------
-    UsageError
-        Naming what is needed.
+    Raises `UsageError`, which names what is needed.
     """
     for term in terms:
         if term not in TERMS:

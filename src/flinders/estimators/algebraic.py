@@ -79,12 +79,8 @@ class Algebraic:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If the quadric is open.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if the
+        quadric is open.
         """
         readings.require(self.unknowns, self.name)
         nxp = self.normalisation == "nxp"

@@ -28,27 +28,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """What residuals say of each other.
+    """What residuals say of each other."""
 
-    Attributes
-    ----------
-    lag_one : float
-        Correlation of a residual with the next.
-    time : float
-        Readings that say as much as one independent reading.
-    direction : float
-        Standard deviation of the distortion that belongs to directions, in the unit of the readings.
-    excess_variance : float
-        Factor by which blocks of the recording scatter more than that allows, in variance.
-    lasting : float
-        Probability that slow noise lasts longer than a third of the recording.
-    """
-
-    lag_one: float
-    time: float
-    direction: float
-    excess_variance: float = 1.0
-    lasting: float = 0.0
+    lag_one: float  # correlation of a residual with the next
+    time: float  # readings that say as much as one independent reading
+    direction: float  # standard deviation of the distortion that belongs to directions, in the unit of the readings
+    excess_variance: float = 1.0  # factor by which blocks of the recording scatter more than that allows, in variance
+    lasting: float = 0.0  # probability that slow noise lasts longer than a third of the recording
 
     @property
     def is_white(self) -> bool:
@@ -62,66 +48,35 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """An ellipsoid with its uncertainty.
-
-    Attributes
-    ----------
-    ellipsoid : Ellipsoid
-    covariance : (9, 9) float
-        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular where a method holds some of them.
-    noise : float
-        Standard deviation of the distance from the ellipsoid, in the unit of the readings.
-    method : str
-        What was run in the end.
-    bias : (9,) float
-        Difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
-        not explain it; in the covariance already.
-    prior_influence : float
-        Share of the worst known shape parameter that a prior speaks for: 0 where the readings say
-        it all, 1 where they say nothing.
-    correlation : Correlation, optional
-        How residuals are correlated; the covariance is wider for it.
-    textbook : (9, 9) float, optional
-        Covariance that would hold for independent residuals.
-    used : int
-        Readings that it rests on.
-    unobserved : int
-        Directions of parameter space of which the readings say nothing.
-    rejected_beyond : float
-        Distance from the surface beyond which readings were left out, in their unit.
-    outliers : tuple of Outlier
-        All that was left out: `used` and their rows add up to the readings there were.
-    plane : str, optional
-        ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on.
-    strength : float, optional
-        Length that the method gives to corrected readings where no field strength is known; None for that which
-        makes the determinant of the matrix 1.
-    follows : str
-        ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests
-        on it; `strength` is then its mean, and known.
-    may_be_swapped : bool
-        False where the engine saw no moment at which axes changed sign or place.
-    z_down : bool, optional
-        False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
-        that dip was used and neither an accelerometer nor anybody says which way z points.
-    """
+    """An ellipsoid with its uncertainty."""
 
     ellipsoid: Ellipsoid
+    # (9, 9): of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; singular where a method holds some of them
     covariance: Floats
-    noise: float
-    method: str
+    noise: float  # standard deviation of the distance from the ellipsoid, in the unit of the readings
+    method: str  # what was run in the end
+    # (9,): difference from the likelihood (from the consistent fit where there are only sums), as far as chance does
+    # not explain it; in the covariance already
     bias: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
+    # share of the worst known shape parameter that a prior speaks for: 0 where the readings say it all, 1 where they
+    # say nothing
     prior_influence: float = 0.0
-    correlation: Correlation | None = None
-    textbook: Floats | None = None
-    used: int = 0
-    unobserved: int = 0
-    rejected_beyond: float = np.inf
-    outliers: tuple[Outlier, ...] = ()
+    correlation: Correlation | None = None  # how residuals are correlated; the covariance is wider for it
+    textbook: Floats | None = None  # (9, 9): covariance that would hold for independent residuals
+    used: int = 0  # readings that it rests on
+    unobserved: int = 0  # directions of parameter space of which the readings say nothing
+    rejected_beyond: float = np.inf  # distance from the surface beyond which readings were left out, in their unit
+    outliers: tuple[Outlier, ...] = ()  # all that was left out: `used` and their rows add up to the readings there were
+    # length that the method gives to corrected readings where no field strength is known; None for that which makes the
+    # determinant of the matrix 1
     strength: float | None = None
-    plane: Plane | None = None
+    plane: Plane | None = None  # ``xy``, ``yz`` or ``zx`` where the readings of one plane are all that it rests on
+    # ``constant`` or ``varying`` where the recording tells the field's strength at each reading and the scale rests on
+    # it; `strength` is then its mean, and known
     follows: Literal["", "constant", "varying"] = ""
-    may_be_swapped: bool = True
+    may_be_swapped: bool = True  # False where the engine saw no moment at which axes changed sign or place
+    # False where an accelerometer shows that z points elsewhere, so that the dip of the site was left out; None where
+    # that dip was used and neither an accelerometer nor anybody says which way z points
     z_down: bool | None = True
 
 
@@ -132,49 +87,26 @@ def check_prior(spread: object) -> None:
 
 
 class Estimator(Protocol):
-    """A way of finding an ellipsoid.
+    """A way of finding an ellipsoid."""
 
-    Attributes
-    ----------
-    name : str
-        What `flinders.fit(method=…)` calls it.
-    unknowns : int
-        What it finds, the noise among it, and so the least number of readings.
-    is_biased : bool
-        Its model or its equation leaves an error that more readings do not take away.
-    """
-
-    name: ClassVar[str]
-    unknowns: ClassVar[int]
-    is_biased: ClassVar[bool]
+    name: ClassVar[str]  # what `flinders.fit(method=…)` calls it
+    unknowns: ClassVar[int]  # what it finds, the noise among it, and so the least number of readings
+    is_biased: ClassVar[bool]  # its model or its equation leaves an error that more readings do not take away
 
     def estimate(self, readings: Readings) -> Estimate:
         """Fit.
 
-        Raises
-        ------
-        FitError
-            If these readings give no ellipsoid.
+        Raises `FitError` if these readings give no ellipsoid.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """A row of the table of methods, at the end of the file of each.
+    """A row of the table of methods, at the end of the file of each."""
 
-    Attributes
-    ----------
-    kind : type of Estimator
-        With its name and unknowns.
-    use : str
-        When to use it, in one line.
-    source : str
-        Paper or program that it follows.
-    """
-
-    kind: type[Estimator]
-    use: str
-    source: str
+    kind: type[Estimator]  # with its name and unknowns
+    use: str  # when to use it, in one line
+    source: str  # paper or program that it follows
 
     @property
     def parameters(self) -> int:

@@ -54,12 +54,8 @@ class Consistent:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If the quadric is open.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if the
+        quadric is open.
         """
         readings.require(self.unknowns, self.name)
         ellipsoid, noise = adjusted(readings)
@@ -70,10 +66,7 @@ class Consistent:
 def adjusted(readings: Readings) -> tuple[Ellipsoid, float]:
     """Give the ellipsoid and the noise, in the unit of the readings.
 
-    Raises
-    ------
-    NotAnEllipsoid
-        If the quadric is open.
+    Raises `NotAnEllipsoid` if the quadric is open.
     """
     moments = readings.summary.moments
     record = engine().solve(moments.sums, unit=moments.unit)

@@ -65,10 +65,7 @@ def algebraic_noise(readings: Readings, ellipsoid: Ellipsoid, unknowns: int) -> 
 
     With q(x) = |S⁻¹(x − b)|² − 1 and s ≈ q/|∇q| it is √(Σq² / Σ|∇q|²), corrected for the unknowns.
 
-    Raises
-    ------
-    NotAnEllipsoid
-        For a surface so far from its readings that their sums do not tell.
+    Raises `NotAnEllipsoid` for a surface so far from its readings that their sums do not tell.
     """
     moments = readings.summary.moments
     scale = ellipsoid.radius
@@ -91,14 +88,7 @@ def algebraic_covariance(readings: Readings, ellipsoid: Ellipsoid, noise: float,
     likelihood, which weighs all distances alike. The sums run over the cells of the cloud. A direction that the
     readings do not see gets the radius for its standard deviation.
 
-    Parameters
-    ----------
-    readings : Readings
-    ellipsoid : Ellipsoid
-    noise : float
-        In the unit of the readings.
-    basis : (9, k) float
-        The parameters that the method adjusts.
+    `noise`: in the unit of the readings; `basis`: (9, k), the parameters that the method adjusts.
     """
     cloud = readings.summary.cloud
     directions = directions_of(cloud.means, ellipsoid)
@@ -143,19 +133,11 @@ def time_of(autocovariance: Floats) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Distances from the surface in the order of recording.
+    """Distances from the surface in the order of recording."""
 
-    Attributes
-    ----------
-    distances : (N,) float
-    jacobian : (N, 9) float
-    segments : list of (m,) int
-        Places of consecutive ones.
-    """
-
-    distances: Floats
-    jacobian: Floats
-    segments: list[NDArray[np.int64]]
+    distances: Floats  # (N,)
+    jacobian: Floats  # (N, 9)
+    segments: list[NDArray[np.int64]]  # list of (m,) int: places of consecutive ones
 
     def lag_one(self) -> float:
         """Correlation of one with the next."""

@@ -6,9 +6,9 @@
 
 A recording that is short enough stays in memory after the first pass:
 
->>> in_memory = Cached(Samples(np.ones((5, 3))), room=10)
->>> [len(block) for block in in_memory.blocks()], in_memory.in_memory().field.shape
-([5], (5, 3))
+>>> read_once = Joined((Samples(np.ones((5, 3))), Samples(np.ones((5, 3)))))
+>>> [type(Readings._of_one(read_once, room).recording).__name__ for room in (10, 9)]
+['Samples', 'Joined']
 
 Inliers are what a robust fit uses: readings near the surface that are not part of a run of outliers. What passes by
 fades in and out, and its field crosses zero along the surface's normal: readings between outliers and shortly before
@@ -33,16 +33,19 @@ A saturated reading says only that the field was stronger, so none is used:
 from __future__ import annotations
 
 import math
+import os
 from collections import deque
 from dataclasses import dataclass, replace
 from functools import reduce
-from itertools import islice
+from itertools import chain, islice
 from math import comb
-from typing import TYPE_CHECKING, Final, Self, TypeGuard, cast
+from typing import TYPE_CHECKING, Any, Final, Self, TypeGuard, cast
 
 import numpy as np
 
+from flinders.core.axes import Axes
 from flinders.core.samples import Joined, Recording, Samples, Wrapped, singles
+from flinders.core.units import COUNTS, Unit
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.likelihood import magnitude
 from flinders.summary.cloud import keys_of
@@ -55,7 +58,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
-    from flinders.core.samples import Recording
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Rail
 
@@ -64,35 +66,10 @@ HELD: Final = 500_000
 again, and fitted to every second, third … reading."""
 
 
-class Cached(Wrapped):
-    """A recording that remembers its readings on the first pass, unless there are too many.
-
-    Attributes
-    ----------
-    recording : Recording
-    room : int
-        Readings that may be remembered.
-    """
-
-    def __init__(self, recording: Recording, room: int) -> None:
-        self.recording = recording
-        self.room = room
-        self._blocks: list[Samples] | None = None
-
-    def blocks(self) -> Iterator[Samples]:
-        """Go through the recording and keep its readings as long as there is room."""
-        self._blocks, rows = [], 0
-        for block in self.recording.blocks():
-            rows += len(block)
-            if rows > self.room:
-                self._blocks = None
-            if self._blocks is not None:
-                self._blocks.append(block)
-            yield block
-
-    def in_memory(self) -> Recording:
-        """The readings, or the recording itself where they were too many."""
-        return self.recording if self._blocks is None else concatenated(self._blocks, self)
+def _consumed(blocks: deque[Samples]) -> Iterator[Samples]:
+    """Blocks, none of which stays in memory."""
+    while blocks:
+        yield blocks.popleft()
 
 
 def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recording]]:
@@ -163,22 +140,12 @@ _REACH: Final = MARGIN + WINDOW // 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inliers(Wrapped):
-    """The readings of a recording that are close to a surface, without those around a run of others.
-
-    Attributes
-    ----------
-    recording : Recording
-    ellipsoid : Ellipsoid
-    limit : float
-        Farthest Sampson distance, in the unit of the readings.
-    dense : int
-        Far readings of a window that make a run, see `dense_in`.
-    """
+    """The readings of a recording that are close to a surface, without those around a run of others."""
 
     recording: Recording
     ellipsoid: Ellipsoid
-    limit: float
-    dense: int = NO_RUN
+    limit: float  # farthest Sampson distance, in the unit of the readings
+    dense: int = NO_RUN  # far readings of a window that make a run, see `dense_in`
 
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording without what is left out."""
@@ -201,15 +168,8 @@ def dense_in(far: NDArray[np.bool_], rows: int) -> int:
 def dense_enough(share: float, rows: int) -> int:
     """Fewest far readings of a window that chance hardly ever puts there.
 
-    Parameters
-    ----------
-    share : float
-        Of the readings, how many are far.
-    rows : int
-        How many readings there are, and so how many windows.
+    `share`: of the readings, how many are far; `rows`: how many readings there are, and so how many windows.
 
-    Examples
-    --------
     >>> dense_enough(0.001, 500), dense_enough(0.08, 500), dense_enough(0.4, 500) == NO_RUN
     (3, 8, True)
     """
@@ -252,13 +212,7 @@ def _around_runs(far: NDArray[np.bool_], dense: int) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WithinRange(Wrapped):
-    """A recording without the readings at a rail.
-
-    Attributes
-    ----------
-    recording : Recording
-    rails : tuple of Rail
-    """
+    """A recording without the readings at a rail."""
 
     recording: Recording
     rails: tuple[Rail, ...]
@@ -295,20 +249,12 @@ def is_recording(source: Recording | ArrayLike) -> TypeGuard[Recording]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """The sums of a recording, and the recording itself where it can be gone through again.
-
-    Attributes
-    ----------
-    summary : Summary
-    recording : Recording, optional
-        None where only the sums came: methods that need each reading then refuse.
-    parts : tuple of Readings
-        Where it is several recordings of one sensor: each of them. Nothing that follows the order of the readings
-        goes across from one to the next.
-    """
+    """The sums of a recording, and the recording itself where it can be gone through again."""
 
     summary: Summary
-    recording: Recording | None = None
+    recording: Recording | None = None  # None where only the sums came: methods that need each reading then refuse
+    # where it is several recordings of one sensor: each of them. Nothing that follows the order of the readings goes
+    # across from one to the next.
     parts: tuple[Readings, ...] = ()
 
     @classmethod
@@ -332,8 +278,13 @@ class Readings:
         """Summarise one recording, and keep it if it has no more readings than there is room for."""
         if isinstance(recording, Samples):
             return cls(Summary.deferred(recording), recording)
-        cached = Cached(recording, room)
-        return cls(Summary.through(cached), cached.in_memory())
+        blocks, begun, rows = recording.blocks(), deque[Samples](), 0
+        for block in blocks:
+            begun.append(block)
+            rows += len(block)
+            if rows > room:
+                return cls(Summary.over(chain(_consumed(begun), blocks)), recording)
+        return cls(Summary.over(begun), concatenated(list(begun), recording))
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:
@@ -347,10 +298,7 @@ class Readings:
     def blocks(self, method: str) -> Iterator[Floats]:
         """Go through all readings.
 
-        Raises
-        ------
-        NeedsSamples
-            Where there are only sums.
+        Raises `NeedsSamples` where there are only sums.
         """
         if self.recording is None:
             raise NeedsSamples(method)
@@ -421,17 +369,10 @@ class Readings:
     def require(self, unknowns: int, method: str, *, axes: str = "xyz") -> None:
         """Refuse what no method can work with; `axes` are those that have to change.
 
-        Raises
-        ------
-        TooFewSamples
-            Unless there are as many different readings as unknowns.
-        OutOfScale
-            For numbers that no magnetometer reads.
-        StuckAxis
-            If an axis never changes.
-        Unmoved
-            If the readings vary by less than a thousandth of their mean: sums about zero tell too little of them. What
-            `flinders.fit` refuses besides, see `flinders.diagnostics.unmoved`.
+        Raises `TooFewSamples` unless there are as many different readings as unknowns. Raises `OutOfScale` for numbers
+        that no magnetometer reads. Raises `StuckAxis` if an axis never changes. Raises `Unmoved` if the readings vary
+        by less than a thousandth of their mean: sums about zero tell too little of them. What `flinders.fit` refuses
+        besides, see `flinders.diagnostics.unmoved`.
         """
         plane = "" if axes == "xyz" else f"all the way round in the plane {axes}"
         how = plane or "through all directions"
@@ -448,3 +389,44 @@ class Readings:
         spread, size = self.summary.moments.spread, float(np.linalg.norm(self.summary.moments.mean))
         if size > FARTHEST * spread:
             raise Unmoved(math.degrees(float(np.linalg.norm(health.extent)) / size), how)
+
+
+def recording_of(
+    source: Any,  # noqa: ANN401 - arrays, paths, frames of packages that need not be there
+    unit: Unit | None = None,
+    axes: Axes | None = None,
+    sensor: str | None = None,
+) -> tuple[Recording | Summary, str | None]:
+    """Readings as a recording, in their unit and axes where those are given; and what their sensor is called.
+
+    A recording and a Summary are returned as they are. Raises what `flinders.read` raises.
+
+    >>> recording, _ = recording_of([[200, 100, -400], [300, 0, -300]], Unit.of("mG"), Axes.of("x,-y,-z"))
+    >>> recording.field[0]
+    array([ 20., -10.,  40.])
+    """
+    if isinstance(source, Summary) or hasattr(source, "blocks"):
+        return cast("Recording | Summary", source), sensor
+    if not _is_read(source):
+        return Samples.of(source, unit=unit or COUNTS, axes=axes or Axes()), sensor
+    from flinders.readers import Choice, open_recording
+
+    recording = open_recording(
+        source,
+        unit=None if unit is None else unit.name,
+        scale=unit.scale if unit is not None and (unit.name == COUNTS != unit.inside) else None,
+        axes=str(axes or Axes()),
+        sensor=Choice(sensor, is_name=True),
+    )
+    return recording, getattr(recording, "name", "") or sensor
+
+
+def _is_read(source: object) -> bool:
+    """Whether `flinders.read` reads it; the readers are imported only where it is no array."""
+    if isinstance(source, np.ndarray):
+        return False
+    if isinstance(source, list | tuple):
+        return bool(source) and isinstance(source[0], str | os.PathLike)
+    from flinders.readers import is_source
+
+    return is_source(source)

@@ -79,76 +79,39 @@ MOST_LEVERAGE: Final = 0.99
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceQuality:
-    """What is known of one disturbance beside its numbers.
-
-    Attributes
-    ----------
-    name : str
-    shared : float
-        Share of what readings tell about it, in the worst direction, that offset and shape could explain as well.
-    monotonicity : float
-        Share of its course that a monotone function of time explains.
-    attenuation : float
-        By which share P is too small, as its meter is noisy.
-    lag_sigma_s : float
-        Standard deviation of the lag, s, of none where it is not proven; NaN where none was looked for.
-    chi_square : float
-        What it takes off the sum of squares, in the noise variance that is left.
-    is_beyond : bool
-        The end of the search for a lag is best.
-    curvature : float
-        How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
-    collinearity : float
-        Share of its course that the other disturbances explain.
-    """
+    """What is known of one disturbance beside its numbers."""
 
     name: str
+    #: share of what readings tell about it, in the worst direction, that offset and shape could explain as well
     shared: float
-    monotonicity: float
-    attenuation: float
+    monotonicity: float  #: share of its course that a monotone function of time explains
+    attenuation: float  #: by which share P is too small, as its meter is noisy
+    #: standard deviation of the lag, s, of none where it is not proven; NaN where none was looked for
     lag_sigma_s: float
-    chi_square: float
-    is_beyond: bool = False
+    chi_square: float  #: what it takes off the sum of squares, in the noise variance that is left
+    is_beyond: bool = False  #: the end of the search for a lag is best
+    #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
     curvature: float = 0.0
-    collinearity: float = 0.0
+    collinearity: float = 0.0  #: share of its course that the other disturbances explain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driving:
-    """Drivers with their uncertainty, and what that does to an ellipsoid.
-
-    Attributes
-    ----------
-    disturbances : tuple of Disturbance
-    covariance : (K, K) float
-        Of (P₁, P₂, …, a): three rows for each disturbance, and one for the growth of the scale with temperature.
-    carried : (9, K) float
-        By how much offset and shape move for each unit of those.
-    ellipsoid : Ellipsoid
-        The one found along with them.
-    noise : float
-        Standard deviation of the distances that are left, in the unit of the readings.
-    noise_without : float
-        The same of the best ellipsoid that follows nothing, over the same readings.
-    found : tuple of DisturbanceQuality
-        One for each disturbance.
-    constant : tuple of str
-        Disturbances that hardly changed, of which nothing was found.
-    along : (D, D) float
-        What a unit of one disturbance goes with of another motor's, in its unit, row by row; ones on the diagonal.
-    leaning : (9, 9) float
-        Covariance of offset and shape from what single readings may be off on which they lean.
-    """
+    """Drivers with their uncertainty, and what that does to an ellipsoid."""
 
     disturbances: tuple[Disturbance, ...]
+    #: (K, K): of (P₁, P₂, …, a): three rows for each disturbance, and one for the growth of the scale with temperature
     covariance: Floats
-    carried: Floats
-    ellipsoid: Ellipsoid
-    noise: float
-    noise_without: float
-    found: tuple[DisturbanceQuality, ...]
-    constant: tuple[str, ...] = ()
+    carried: Floats  #: (9, K): by how much offset and shape move for each unit of those
+    ellipsoid: Ellipsoid  #: the one found along with them
+    noise: float  #: standard deviation of the distances that are left, in the unit of the readings
+    noise_without: float  #: the same of the best ellipsoid that follows nothing, over the same readings
+    found: tuple[DisturbanceQuality, ...]  #: one for each disturbance
+    constant: tuple[str, ...] = ()  #: disturbances that hardly changed, of which nothing was found
+    #: (D, D): what a unit of one disturbance goes with of another motor's, in its unit, row by row; ones on the
+    #: diagonal
     along: Floats = field(default_factory=lambda: np.eye(0))
+    #: (9, 9): covariance of offset and shape from what single readings may be off on which they lean
     leaning: Floats = field(default_factory=lambda: np.zeros((9, 9)))
 
     @property
@@ -189,6 +152,9 @@ def driving_of(
 ) -> Driving:
     """Find what drives the offset.
 
+    Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column; `TooFewSamples`
+    for fewer readings than anything can be distinguished from.
+
     Parameters
     ----------
     recordings : sequence of Recording
@@ -198,15 +164,6 @@ def driving_of(
         ``throttles``.
     spread : float, optional
         As for `flinders.likelihood.prior`, on the shape; None for the default, as a solver needs a hold.
-
-    Raises
-    ------
-    UsageError
-        For a name that is not known.
-    InputError
-        Where a recording lacks the column.
-    TooFewSamples
-        For fewer readings than anything can be distinguished from.
     """
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()
@@ -355,14 +312,9 @@ def _noise_on(solved: Solved, used: NDArray[np.bool_]) -> float:
 def with_disturbances(source: object, names: Sequence[str], *, spread: float | None) -> tuple[Driving, Recording]:
     """Find what drives a recording, and settle it: what is left is fitted like any other.
 
-    Raises
-    ------
-    UsageError
-        For what is no recording, or a disturbance that is not known.
-    NotTurned
-        Where the sensor was still: `still` finds its disturbances, and nothing finds an ellipsoid.
-    InputError, TooFewSamples
-        As `driving_of`.
+    Raises `UsageError` for what is no recording, or a disturbance that is not known; `NotTurned` where the sensor was
+    still: `still` finds its disturbances, and nothing finds an ellipsoid; `InputError` or `TooFewSamples` as
+    `driving_of`.
     """
     if not hasattr(source, "blocks"):
         raise UsageError(f"to follow {' and '.join(names)} needs a recording with that column: give Samples")

@@ -71,23 +71,12 @@ GROWTH: Final = 0.005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompensatedReadings:
-    """Observations of the magnitude alone, of readings less what disturbances add.
+    """Observations of the magnitude alone, of readings less what disturbances add."""
 
-    Attributes
-    ----------
-    field : (N, 3) float
-    departures : (N, K) float
-        Values of the disturbances less their references.
-    warmth : (N,) float, optional
-        That of the temperature among them, which the scale may follow.
-    inliers : (N,) bool, optional
-        Readings that count; None for Cauchy weights.
-    """
-
-    field: Floats
-    departures: Floats
-    warmth: Floats | None
-    inliers: NDArray[np.bool_] | None = None
+    field: Floats  # (N, 3)
+    departures: Floats  # (N, K): values of the disturbances less their references
+    warmth: Floats | None  # (N,): that of the temperature among them, which the scale may follow
+    inliers: NDArray[np.bool_] | None = None  # (N,): readings that count; None for Cauchy weights
 
     def thinned(self, most: int) -> Self:
         """The same on fewer readings, spread evenly over all."""
@@ -152,17 +141,10 @@ CompensatedIterate: TypeAlias = Iterate[Parameters, CompensatedReadings, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """Readings, and what is thought of the parameters before.
-
-    Attributes
-    ----------
-    readings : CompensatedReadings
-    spread : float
-        Of the prior on the shape.
-    """
+    """Readings, and what is thought of the parameters before."""
 
     readings: CompensatedReadings
-    spread: float
+    spread: float  # of the prior on the shape
     tolerance: ClassVar[float] = NO_WORSE
     settled: ClassVar[float] = SETTLED
 
@@ -196,23 +178,12 @@ class _Fit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DisturbanceProblem:
-    """A recording, and the disturbances that are to be found in it.
-
-    Attributes
-    ----------
-    logged : Logged
-    names : tuple of str
-        Of the disturbances that are followed.
-    spread : float
-        Of the prior on the shape.
-    lags : dict of str to float, s
-        Those that are not zero.
-    """
+    """A recording, and the disturbances that are to be found in it."""
 
     logged: Logged
-    names: tuple[str, ...]
-    spread: float
-    lags: dict[str, float]
+    names: tuple[str, ...]  # of the disturbances that are followed
+    spread: float  # of the prior on the shape
+    lags: dict[str, float]  # s: those that are not zero
 
     @property
     def departures(self) -> Floats:
@@ -233,22 +204,12 @@ class DisturbanceProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solved:
-    """A solution.
-
-    Attributes
-    ----------
-    at : Parameters
-    distances : (N,) float
-    jacobian : (N, 9 + K) float
-        Of offset, shape, P₁, P₂, … and a.
-    used : (N,) bool
-        Readings that belong to the surface.
-    """
+    """A solution."""
 
     at: Parameters
-    distances: Floats
-    jacobian: Floats
-    used: NDArray[np.bool_]
+    distances: Floats  # (N,)
+    jacobian: Floats  # (N, 9 + K): of offset, shape, P₁, P₂, … and a
+    used: NDArray[np.bool_]  # (N,): readings that belong to the surface
 
     @property
     def noise(self) -> float:

@@ -73,10 +73,7 @@ class Ellipse:
     def __post_init__(self) -> None:
         """Refuse a plane or a prior that means nothing.
 
-        Raises
-        ------
-        UsageError
-            For either.
+        Raises `UsageError` for either.
         """
         order_of(self.plane)
         check_prior(self.prior)
@@ -86,14 +83,8 @@ class Ellipse:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to the readings of the plane.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `require_turn`.
-        NotAnEllipse
-            If half of the readings are in one place, or all on a line.
-        NeedsSamples
-            If only sums were given.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `require_turn`; `NotAnEllipse` if half of
+        the readings are in one place, or all on a line; `NeedsSamples` if only sums were given.
         """
         require_turn(readings, self.unknowns, self.name, self.plane)
         return lifted(

@@ -15,7 +15,7 @@ import numpy as np
 from flinders.core.samples import Wrapped
 from flinders.errors import FitError, NotAnEllipsoid, Unmoved
 from flinders.estimators.data import FARTHEST, SMALLEST
-from flinders.estimators.level import THINNEST, ellipse_start
+from flinders.estimators.level import THINNEST, ellipse_start, lift_of, lifted_covariance
 from flinders.estimators.likelihood import ENOUGH, Likelihood
 from flinders.estimators.robust import SEED
 from flinders.geometry.ellipsoid import Ellipsoid
@@ -24,7 +24,6 @@ from flinders.geometry.plane import PlaneEllipse, order_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from flinders.arrays import Floats
     from flinders.core.samples import Recording, Samples
     from flinders.estimators.base import Estimate
     from flinders.estimators.data import Readings
@@ -65,10 +64,8 @@ class Flat(Wrapped):
 def require_turn(readings: Readings, unknowns: int, method: str, plane: Plane) -> None:
     """Refuse what no method can work with in a plane.
 
-    Raises
-    ------
-    TooFewSamples, OutOfScale, StuckAxis, Unmoved
-        See `Readings.require`; the last one also where next to nothing varies in the plane.
+    Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; the last one also where next
+    to nothing varies in the plane.
     """
     readings.require(unknowns, method, axes=plane)
     seen = list(order_of(plane)[:2])
@@ -88,12 +85,8 @@ def laid_flat(readings: Readings, plane: Plane) -> Readings:
 def fitted_flat(flat: Readings, spread: float) -> Estimate:
     """Fit an ellipse to readings laid flat, as `Likelihood` fits an ellipsoid; robustly where residuals ask for it.
 
-    Raises
-    ------
-    NotAnEllipse
-        If half of the readings are in one place, or all on a line.
-    NeedsSamples
-        If only sums were given.
+    Raises `NotAnEllipse` if half of the readings are in one place, or all on a line; `NeedsSamples` if only sums were
+    given.
     """
     rng = np.random.default_rng(SEED)
     points = flat.thinned(ENOUGH, "ellipse")
@@ -127,7 +120,6 @@ def lifted(
     ----------
     flat : Estimate
         Of readings laid flat.
-    plane : str
     name : str
         Of the method.
     dip_deg : float
@@ -143,9 +135,7 @@ def lifted(
     shape = level.shape / np.cos(dip)
     if field_strength is not None:
         shape[2, 2] = field_strength
-    lift = np.eye(9)
-    lift[3:, 3:] /= np.cos(dip)
-    lift[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
+    lift = lift_of(float(dip))
     unclaimed = np.hypot(beside, shape[2, 2])
     order = order_of(plane)
     there = [order.index(axis) for axis in range(3)]
@@ -153,21 +143,14 @@ def lifted(
     return replace(
         flat,
         ellipsoid=Ellipsoid(level.centre[there], shape[np.ix_(there, there)]),
-        covariance=_lifted(flat.covariance, lift, unclaimed)[np.ix_(rows, rows)],
-        textbook=None if flat.textbook is None else _lifted(flat.textbook, lift, unclaimed)[np.ix_(rows, rows)],
+        covariance=lifted_covariance(flat.covariance, lift, unclaimed)[np.ix_(rows, rows)],
+        textbook=None
+        if flat.textbook is None
+        else lifted_covariance(flat.textbook, lift, unclaimed)[np.ix_(rows, rows)],
         bias=(lift @ flat.bias)[rows],
         method=f"{name} {plane}",
         plane=plane,
     )
-
-
-def _lifted(covariance: Floats, lift: Floats, unclaimed: float) -> Floats:
-    """(9, 9) covariance of the raised ellipsoid; of the offset across nothing is claimed, whatever it was before."""
-    known = covariance.copy()
-    known[2, :] = known[:, 2] = 0.0
-    carried: Floats = lift @ known @ lift.T
-    carried[2, 2] += unclaimed**2
-    return carried
 
 
 def _parameters(there: list[int]) -> list[int]:

@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.likelihood.joint import JointIterate, JointProblem
-    from flinders.likelihood.observations import ObservationGroup
 
 INFORMATION_READINGS: Final = 2000
 """Readings that stand for all."""
@@ -73,8 +72,6 @@ def spurious_information_of(problem: JointProblem, iterate: JointIterate) -> Flo
 def without(matrix: Floats, spurious: Floats, believed: Floats) -> Floats:
     """(P, P) the normal matrix with the prior, less its noise-induced information.
 
-    Examples
-    --------
     >>> without(np.diag([4.0, 4.0]), np.diag([1.0, 0.0]), np.eye(2)).round(9)
     array([[4., 0.],
            [0., 5.]])
@@ -137,53 +134,26 @@ class _Evidence:
 
 
 class DirectionRandomWalk(NamedTuple):
-    """The random walk of the direction within windows: the gyro's noise, and what looks like it.
+    """The random walk of the direction within windows: the gyro's noise, and what looks like it."""
 
-    Attributes
-    ----------
-    variance : float
-        rad² a reading, about each axis.
-    bent : (P,) float
-        Mean gradient that it makes.
-    own : float
-        Share of the variance of verticals' residuals that it does not make.
-    steps : (P, P) float
-        Scatter of the gradient that a walk of one rad² a reading makes.
-    """
-
-    variance: float
-    bent: Floats
-    own: float
-    steps: Floats
+    variance: float  # rad² a reading, about each axis
+    bent: Floats  # (P,): mean gradient that it makes
+    own: float  # share of the variance of verticals' residuals that it does not make
+    steps: Floats  # (P, P): scatter of the gradient that a walk of one rad² a reading makes
 
 
 class Scatter(NamedTuple):
-    """How far the gradient of a fit scatters.
+    """How far the gradient of a fit scatters."""
 
-    Attributes
-    ----------
-    covariance : (P, P) float
-        Of the gradient, without what creeps.
-    excess_variance : float
-    """
-
-    covariance: Floats
+    covariance: Floats  # (P, P): of the gradient, without what creeps
     excess_variance: float
 
 
 class CorrelationLength(NamedTuple):
-    """How residuals of verticals are correlated.
+    """How residuals of verticals are correlated."""
 
-    Attributes
-    ----------
-    readings : float
-        In a row that say as much as one; at least 1.
-    noise : float
-        Standard deviation of dᵀq in rad, of verticals that are weighed as they are.
-    """
-
-    readings: float
-    noise: float
+    readings: float  # in a row that say as much as one; at least 1
+    noise: float  # standard deviation of dᵀq in rad, of verticals that are weighed as they are
 
 
 def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
@@ -250,13 +220,7 @@ def random_walk_of(problem: JointProblem, iterate: JointIterate, textbook: Float
 def scatter_of(problem: JointProblem, iterate: JointIterate, walk: DirectionRandomWalk) -> Scatter:
     """Look at the residuals of a fit.
 
-    Parameters
-    ----------
-    problem : JointProblem
-    iterate : Iterate
-        Where it settled.
-    walk : DirectionRandomWalk
-        Of the same fit.
+    `iterate`: where it settled; `walk`: of the same fit.
     """
     size = problem.layout.size
     evidence = _Evidence(np.zeros((size, size)), np.zeros((BLOCKS, size)), np.zeros((BLOCKS, size, size)))

@@ -135,8 +135,6 @@ def conditioned(
     rows : (K, P) float
     values, sigmas : (K,) float
 
-    Examples
-    --------
     >>> parameters, covariance = conditioned(np.zeros(2), np.eye(2), np.array([[1.0, 0.0]]), np.ones(1), np.ones(1))
     >>> parameters, np.diag(covariance)
     (array([0.5, 0. ]), array([0.5, 1. ]))
@@ -150,20 +148,11 @@ def conditioned(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heights:
-    """The plane that readings of a level turn lie in: z = height + slopes · (xy − centre).
+    """The plane that readings of a level turn lie in: z = height + slopes · (xy − centre)."""
 
-    Attributes
-    ----------
-    height : float
-        In the unit of the readings, at the centre of the ellipse.
-    slopes : (2,) float
-    covariance : (3, 3) float
-        Of both, the height first.
-    """
-
-    height: float
-    slopes: Floats
-    covariance: Floats
+    height: float  # in the unit of the readings, at the centre of the ellipse
+    slopes: Floats  # (2,)
+    covariance: Floats  # (3, 3): of both, the height first
 
     @classmethod
     def of(cls, field: Floats, centre: Floats, noise: float) -> Self:
@@ -328,18 +317,10 @@ def _widening(estimate: Estimate) -> float:
 
 
 class _Shown(NamedTuple):
-    """What an accelerometer shows of z.
+    """What an accelerometer shows of z."""
 
-    Attributes
-    ----------
-    down : bool, optional
-        Whether it points down, to `FARTHEST_DEG`; None where nothing was recorded.
-    tilt_deg : float
-        How far its axis of turning was from vertical.
-    """
-
-    down: bool | None = None
-    tilt_deg: float = 0.0
+    down: bool | None = None  # whether it points down, to `FARTHEST_DEG`; None where nothing was recorded
+    tilt_deg: float = 0.0  # how far its axis of turning was from vertical
 
 
 def _shown(readings: Readings, estimate: Estimate, dip: float) -> _Shown:
@@ -372,22 +353,13 @@ def _shown(readings: Readings, estimate: Estimate, dip: float) -> _Shown:
 
 @dataclass(frozen=True, slots=True)
 class _Harmonics:
-    """Sums over readings of what is felt in the plane, f, and of the way the field points there, u with |u| = 1.
-
-    Attributes
-    ----------
-    count : int
-    felt, way, both : complex
-        Σ f, Σ u and Σ f ū.
-    squares : float
-        Σ |f|².
-    """
+    """Sums over readings of what is felt in the plane, f, and of the way the field points there, u with |u| = 1."""
 
     count: int = 0
-    felt: complex = 0j
-    way: complex = 0j
-    both: complex = 0j
-    squares: float = 0.0
+    felt: complex = 0j  # Σ f
+    way: complex = 0j  # Σ u
+    both: complex = 0j  # Σ f ū
+    squares: float = 0.0  # Σ |f|²
 
     @classmethod
     def of(cls, felt: NDArray[np.complex128], turned: NDArray[np.complex128]) -> Self:

@@ -86,10 +86,7 @@ class Level:
     def __post_init__(self) -> None:
         """Refuse a prior that means nothing, or none: no level turn says what lies across it.
 
-        Raises
-        ------
-        UsageError
-            For either.
+        Raises `UsageError` for either.
         """
         check_prior(self.prior)
         if self.prior is None:
@@ -98,14 +95,8 @@ class Level:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipse to x and y.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If half of the readings are in one place.
-        NeedsSamples
-            If only sums were given.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if half
+        of the readings are in one place; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name, axes="xy")
         height = float(readings.summary.moments.mean[2])
@@ -120,14 +111,12 @@ class Level:
         dip = np.deg2rad(self.dip_deg)
         shape = flat.ellipsoid.shape / np.cos(dip)
         ellipsoid = Ellipsoid(flat.ellipsoid.centre - np.sin(dip) * shape[:, 2], shape)
-        lifted = np.eye(9)
-        lifted[3:, 3:] /= np.cos(dip)
-        lifted[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
+        lift = lift_of(float(dip))
         return replace(
             flat,
             ellipsoid=ellipsoid,
-            covariance=_carried(flat.covariance, lifted, ellipsoid.radius),
-            textbook=None if flat.textbook is None else _carried(flat.textbook, lifted, ellipsoid.radius),
+            covariance=lifted_covariance(flat.covariance, lift, ellipsoid.radius),
+            textbook=None if flat.textbook is None else lifted_covariance(flat.textbook, lift, ellipsoid.radius),
             method=self.name,
             plane="xy",
         )
@@ -167,16 +156,8 @@ def ellipse_start(readings: Floats, rng: Generator) -> Ellipsoid:
     As of `Robust`, in the plane: conics with tr Q = 2 and a slight pull towards the circle. A circle around the
     readings where no seven of them lie on an ellipse.
 
-    Parameters
-    ----------
-    readings : (N, 3) float
-        At one height.
-    rng : Generator
-
-    Raises
-    ------
-    NotAnEllipsoid
-        If half of the readings are in one place, or all on a line.
+    `readings`: (N, 3), at one height. Raises `NotAnEllipsoid` if half of the readings are in one place, or all on a
+    line.
     """
     some = readings if len(readings) <= SCORED else readings[rng.choice(len(readings), SCORED, replace=False)]
     origin = np.median(some, axis=0)
@@ -243,12 +224,20 @@ class _Flat(Wrapped):
             yield replace(block, field=field)
 
 
-def _carried(covariance: Floats, lifted: Floats, field: float) -> Floats:
-    """(9, 9) covariance after raising; the offset along z is known to a field strength, whatever it was before."""
+def lift_of(dip: float) -> Floats:
+    """(9, 9) from offset and shape of an equator to those of the ellipsoid that has the ellipse at a dip, in rad."""
+    lift = np.eye(9)
+    lift[3:, 3:] /= np.cos(dip)
+    lift[[0, 1, 2], [7, 8, 5]] = -np.tan(dip)
+    return lift
+
+
+def lifted_covariance(covariance: Floats, lift: Floats, unclaimed: float) -> Floats:
+    """(9, 9) covariance of the lifted ellipsoid; the offset across is known to `unclaimed`, whatever it was before."""
     known = covariance.copy()
     known[2, :] = known[:, 2] = 0.0
-    carried: Floats = lifted @ known @ lifted.T
-    carried[2, 2] += field**2
+    carried: Floats = lift @ known @ lift.T
+    carried[2, 2] += unclaimed**2
     return carried
 
 

@@ -78,29 +78,15 @@ REVERSED: Final = Axes(signs=(-1, -1, -1))
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """What fits best.
+    """What fits best."""
 
-    Attributes
-    ----------
-    axes : Axes
-        Take the magnetometer's readings into the axes of the other instrument; a mirror image where one is left-handed.
-    unit : str
-        Of `SCALES`.
-    better : float
-        How many times smaller the residual is than with what was recorded; 1 where that stays.
-    is_clear : bool
-        Nothing else as simple fits as well.
-    misses : tuple of float
-        Residual of each of `TURNS`, in the recorded unit.
-    left : float
-        Of how far the field moves, what the best of a gyro leaves; 0 of one that was not looked at, or hardly moved.
-    """
-
+    # take the magnetometer's readings into the axes of the other instrument; a mirror image where one is left-handed
     axes: Axes = field(default_factory=Axes)
-    unit: str = RAD_S
-    better: float = 1.0
-    is_clear: bool = True
-    misses: tuple[float, ...] = ()
+    unit: str = RAD_S  # of `SCALES`
+    better: float = 1.0  # how many times smaller the residual is than with what was recorded; 1 where that stays
+    is_clear: bool = True  # nothing else as simple fits as well
+    misses: tuple[float, ...] = ()  # residual of each of `TURNS`, in the recorded unit
+    # of how far the field moves, what the best of a gyro leaves; 0 of one that was not looked at, or hardly moved
     left: float = 0.0
 
     @property
@@ -117,12 +103,7 @@ class Mounted:
 def by_rate(samples: Samples, ellipsoid: Ellipsoid) -> Mounted:
     """In which unit and along which axes a gyro turns the field as it moves; as recorded unless another is far better.
 
-    Parameters
-    ----------
-    samples : Samples
-        With time and rate.
-    ellipsoid : Ellipsoid
-        What the magnetometer finds by itself; only its shape is used.
+    `samples`: with time and rate; `ellipsoid`: what the magnetometer finds by itself; only its shape is used.
     """
     if samples.rate is None or samples.time is None:
         return Mounted()
@@ -177,13 +158,8 @@ def second_axis(rate: Floats) -> float:
 
     Each rate is compared with the next, so that the gyro's noise counts for nothing.
 
-    Parameters
-    ----------
-    rate : (N, 3) float, rad/s
-        Without the gyro's bias, in order.
+    `rate`: (N, 3), rad/s, without the gyro's bias, in order.
 
-    Examples
-    --------
     >>> second_axis(np.outer(np.linspace(-1, 1, 50), [0.0, 0.0, 1.0]))
     0.0
     """

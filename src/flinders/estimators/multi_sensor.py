@@ -97,43 +97,22 @@ FEWEST: Final = 24
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Several:
-    """What was found.
+    """What was found."""
 
-    Attributes
-    ----------
-    parameters : tuple of Parameters
-        Of each sensor; `rotation` takes vectors in its axes into those of the reference. It has the determinant −1
-        where the axes of the sensor are a mirror image of those.
-    reference : int
-        Whose rotation is 1.
-    columns : tuple of slice
-        Of each sensor: offset, shape, and but for the reference the rotation vector, on the left.
-    covariance, textbook : (P, P) float
-        Of all parameters, and the same if all residuals were independent.
-    noise : (m,) float
-        Standard deviation of a component of a reading, in the unit of each sensor.
-    directions : (N, 3) float
-        Of the field at each moment, in the axes of the reference.
-    is_inlier : (m, N) bool
-        Readings that are there, and agree with the others.
-    prior_influence : (m,) float
-        Share of the least known parameter of each shape that the prior speaks for.
-    unobserved : int
-        Directions of parameter space of which the readings say nothing.
-    excess_variance : float
-        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
-    """
-
+    # of each sensor; `rotation` takes vectors in its axes into those of the reference. It has the determinant −1 where
+    # the axes of the sensor are a mirror image of those.
     parameters: tuple[Parameters, ...]
-    reference: int
+    reference: int  # whose rotation is 1
+    # of each sensor: offset, shape, and but for the reference the rotation vector, on the left
     columns: tuple[slice, ...]
-    covariance: Floats
-    textbook: Floats
-    noise: Floats
-    directions: Floats
-    is_inlier: NDArray[np.bool_]
-    prior_influence: Floats
-    unobserved: int
+    covariance: Floats  # (P, P): of all parameters
+    textbook: Floats  # (P, P): the same if all residuals were independent
+    noise: Floats  # (m,): standard deviation of a component of a reading, in the unit of each sensor
+    directions: Floats  # (N, 3): of the field at each moment, in the axes of the reference
+    is_inlier: NDArray[np.bool_]  # (m, N): readings that are there, and agree with the others
+    prior_influence: Floats  # (m,): share of the least known parameter of each shape that the prior speaks for
+    unobserved: int  # directions of parameter space of which the readings say nothing
+    # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float
 
     def of(self, sensor: int) -> Floats:
@@ -191,6 +170,8 @@ def solve(
 ) -> Several:
     """Fit several magnetometers of one body.
 
+    Raises `TooFewSamples` for fewer moments than parameters; `NotAnEllipsoid` if no step leads to closed surfaces.
+
     Parameters
     ----------
     fields : (m, N, 3) float
@@ -201,13 +182,6 @@ def solve(
         What each finds by itself; by default what `Auto` finds.
     spread : float
         Of the prior on each shape, see `flinders.likelihood.prior`.
-
-    Raises
-    ------
-    TooFewSamples
-        For fewer moments than parameters.
-    NotAnEllipsoid
-        If no step leads to closed surfaces.
     """
     shared = np.count_nonzero(np.isfinite(fields[:, :, 0]).sum(axis=0) > 1)
     if shared < FEWEST:

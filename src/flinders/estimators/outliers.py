@@ -37,26 +37,14 @@ LISTED: Final = 1000
 
 @dataclass(frozen=True, slots=True)
 class Outlier:
-    """A run of readings that do not belong to the rest.
+    """A run of readings that do not belong to the rest."""
 
-    Attributes
-    ----------
-    first, last : int
-        Usable readings, counted from 1 over all recordings.
-    rows : int
-        Strays among them.
-    start, end : float, s
-        Times of the first and the last; NaN without time.
-    farthest : float
-        Largest distance from the ellipsoid, in the unit of the readings.
-    """
-
-    first: int
+    first: int  # usable reading, counted from 1 over all recordings
     last: int
-    rows: int
-    start: float
-    end: float
-    farthest: float
+    rows: int  # strays among them
+    start: float  # s: time of the first; NaN without time
+    end: float  # s: time of the last
+    farthest: float  # largest distance from the ellipsoid, in the unit of the readings
 
     def as_dict(self) -> dict[str, int | float | None]:
         """JSON-ready fields; a time that is not known is None."""

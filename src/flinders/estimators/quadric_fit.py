@@ -40,19 +40,11 @@ _TRACE: Final = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """Readings about an origin, in a unit of their own size.
+    """Readings about an origin, in a unit of their own size."""
 
-    Attributes
-    ----------
-    origin : (3,) float
-    scale : float
-    scatter : (10, 10) float
-        M: sums of products of x², y², z², xy, xz, yz, x, y, z and 1.
-    """
-
-    origin: Floats
+    origin: Floats  # (3,)
     scale: float
-    scatter: Floats
+    scatter: Floats  # (10, 10): M: sums of products of x², y², z², xy, xz, yz, x, y, z and 1
 
     @classmethod
     def of(cls, readings: Readings, origin: Floats | None = None, scale: float | None = None) -> Self:
@@ -65,10 +57,7 @@ class Frame:
     def placed(self, coefficients: Floats, method: str) -> Ellipsoid:
         """The ellipsoid of (10,) coefficients, in the unit of the readings.
 
-        Raises
-        ------
-        NotAnEllipsoid
-            If the quadric is open.
+        Raises `NotAnEllipsoid` if the quadric is open.
         """
         return Ellipsoid.from_quadric(coefficients, method=method).in_frame(self.origin, self.scale)
 

@@ -160,22 +160,13 @@ STRETCHES: Final = 100
 
 
 class Noise(NamedTuple):
-    """What a meter adds to a disturbance.
+    """What a meter adds to a disturbance."""
 
-    Attributes
-    ----------
-    variance : float
-        In the square of the disturbance's unit; below zero where readings follow fast changes more than others, as they
-        do where the meter is slow.
-    sigma : float
-        Standard deviation of that.
-    own : float
-        The most that the column itself allows for white noise and rounding, in that square.
-    """
-
+    #: in the square of the disturbance's unit; below zero where readings follow fast changes more than others, as they
+    #: do where the meter is slow
     variance: float
-    sigma: float
-    own: float = np.inf
+    sigma: float  #: standard deviation of that
+    own: float = np.inf  #: the most that the column itself allows for white noise and rounding, in that square
 
     @property
     def is_proven(self) -> bool:
@@ -269,19 +260,11 @@ def pooled(noises: Sequence[Noise]) -> list[Noise]:
 
 
 class RegressorError(NamedTuple):
-    """What the meter of one disturbance does to a solution.
-
-    Attributes
-    ----------
-    noise : Noise
-    rounded : float
-        Variance of what was rounded off.
-    root : (K, r) float
-        Its product with its transpose is what a unit of variance adds to the normal matrix of K parameters.
-    """
+    """What the meter of one disturbance does to a solution."""
 
     noise: Noise
-    rounded: float
+    rounded: float  #: variance of what was rounded off
+    #: (K, r): its product with its transpose is what a unit of variance adds to the normal matrix of K parameters
     root: Floats
 
 
@@ -299,7 +282,6 @@ def widened(covariance: Floats, inverse: Floats, coefficients: Floats, meters: S
         Of the normal matrix.
     coefficients : (K,) float
         Parameters that the disturbances' columns are multiplied with; 0 for all others.
-    meters : sequence of Meter
 
     Examples
     --------

@@ -58,16 +58,10 @@ PLACES: Final = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """A smoothed column.
+    """A smoothed column."""
 
-    Attributes
-    ----------
-    time : (M,) float, s
-    values : (M,) float
-    """
-
-    time: Floats
-    values: Floats
+    time: Floats  #: (M,), s
+    values: Floats  #: (M,)
 
     @classmethod
     def of(cls, time: Floats, values: Floats) -> Self:
@@ -98,49 +92,24 @@ KEYS: Final = {"monotonicity": "one_way", "collinearity": "alike"}
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceEstimate:
-    """What is known of something that the offset follows.
+    """What is known of something that the offset follows."""
 
-    Attributes
-    ----------
-    name : str
-        ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``.
-    disturbance : Disturbance, optional
-        None where it hardly changed, and nothing was found.
-    taken_deg : float
-        Heading error that following it takes away, at the far end of its recorded range, at the worst attitude.
-    left_deg : float
-        Heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has
-        a disturbance of its own, with the others as they usually were then.
-    shared : float
-        Share of what tells about it that the attitude could explain as well, 0 to 1.
-    chi_square : float
-        What it takes off the sum of squares, in the noise that is left.
-    lag_sigma_s : float, s
-        Of its lag; NaN where none was looked for.
-    lag_is_beyond : bool
-        The end of the search for a lag is best.
-    monotonicity : float
-        Share of its course that a monotone function of time explains, 0 to 1.
-    attenuation : float
-        By which share its offset per unit is too small, as its meter is noisy.
-    curvature : float
-        How far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance.
-    collinearity : float
-        Share of its course that the other disturbances explain, 0 to 1.
-    """
-
-    name: str
-    disturbance: Disturbance | None = None
+    name: str  #: ``current``, ``throttle`` or ``temperature``; of one motor ``current1`` or ``throttle1``
+    disturbance: Disturbance | None = None  #: None where it hardly changed, and nothing was found
+    #: heading error that following it takes away, at the far end of its recorded range, at the worst attitude
     taken_deg: float = 0.0
+    #: heading error (1 σ) that its own uncertainty leaves there, at the worst heading; of motors of which each has a
+    #: disturbance of its own, with the others as they usually were then
     left_deg: float = 0.0
-    shared: float = 0.0
-    chi_square: float = 0.0
-    lag_sigma_s: float = np.nan
-    lag_is_beyond: bool = False
-    monotonicity: float = 0.0
-    attenuation: float = 0.0
+    shared: float = 0.0  #: share of what tells about it that the attitude could explain as well, 0 to 1
+    chi_square: float = 0.0  #: what it takes off the sum of squares, in the noise that is left
+    lag_sigma_s: float = np.nan  #: s: of its lag; NaN where none was looked for
+    lag_is_beyond: bool = False  #: the end of the search for a lag is best
+    monotonicity: float = 0.0  #: share of its course that a monotone function of time explains, 0 to 1
+    attenuation: float = 0.0  #: by which share its offset per unit is too small, as its meter is noisy
+    #: how far what it makes is off a straight line, as a share of what it makes; 0 where that may be chance
     curvature: float = 0.0
-    collinearity: float = 0.0
+    collinearity: float = 0.0  #: share of its course that the other disturbances explain, 0 to 1
 
     one_way = renamed_attribute("one_way", "monotonicity")
     alike = renamed_attribute("alike", "collinearity")
@@ -154,33 +123,18 @@ class DisturbanceEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Logged:
-    """Columns of the recordings, one after the other.
+    """Columns of the recordings, one after the other."""
 
-    Attributes
-    ----------
-    field : (N, 3) float
-    values : dict of str to (N,) float
-        Of each disturbance, without lag.
-    parts : tuple of RecordedColumns
-        The same with all that was logged, recording by recording.
-    """
-
-    field: Floats
-    values: dict[str, Floats]
-    parts: tuple[RecordedColumns, ...]
+    field: Floats  #: (N, 3)
+    values: dict[str, Floats]  #: dict of str to (N,) float: of each disturbance, without lag
+    parts: tuple[RecordedColumns, ...]  #: the same with all that was logged, recording by recording
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], names: tuple[str, ...]) -> Self:
         """Go through the recordings once; of ``currents`` and ``throttles`` take each motor's.
 
-        Raises
-        ------
-        UsageError
-            For a name that is not known.
-        InputError
-            Where a recording lacks the column.
-        TooFewSamples
-            For fewer readings than anything can be distinguished from.
+        Raises `UsageError` for a name that is not known; `InputError` where a recording lacks the column;
+        `TooFewSamples` for fewer readings than anything can be distinguished from.
         """
         names = tuple(sorted(spelled_out(recordings, names), key=place_of))  # the order of a calibration's disturbances
         wholes = [RecordedColumns.of(recording, names) for recording in recordings]
@@ -241,21 +195,12 @@ class Logged:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedColumns:
-    """Columns of one recording.
+    """Columns of one recording."""
 
-    Attributes
-    ----------
-    field : (M, 3) float
-    time : (M,) float, s, optional
-    columns : dict of str to (M,) float
-    stride : int
-        Every which reading is looked at.
-    """
-
-    field: Floats
-    time: Floats | None
-    columns: dict[str, Floats]
-    stride: int = 1
+    field: Floats  #: (M, 3)
+    time: Floats | None  #: (M,), s
+    columns: dict[str, Floats]  #: dict of str to (M,) float
+    stride: int = 1  #: every which reading is looked at
 
     @classmethod
     def of(cls, recording: Recording, names: tuple[str, ...]) -> Self:
@@ -279,12 +224,7 @@ class RecordedColumns:
 def spelled_out(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[str, ...]:
     """Names of disturbances, each once; for ``currents`` and ``throttles`` those of each motor that was recorded.
 
-    Raises
-    ------
-    UsageError
-        For a name that is not known.
-    InputError
-        For those of motors where none was recorded.
+    Raises `UsageError` for a name that is not known; `InputError` for those of motors where none was recorded.
 
     Examples
     --------

@@ -73,16 +73,9 @@ class Robust:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If no small subset gives an ellipsoid, or fewer readings than unknowns belong together.
-        Undetermined
-            If those leave parameters open, and there is no prior to hold them.
-        NeedsSamples
-            If only sums were given.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if no
+        small subset gives an ellipsoid, or fewer readings than unknowns belong together; `Undetermined` if those leave
+        parameters open, and there is no prior to hold them; `NeedsSamples` if only sums were given.
         """
         readings.require(self.unknowns, self.name)
         return fitted(readings, self.prior, robust=2)

@@ -71,36 +71,20 @@ STEPPED: Final = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Still:
-    """What disturbances do to the readings of a sensor that is not turned.
+    """What disturbances do to the readings of a sensor that is not turned."""
 
-    Attributes
-    ----------
-    disturbances : tuple of Disturbance
-        Without a gain: a sensor that is not turned does not tell scale from offset.
-    covariance : (K, K) float
-        Of (P₁, P₂, …).
-    noise : float
-        Standard deviation of what is left of an axis, in the unit of the readings.
-    moved : float
-        Standard deviation of what the disturbances make, all axes together, in that unit.
-    constant : tuple of str
-        Disturbances that hardly changed.
-    estimates : tuple of DisturbanceEstimate
-        What is known of each disturbance beside its numbers.
-    step : float
-        The largest step in what is left, in the unit of the readings, where one explains a quarter of it; else 0.
-    tilted_deg : float
-        By how much the vertical turns over the range of a disturbance, as an accelerometer shows; 0 where there is
-        none, or where it may be its noise.
-    """
-
+    #: without a gain: a sensor that is not turned does not tell scale from offset
     disturbances: tuple[Disturbance, ...]
-    covariance: Floats
-    noise: float
-    moved: float
-    constant: tuple[str, ...] = ()
+    covariance: Floats  #: (K, K): of (P₁, P₂, …)
+    noise: float  #: standard deviation of what is left of an axis, in the unit of the readings
+    moved: float  #: standard deviation of what the disturbances make, all axes together, in that unit
+    constant: tuple[str, ...] = ()  #: disturbances that hardly changed
+    #: what is known of each disturbance beside its numbers
     estimates: tuple[DisturbanceEstimate, ...] = field(default=())
+    #: the largest step in what is left, in the unit of the readings, where one explains a quarter of it; else 0
     step: float = 0.0
+    #: by how much the vertical turns over the range of a disturbance, as an accelerometer shows; 0 where there is none,
+    #: or where it may be its noise
     tilted_deg: float = 0.0
 
     def onto(self, calibration: Calibration) -> Calibration:
@@ -122,16 +106,12 @@ def still(recordings: Sequence[Recording], names: Sequence[str]) -> Still | None
 
     What is left tells whether the sensor was still: a turn leaves much more than noise.
 
+    Raises `UsageError`, `InputError` or `TooFewSamples` as `flinders.estimators.disturbance.driving_of`.
+
     Parameters
     ----------
-    recordings : sequence of Recording
     names : sequence of str
         ``current``, ``throttle``, ``temperature``.
-
-    Raises
-    ------
-    UsageError, InputError, TooFewSamples
-        As `flinders.estimators.disturbance.driving_of`.
     """
     logged = Logged.of(recordings, tuple(names))
     moving, constant = logged.split()

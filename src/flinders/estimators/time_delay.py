@@ -62,26 +62,13 @@ UNLAGGED: Final = ("temperature",)
 
 @dataclass(frozen=True, slots=True)
 class Lag:
-    """The best lag of one disturbance.
+    """The best lag of one disturbance."""
 
-    Attributes
-    ----------
-    name : str
-        Of the disturbance.
-    seconds : float
-        By how much readings follow later; negative where they come earlier.
-    sigma_s : float
-        Its standard deviation.
-    saved : float
-        χ² that it saves, against none; in variances of the lag once its scatter is known.
-    is_beyond : bool
-        The end of the search is best: the true one lies beyond it, or what was logged is something else.
-    """
-
-    name: str
-    seconds: float
-    sigma_s: float
-    saved: float
+    name: str  #: of the disturbance
+    seconds: float  #: by how much readings follow later; negative where they come earlier
+    sigma_s: float  #: its standard deviation
+    saved: float  #: χ² that it saves, against none; in variances of the lag once its scatter is known
+    #: the end of the search is best: the true one lies beyond it, or what was logged is something else
     is_beyond: bool = False
 
     @property
@@ -106,7 +93,6 @@ def profile(name: str, cost: Callable[[float], float], grid: Floats) -> Lag:
 
     Parameters
     ----------
-    name : str
     cost : callable
         χ² at a lag in s.
     grid : (2 n + 1,) float, s

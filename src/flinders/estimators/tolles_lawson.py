@@ -134,10 +134,7 @@ class TollesLawson(Value):
     def interference(self, samples: Samples) -> Floats:
         """(N,) nT of the aircraft in each reading, but for a constant; NaN where something is missing.
 
-        Raises
-        ------
-        InputError, UnitError, FitError
-            As `fitted`.
+        Raises `InputError`, `UnitError` or `FitError` as `fitted`.
         """
         signal = Signal.of(samples)
         interference = np.full(len(samples), np.nan)
@@ -258,18 +255,14 @@ def fitted(samples: Samples) -> TollesLawson:
     adds two percent of the field or less; the vector magnetometer of a more magnetic one is to be calibrated first.
     What the aircraft adds in second order, by its field across that of the earth, is taken off.
 
+    Raises `InputError` or `UnitError` without time, in counts, or where both magnetometers are in units of their own;
+    `FitError` for less than 90 s of usable readings, fewer than four a second, or a magnetometer that does not work.
+
     Parameters
     ----------
     samples : Samples
         Field in the axes of the aircraft, forward, right, down, with times. `Samples.strength` is what the scalar
         magnetometer reads; without it the length of the field is compensated, which is to be that of a constant field.
-
-    Raises
-    ------
-    InputError, UnitError
-        Without time, in counts, or where both magnetometers are in units of their own.
-    FitError
-        For less than 90 s of usable readings, fewer than four a second, or a magnetometer that does not work.
 
     References
     ----------

@@ -68,10 +68,7 @@ class Signal:
     def of(cls, samples: Samples) -> Self:
         """Take those with a time after the one before, and a strength that is no dropout and no spike.
 
-        Raises
-        ------
-        InputError, UnitError, FitError
-            As `fitted`.
+        Raises `InputError`, `UnitError` or `FitError` as `fitted`.
         """
         if samples.time is None:
             raise InputError(f"{samples.source} has no times: eddy currents and the band of manoeuvres need them")
@@ -116,10 +113,7 @@ class Signal:
     def runs(self) -> list[Signal]:
         """Parts without gaps that are long enough, and have readings enough, for the band.
 
-        Raises
-        ------
-        FitError
-            Where there is none.
+        Raises `FitError` where there is none.
         """
         rate = 1.0 / float(np.median(np.diff(self.time)))
         if rate < SLOWEST_HZ:

@@ -89,14 +89,9 @@ class TwoAxisRecipe:
     def estimate(self, readings: Readings) -> Estimate:
         """Take mean and scatter, and hold them against the ellipse of least squares.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `require_turn`.
-        NotAnEllipse
-            If half of the readings are in one place, or all on a line.
-        NeedsSamples
-            If only sums were given: they do not tell how the points are spaced.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `require_turn`; `NotAnEllipse` if half of
+        the readings are in one place, or all on a line; `NeedsSamples` if only sums were given: they do not tell how
+        the points are spaced.
         """
         require_turn(readings, self.unknowns, self.name, self.plane)
         flat = laid_flat(readings, self.plane)

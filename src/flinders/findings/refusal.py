@@ -13,19 +13,11 @@ from typing import Final, NamedTuple
 
 
 class Refusal(NamedTuple):
-    """An error in place of a fit.
+    """An error in place of a fit."""
 
-    Attributes
-    ----------
-    action : str
-        What to do where many units have it.
-    plain, remedy : str
-        What is wrong, and what to do, in words without the mathematics; empty for errors of files and options.
-    """
-
-    action: str
-    plain: str = ""
-    remedy: str = ""
+    action: str  # what to do where many units have it
+    plain: str = ""  # what is wrong, without the mathematics; empty for errors of files and options
+    remedy: str = ""  # what to do
 
 
 REFUSALS: Final[dict[str, Refusal]] = {

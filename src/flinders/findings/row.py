@@ -28,17 +28,34 @@ import numpy as np  # noqa: F401 - for the example above
 from flinders.errors import figures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
 
 Condition = Literal["same-soft-iron", "uniform-field", "constant-iron"]
-"""What a good verdict may rest on."""
+"""What a good verdict may rest on, and no finding shows."""
 Subject = Literal["fit", "calibration", "recording", "disturbances", "aiding", "sensors", "survey"]
 
 VERDICTS: Final[dict[Severity, Verdict]] = {"refuses": "refused", "limits": "limited", "note": "good"}
 """What each severity makes of a fit, the most severe first."""
+
+CONDITIONS: Final[dict[Condition, str]] = {
+    "same-soft-iron": "soft iron is as it was",
+    "uniform-field": "no iron is near",
+    "constant-iron": "currents are constant",
+}
+"""What a good verdict rests on, in words."""
+
+OF_A_TUMBLE: Final[tuple[Condition, ...]] = ("uniform-field", "constant-iron")
+"""What a good verdict rests on where a magnetometer alone was recorded."""
+
+CERTAINTY: Final[dict[Condition, str]] = {
+    "same-soft-iron": "tumble again",
+    "uniform-field": "record elsewhere too",
+    "constant-iron": "record the currents",
+}
+"""What would show it."""
 
 Comparison = Literal["<", ">", ">="]
 COMPARISONS: Final[dict[str, Callable[[Any, Any], Any]]] = {"<": lt, ">": gt, ">=": ge}
@@ -48,27 +65,14 @@ ANY_ANGLE_DEG: Final = 90.0
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something to know about a fit.
+    """Something to know about a fit."""
 
-    Attributes
-    ----------
-    code : str
-        Stable name, one of `flinders.findings.CATALOGUE`.
-    severity : str
-        ``note``: good to know; ``limits``: the calibration holds with limits; ``refuses``: it is not given.
-    number : float
-        What was found; its meaning and unit belong to the code.
-    limit : float
-        What it was compared with.
-    advice : str
-        What was found, and what to do, in a sentence.
-    """
-
-    code: str
+    code: str  #: stable name, one of `flinders.findings.CATALOGUE`
+    #: ``note``: good to know; ``limits``: the calibration holds with limits; ``refuses``: it is not given
     severity: Severity
-    number: float
-    limit: float
-    advice: str
+    number: float  #: what was found; its meaning and unit belong to the code
+    limit: float  #: what it was compared with
+    advice: str  #: what was found, and what to do, in a sentence
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields; a number that there is none of is None."""
@@ -125,30 +129,14 @@ class Needs(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A comparison of a quantity with limits: the last grade that holds is how severe it is.
+    """A comparison of a quantity with limits: the last grade that holds is how severe it is."""
 
-    Attributes
-    ----------
-    quantity : str
-        Name of a number of the record. What is not a number is beyond no limit.
-    grades : tuple of Grade
-        Least severe first.
-    comparison : str
-        By which the quantity is beyond a limit.
-    needs : tuple of Needs
-        Comparisons that have to hold as well.
-    number : str
-        Quantity that a finding states, where it is another one.
-    limit : Limit, optional
-        That a finding states, where it is not that of the first grade.
-    """
-
-    quantity: str
-    grades: tuple[Grade, ...]
-    comparison: Comparison = ">"
-    needs: tuple[Needs, ...] = ()
-    number: str = ""
-    limit: Limit | None = None
+    quantity: str  #: name of a number of the record. What is not a number is beyond no limit.
+    grades: tuple[Grade, ...]  #: for the table of docs/findings.md: how severe when
+    comparison: Comparison = ">"  #: by which the quantity is beyond a limit
+    needs: tuple[Needs, ...] = ()  #: comparisons that have to hold as well
+    number: str = ""  #: quantity that a finding states, where it is another one
+    limit: Limit | None = None  #: that a finding states, where it is not that of the first grade
 
     def severity(self, record: Mapping[str, Any]) -> Severity | None:
         """How severe it is for one record; None where it is not found."""
@@ -178,47 +166,26 @@ class Rule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CatalogueRow:
-    """A finding that there can be: all that is known of it.
+    """A finding that there can be: all that is known of it."""
 
-    Attributes
-    ----------
-    code : str
-        Stable name.
-    subject : str
-        What it is about.
-    grades, number, limit, action : str
-        For the table of docs/findings.md: how severe when, what number and limit are, what to do.
-    fleet_action : str
-        What to do in a report of many units, where `action` speaks of what the advice to one unit names.
-    said : str
-        The technical sentence, a format of quantities and words of the record.
-    plain, remedy : str
-        The same for whoever uses the compass, and what to do, in words without the mathematics.
-    arguments, options : str
-        What carries out the advice in Python, and on the command line, where that has a name there: the sentences are
-        read on pages and in files, too, and name neither.
-    rule : Rule, optional
-        None where code decides.
-    alarm : bool
-        The live page warns of it: something is wrong, and not only more turning needed.
-    former : str
-        Its code before it was renamed, which files and tables may hold; see `flinders.findings.current`.
-    """
-
-    code: str
-    subject: Subject
-    grades: str
-    number: str
-    limit: str
-    action: str
-    said: str
-    plain: str
-    remedy: str = ""
+    code: str  #: stable name
+    subject: Subject  #: what it is about
+    grades: str  #: for the table of docs/findings.md: how severe when, what number and limit are, what to do
+    number: str  #: meaning and unit of the number
+    limit: str  #: meaning of the limit
+    action: str  #: what to do
+    said: str  #: the technical sentence, a format of quantities and words of the record
+    plain: str  #: what it means for whoever uses the compass, without the mathematics
+    remedy: str = ""  #: what that person does about it
+    #: what carries out the advice in Python, and on the command line, where that has a name there: the sentences are
+    #: read on pages and in files, too, and name neither
     arguments: str = ""
     options: str = ""
-    rule: Rule | None = None
-    alarm: bool = False
+    rule: Rule | None = None  #: None where code decides
+    alarm: bool = False  #: the live page warns of it: something is wrong, and not only more turning needed
+    #: its code before it was renamed, which files and tables may hold; see `flinders.findings.current`
     former: str = ""
+    #: what to do in a report of many units, where `action` speaks of what the advice to one unit names
     fleet_action: str = ""
 
     def finding(self, record: Mapping[str, Any]) -> Finding | None:
@@ -288,3 +255,14 @@ class _Stated(dict[str, Any]):
     def __missing__(self, name: str) -> Any:  # noqa: ANN401 - a quantity, or a word
         entry = self._record[name]
         return entry if isinstance(entry, str) else Quantity(entry)
+
+
+def stated(conditions: Sequence[Condition]) -> str:
+    """What a verdict rests on, with what would show the first of it; nothing where it rests on nothing.
+
+    >>> stated(("uniform-field", "constant-iron")), stated(())
+    ('holds if no iron is near and currents are constant: record elsewhere too', '')
+    """
+    *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
+    words = f"{', '.join(first)} and {last}" if first else last
+    return f"holds if {words}: {CERTAINTY[conditions[0]]}" if conditions else ""

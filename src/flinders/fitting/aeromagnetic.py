@@ -21,10 +21,9 @@ from flinders.core.calibration_file import Count, NotNegative, gaps, lay_out, un
 from flinders.core.files import read_bytes
 from flinders.core.samples import Samples
 from flinders.errors import DocumentError, UsageError
-from flinders.estimators.data import concatenated
+from flinders.estimators.data import concatenated, recording_of
 from flinders.estimators.tolles_lawson import TollesLawson, fitted
 from flinders.estimators.tolles_lawson_terms import NAMES
-from flinders.fitting.source import recording_of
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -96,12 +96,13 @@ def aided_by(
 ) -> tuple[Aided, Aiding]:
     """Fit with aiding sensors, those that can be trusted and, with ``auto``, those that earn their place.
 
+    Raises `UsageError` for a sensor that is not known or was not recorded; `FitError` if the readings give no
+    ellipsoid.
+
     Parameters
     ----------
-    samples : Samples
     aiding : str or sequence of str
         ``auto``, or of `flinders.estimators.aiding.AIDS`.
-    site : Site, optional
     dip_deg : float
         Inclination at which headings are compared.
     spread : float
@@ -116,13 +117,6 @@ def aided_by(
         Where to begin; by default what the magnetometer finds by itself.
     shape : KnownShape, optional
         Of an earlier calibration, instead of `spread`.
-
-    Raises
-    ------
-    UsageError
-        For a sensor that is not known or was not recorded.
-    FitError
-        If the readings give no ellipsoid.
     """
     is_auto = aiding == AUTO
     wanted = available(samples) if is_auto else ((aiding,) if isinstance(aiding, str) else tuple(aiding))

@@ -27,66 +27,37 @@ AUTO: Final = "auto"
 
 @dataclass(frozen=True, slots=True)
 class AidingSensor:
-    """What one aiding sensor did to a fit.
+    """What one aiding sensor did to a fit."""
 
-    Attributes
-    ----------
-    name : str
-        One of `flinders.estimators.aiding.AIDS`.
-    kept : bool
-    changed_deg : float
-        By how much it changed the heading of a level vehicle, rms.
-    before_deg, after_deg : float
-        Worst heading error that is claimed without and with it.
-    words : str
-        Why it was left out.
-    """
-
-    name: str
+    name: str  # one of `flinders.estimators.aiding.AIDS`
     kept: bool
-    changed_deg: float = 0.0
+    changed_deg: float = 0.0  # by how much it changed the heading of a level vehicle, rms
+    # worst heading error that is claimed without and with it
     before_deg: float = 0.0
     after_deg: float = 0.0
-    words: str = ""
+    words: str = ""  # why it was left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aiding:
-    """What gyro, accelerometer or attitude tell beside the ellipsoid.
+    """What gyro, accelerometer or attitude tell beside the ellipsoid."""
 
-    Attributes
-    ----------
-    each : tuple of AidingSensor
-        In the order in which they were taken.
-    rotation : (3, 3) float, optional
-        From the magnetometer's axes to those of the body; None where nothing saw it.
-    rotation_covariance : (3, 3) float, optional, rad²
-        Of its rotation vector, in body axes.
-    gyro_bias, gyro_bias_sigma : (3,) float, optional, rad/s
-    acceleration_bias, acceleration_bias_sigma : (3,) float, optional, m/s²
-    acceleration_matrix : (3, 3) float, optional
-        Gains and non-orthogonality of the accelerometer: the specific force is this times what it reads, less its bias.
-    delay_s, delay_sigma_s : float, optional
-        By how much the magnetometer is behind the gyro.
-    dip_deg, dip_sigma_deg : float, optional
-        Inclination of the field as the recording shows it.
-    excess_variance : float
-        Factor by which stretches of the recording scatter more than their residuals explain, in variance.
-    mistakes : tuple of Mistake
-    """
-
-    each: tuple[AidingSensor, ...] = ()
+    each: tuple[AidingSensor, ...] = ()  # in the order in which they were taken
+    # (3, 3): from the magnetometer's axes to those of the body; None where nothing saw it
     rotation: Floats | None = None
-    rotation_covariance: Floats | None = None
-    gyro_bias: Floats | None = None
+    rotation_covariance: Floats | None = None  # (3, 3), rad²: of its rotation vector, in body axes
+    gyro_bias: Floats | None = None  # (3,), rad/s
     gyro_bias_sigma: Floats | None = None
-    acceleration_bias: Floats | None = None
+    acceleration_bias: Floats | None = None  # (3,), m/s²
     acceleration_bias_sigma: Floats | None = None
+    # (3, 3): gains and non-orthogonality of the accelerometer: the specific force is this times what it reads, less its
+    # bias
     acceleration_matrix: Floats | None = None
-    delay_s: float | None = None
+    delay_s: float | None = None  # by how much the magnetometer is behind the gyro
     delay_sigma_s: float | None = None
-    dip_deg: float | None = None
+    dip_deg: float | None = None  # inclination of the field as the recording shows it
     dip_sigma_deg: float | None = None
+    # factor by which stretches of the recording scatter more than their residuals explain, in variance
     excess_variance: float = 1.0
     mistakes: tuple[Mistake, ...] = ()
 

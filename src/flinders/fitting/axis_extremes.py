@@ -46,21 +46,12 @@ TYPED: Final = "typed-extremes"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extremes(Outcome):
-    """A calibration from six numbers, of which nobody knows how far to trust it.
-
-    Attributes
-    ----------
-    calibration : Calibration
-    low, high : (3,) float
-        In mapped axes and the calibration's unit.
-    findings : tuple of Finding
-        Most severe first.
-    """
+    """A calibration from six numbers, of which nobody knows how far to trust it."""
 
     calibration: Calibration
-    low: Floats
-    high: Floats
-    findings: tuple[Finding, ...] = ()
+    low: Floats  #: (3,): in mapped axes and the calibration's unit
+    high: Floats  #: (3,): in mapped axes and the calibration's unit
+    findings: tuple[Finding, ...] = ()  #: most severe first
 
     @property
     def ellipsoid(self) -> Ellipsoid:
@@ -111,6 +102,8 @@ def from_extremes(
 ) -> Extremes:
     """Calibrate from the smallest and the largest reading of each axis, as `MinMax` does.
 
+    Raises `UsageError` unless they are six, finite, the smaller of each axis first; or for a variant that is not there.
+
     Parameters
     ----------
     numbers : (6,) array-like, in `unit`
@@ -119,12 +112,6 @@ def from_extremes(
         See `MinMax`.
     field_strength, target_deg, dip_deg, sensor
         As for `flinders.fit`; the target is only what the finding is compared with.
-    unit, axes : Unit, Axes, optional
-
-    Raises
-    ------
-    UsageError
-        Unless they are six, finite, the smaller of each axis first; or for a variant that is not there.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")

@@ -43,8 +43,7 @@ from flinders.fitting.verdict import (
     unlike_correlation,
 )
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric
-from flinders.heading.confidence import bounds_deg, deviation_covariances
-from flinders.heading.error_propagation import level_error, raw_error
+from flinders.heading.error_propagation import bounds_deg, deviation_covariances, level_error, raw_error
 from flinders.native.engine import engine
 from flinders.summary.summary import flat_below
 
@@ -115,46 +114,29 @@ class Lined:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FitColumns:
-    """Columns that the fits of U units fill, NaN where a fit gives no number.
+    """Columns that the fits of U units fill, NaN where a fit gives no number."""
 
-    Attributes
-    ----------
-    readings, used : (U,) int
-        Those there are, and those that the fit used.
-    verdict, code, message, method : (U,) str
-        ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two.
-    worst_deg, rms_deg, dip_deg : (U,) float
-        Heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`.
-    bound_deg : (U,) float
-        That it stays within at all headings with a probability of 95 %.
-    offset, matrix, covariance : (U, 3), (U, 9), (U, 45) float, in `unit_of_field`
-        Of the calibration; the upper triangle of `Fit.claimed_covariance`, row by row.
-    noise, radius : (U,) float, in `unit_of_field`
-    coverage : (U,) float
-        Share of the sphere that was seen.
-    findings : (U,) tuple of str
-        Their codes, the most severe first.
-    unit_of_field : (U,) str
-    """
-
-    readings: NDArray[np.int64]
-    used: NDArray[np.int64]
+    readings: NDArray[np.int64]  #: (U,): those there are
+    used: NDArray[np.int64]  #: (U,): those that the fit used
+    #: (U,) str: ``good``, ``limited``, ``refused`` or ``failed``; code and message of the error of the last two
     verdict: NDArray[np.object_]
     code: NDArray[np.object_]
     message: NDArray[np.object_]
     method: NDArray[np.object_]
-    worst_deg: Floats
-    rms_deg: Floats
-    bound_deg: Floats
-    dip_deg: Floats
+    worst_deg: Floats  #: (U,): heading error at the worst heading of a level vehicle, 1 σ, at the dip `dip_deg`
+    rms_deg: Floats  #: (U,): the same over all headings
+    bound_deg: Floats  #: (U,): that it stays within at all headings with a probability of 95 %
+    dip_deg: Floats  #: (U,): heading error of a level vehicle, 1 σ, where the field dips by `dip_deg`
+    #: (U, 3), (U, 9), (U, 45), in `unit_of_field`: of the calibration; the upper triangle of `Fit.claimed_covariance`,
+    #: row by row
     offset: Floats
     matrix: Floats
     covariance: Floats
-    noise: Floats
-    radius: Floats
-    coverage: Floats
-    findings: NDArray[np.object_]
-    unit_of_field: NDArray[np.object_]
+    noise: Floats  #: (U,), in `unit_of_field`
+    radius: Floats  #: (U,), in `unit_of_field`
+    coverage: Floats  #: (U,): share of the sphere that was seen
+    findings: NDArray[np.object_]  #: (U,) tuple of str: their codes, the most severe first
+    unit_of_field: NDArray[np.object_]  #: (U,) str
 
     @classmethod
     def empty(cls, units: int) -> Self:
@@ -176,15 +158,9 @@ class FitColumns:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class BatchColumns(FitColumns):
-    """Results of a batch of U units.
+    """Results of a batch of U units."""
 
-    Attributes
-    ----------
-    by_record : (U,) bool
-        Judged from its record, without a fit of its own.
-    """
-
-    by_record: NDArray[np.bool_]
+    by_record: NDArray[np.bool_]  #: (U,): judged from its record, without a fit of its own
 
     def __repr__(self) -> str:
         verdicts = ", ".join(f"{many} {verdict}" for verdict, many in sorted(Counter(self.verdict.tolist()).items()))
@@ -193,6 +169,8 @@ class BatchColumns(FitColumns):
 
 def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_deg: float = 60.0) -> BatchColumns:
     """Fit and judge many units at once, each as `flinders.fit` would by itself.
+
+    Raises `UsageError` for a target that is not positive, or within a degree of the magnetic poles.
 
     Parameters
     ----------
@@ -207,11 +185,6 @@ def fit_batch(units: Sequence[Samples] | Lined, *, target_deg: float = 1.0, dip_
     -------
     BatchColumns
         In the order given. A unit that gives no calibration is a row with its error.
-
-    Raises
-    ------
-    UsageError
-        For a target that is not positive, or within a degree of the magnetic poles.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")

@@ -26,14 +26,13 @@ from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
 from flinders.estimators import Readings, method_of, within_range
 from flinders.estimators.auto import Auto, hides_plane
-from flinders.estimators.data import concatenated
+from flinders.estimators.data import concatenated, recording_of
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, halves_apart, repeated
 from flinders.fitting.result import Fit, Refused, structure_deg
 from flinders.fitting.shrinkage import shrunk
-from flinders.fitting.source import recording_of
 from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
 from flinders.heading.error_propagation import HeadingError, alignment_error_deg, level_error

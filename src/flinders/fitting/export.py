@@ -2,23 +2,40 @@
 
 A target (`flinders.targets`) writes the numbers of a calibration; here they get the origin, the claim and the limits
 of their fit, and the compass that their readings came from.
+
+Firmware can tell a disturbed reading by limits (`gates_of`). A reading x of the field's direction q has the error
+S⁻¹(δb + δS q + n) of the corrected direction: of the parameters, by their covariance C, and of noise n with the
+standard deviation σ on each axis,
+
+    M(q) = G C Gᵀ + σ² S⁻¹S⁻ᵀ
+
+The length is off by F √(qᵀ M q), the direction by at most the root of the largest eigenvalue of M. The limits are
+those of the worst direction, so that a clean reading is beyond them no more often than is said.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from flinders.errors import NotExportable, UsageError
-from flinders.fitting.gates import gates_of
+from flinders.geometry.ellipsoid import gathered
+from flinders.geometry.sphere import fibonacci
 from flinders.targets import ExportOptions, mounting_table
+from flinders.targets._gates import SIGMAS, TILT_DEG, Gates
 from flinders.targets._mounting import euler
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
+    from flinders.fitting.aiding import Aiding
     from flinders.fitting.result import Fit
     from flinders.targets import Export, Target
     from flinders.targets._mounting import Angles
+
+DIRECTIONS: Final = 400
+"""In which the error of a reading is looked at, for the limits of a disturbed one."""
 
 
 def export_fit(
@@ -32,10 +49,11 @@ def export_fit(
 ) -> tuple[Export, list[str]]:
     """Write a fit for a target.
 
+    Raises `NotExportable` or `UnitError` if the target cannot hold it; `UsageError` if it was made from several
+    compasses, and none was asked for.
+
     Parameters
     ----------
-    fit : Fit
-    target : Target
     compass : int, optional
         Which one of the vehicle; by default the one that its readings came from.
     mounting : str, optional
@@ -48,13 +66,6 @@ def export_fit(
     Export
     list of str
         What to say of the compass that it is for; nothing where it is not known, or is the one that was asked for.
-
-    Raises
-    ------
-    NotExportable, UnitError
-        If the target cannot hold it.
-    UsageError
-        If it was made from several compasses, and none was asked for.
     """
     if target.compasses:
         refuse_on_top(fit, target.name)
@@ -89,10 +100,7 @@ def known_numbers(fit: Fit, autopilot: str, attribute: str) -> set[int]:
 def mounting_of(fit: Fit, target: Target, words: str | None) -> Floats | None:
     """(3, 3) how the compass was mounted when it was recorded; None where neither the words nor the logs say.
 
-    Raises
-    ------
-    UsageError
-        For words that the target does not know, or a target without mountings.
+    Raises `UsageError` for words that the target does not know, or a target without mountings.
     """
     if words is not None:
         return mounting_table(target).read(words)
@@ -108,10 +116,7 @@ def known_mountings(fit: Fit, autopilot: str) -> set[Angles]:
 def only_number(fit: Fit, known: set[int], what: str, option: str) -> int | None:
     """The one number or device id that is known, or None where none is.
 
-    Raises
-    ------
-    UsageError
-        If there are several; names the option that chooses one.
+    Raises `UsageError` if there are several; names the option that chooses one.
     """
     if len(known) > 1:
         raise UsageError(
@@ -132,9 +137,7 @@ def refuse_unfit(fit: Fit) -> None:
 def refuse_on_top(fit: Fit, autopilot: str) -> None:
     """Refuse a calibration of corrected readings for an autopilot, whose own it would replace and not complete.
 
-    Raises
-    ------
-    NotExportable
+    Raises `NotExportable`.
     """
     logged = [file.name for file in fit.files if file.as_logged]
     if logged:
@@ -161,3 +164,44 @@ def origin_lines(fit: Fit) -> list[str]:
 def limit_lines(fit: Fit) -> list[str]:
     """What the calibration is not good for, as its file says."""
     return [f"limited: {finding.advice}" for finding in fit.findings if finding.severity == "limits"]
+
+
+def gates_of(fit: Fit) -> Gates | None:
+    """The limits of a fit; None where its noise or uncertainty is not known, or nothing would be beyond them.
+
+    Dip has a limit where the fit saw how the sensor is turned against an accelerometer or attitude, and the dip there.
+
+    >>> from flinders import fit, simulate
+    >>> gates = gates_of(fit(simulate.tumble(seed=1).samples))
+    >>> round(gates.strength_limit, 1), gates.has_dip
+    (2.4, False)
+    """
+    if not math.isfinite(fit.noise) or not fit.covariance.any():
+        return None
+    errors = _errors(fit)
+    directions = fibonacci(DIRECTIONS)
+    along = np.einsum("ni,nij,nj->n", directions, errors, directions)
+    strength = SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
+    if not strength < fit.calibration.field_strength:
+        return None
+    aiding = fit.aiding
+    if fit.calibration.rotation != "estimated" or aiding is None or aiding.dip_deg is None:
+        return Gates(strength)
+    across = float(np.linalg.eigvalsh(errors)[:, -1].max()) + _mounting(aiding)
+    limit = SIGMAS * math.hypot(math.degrees(math.sqrt(across)), aiding.dip_sigma_deg or 0.0, TILT_DEG)
+    return Gates(strength, aiding.dip_deg, limit)
+
+
+def _errors(fit: Fit) -> Floats:
+    """(N, 3, 3) M of directions all over."""
+    ellipsoid = fit.calibration.ellipsoid
+    inverse, directions = np.linalg.inv(ellipsoid.shape), fibonacci(DIRECTIONS)
+    rows = np.stack([gathered(np.tile(row, (DIRECTIONS, 1)).T, directions.T) for row in inverse], axis=1)
+    carried: Floats = rows @ np.asarray(fit.covariance) @ np.swapaxes(rows, 1, 2)
+    return carried + fit.noise**2 * inverse @ inverse.T
+
+
+def _mounting(aiding: Aiding) -> float:
+    """rad²: variance of the rotation against the body, about its least certain axis."""
+    covariance = aiding.rotation_covariance
+    return 0.0 if covariance is None else float(np.linalg.eigvalsh(covariance)[-1])

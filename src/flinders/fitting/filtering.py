@@ -53,20 +53,16 @@ def fit_filtered(
 
     Readings at a rail are left out before the filter could blur them.
 
+    Raises `FitError` if there is no calibration with the filter; `Refused` says what the filter did, too.
+
     Parameters
     ----------
     parts : sequence of Recording
         Of one sensor.
-    by : Filter
     notice : callable
         Takes a line of advice where the filter alone is why there is no calibration.
     options
         Of `flinders.fit`.
-
-    Raises
-    ------
-    FitError
-        If there is no calibration with the filter; `Refused` says what the filter did, too.
     """
     plain, _ = _tried(_joined(parts), options)
     passed = through(parts, by)
@@ -100,13 +96,8 @@ def filtered_finding(fit: Fit, plain: Fit | None, by: Filter, dropped: int) -> F
 
     A note while that is within what is claimed; a limit beyond, and where the filter alone is why it is refused.
 
-    Parameters
-    ----------
-    fit, plain : Fit
-        With the filter and without; None where there is none without.
-    by : Filter
-    dropped : int
-        Readings that it dropped.
+    `fit` and `plain`: with the filter and without; None where there is none without; `dropped`: readings that it
+    dropped.
     """
     claimed = fit.heading_error_deg.worst
     moved, effect = (UNKNOWN_DEG, UNCOMPARED) if plain is None else _effect(fit, plain)

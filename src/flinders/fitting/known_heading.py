@@ -18,18 +18,32 @@ ArduPilot's large vehicle calibration does the same without a claim.
 >>> fit = refresh_at_headings([np.tile(reading, (20, 1))], earlier, [0.0], dip_deg=60.0)
 >>> fit.verdict, fit.refreshed.offset_change.round(1) + 0.0
 ('limited', array([0., 0., 0.]))
+
+Known headings of a drive are the courses over ground on straight stretches, of a vehicle that points where it goes.
+While it moves straight and fast enough, its course is its heading but for crab: wind, current, a slope. Crab by
+a steady wind is e(h) = a sin h + b cos h over the heading h, the same a and b on all stretches, and moves the offset
+as hard iron does; it counts with its prior on all of them together (`PoseSigmas.crab_deg`).
+
+>>> from types import SimpleNamespace
+>>> from flinders.core.samples import Samples
+>>> time = np.arange(0.0, 60.0, 0.1)
+>>> along = np.where(time < 30.0, 0.0, np.pi / 2.0)
+>>> velocity = SimpleNamespace(time=time, values=10.0 * np.column_stack([np.cos(along), np.sin(along)]))
+>>> samples = Samples.of(np.zeros((600, 3)), unit="uT", time=time)
+>>> [(round(stretch.course_deg) % 360, len(stretch.samples)) for stretch in stretches(samples, velocity)]
+[(0, 288), (90, 288)]
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
 from flinders.core.calibration import Calibration
-from flinders.errors import UsageError
+from flinders.errors import FitError, UsageError
 from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.refreshing import (
     FINEST_SHAPE,
@@ -42,7 +56,9 @@ from flinders.fitting.refreshing import (
 )
 from flinders.fitting.result import Fit, Refused
 from flinders.fitting.verdict import of_calibration
+from flinders.geometry.angles import wrapped
 from flinders.geometry.ellipsoid import Ellipsoid, gathered, symmetric
+from flinders.heading.stationary import rests
 from flinders.likelihood import dip
 from flinders.summary.coverage import Coverage
 from flinders.summary.pooling import chance_of
@@ -56,6 +72,7 @@ if TYPE_CHECKING:
     from flinders.findings import Condition, Finding
     from flinders.fitting.calibrate import AnyReadings
     from flinders.likelihood.site_field import Site
+    from flinders.readers._resample import TimeSeries
 
 METHOD: Final = "known-heading"
 
@@ -107,6 +124,9 @@ def refresh_at_headings(
 ) -> Fit:
     """Renew the hard iron of a calibration from poses at known headings.
 
+    Raises `Refused` with the fit, where it cannot be trusted; `UsageError` without a dip, without a heading for each
+    pose, for a vehicle that was moved, and as `flinders.refresh`.
+
     Parameters
     ----------
     poses : sequence of Samples, Recording, (N, 3) array-like, path, open file or data frame
@@ -123,13 +143,6 @@ def refresh_at_headings(
         What headings, tilts and the dip may be off by.
     target_deg : float
         Worst heading error that is good enough, in degrees.
-
-    Raises
-    ------
-    Refused
-        With the fit, where it cannot be trusted.
-    UsageError
-        Without a dip, without a heading for each pose, for a vehicle that was moved, and as `flinders.refresh`.
     """
     refuse_unfit(previous)
     dip_deg = site.inclination_deg if dip_deg is None and site is not None else dip_deg
@@ -177,31 +190,18 @@ def is_still(field: Floats, shape: Floats) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """What was read while a vehicle stood still.
+    """What was read while a vehicle stood still."""
 
-    Attributes
-    ----------
-    mean : (3,) float
-        Reading.
-    noise, noise_of_mean : float
-        Standard deviation of a component of a reading, and of the mean.
-    down : (3,) float
-        In the vehicle's axes: by its accelerometer, else z.
-    """
-
-    mean: Floats
-    noise: float
-    noise_of_mean: float
-    down: Floats
+    mean: Floats  #: (3,): reading
+    noise: float  #: standard deviation of a component of a reading
+    noise_of_mean: float  #: standard deviation of the mean
+    down: Floats  #: (3,): in the vehicle's axes: by its accelerometer, else z
 
     @classmethod
     def of(cls, samples: Samples, shape: Floats) -> Self:
         """Take the mean of a recording.
 
-        Raises
-        ------
-        UsageError
-            Where the vehicle was moved.
+        Raises `UsageError` where the vehicle was moved.
         """
         if len(samples) == 0:
             raise UsageError(f"{samples.source} has no reading: record the pose for some seconds")
@@ -318,3 +318,101 @@ def _judged(fit: Fit, chance: float) -> Iterator[Finding]:
         if finding := CATALOGUE[code].finding(record):
             yield finding
     yield from of_calibration(fit)
+
+
+SLOWEST: Final = 3.0
+"""Speed over ground below which a course is no heading, m/s."""
+STRAIGHT_S: Final = 5.0
+"""Shortest straight stretch."""
+CRAB_DEG: Final = 2.0
+"""1 σ of what wind, current or a slope turn the course from the heading."""
+LEAST_READINGS: Final = 20
+"""In a stretch."""
+MOST: Final = 100
+"""Stretches that are used, the longest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A straight stretch of a drive: its readings, true course, and the scatter of that, 1 σ of a fix, in degrees."""
+
+    samples: Samples
+    course_deg: float
+    scatter_deg: float
+
+
+def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWEST) -> list[Stretch]:
+    """Find where a vehicle went straight, at least so fast.
+
+    Raises `UsageError` for readings without times.
+
+    Parameters
+    ----------
+    samples : Samples
+        With times.
+    velocity : TimeSeries
+        (M,) times by the same clock and (M, 2) m/s over ground, north and east.
+    slowest : float, m/s
+    """
+    if samples.time is None:
+        raise UsageError(f"{samples.source} has no times: courses go with a log")
+    north, east = velocity.values.T
+    course = np.where(np.hypot(north, east) >= slowest, wrapped(np.rad2deg(np.arctan2(east, north))), np.nan)
+    step = float(np.median(np.diff(velocity.time))) if len(velocity.time) > 1 else np.inf
+    least = max(round(STRAIGHT_S / step), 8) if step > 0.0 else 8
+    straight = []
+    for rest in rests(course, least_readings=least):
+        begin, end = velocity.time[rest.start], velocity.time[rest.stop - 1]
+        part = samples[(samples.time >= begin) & (samples.time <= end)]
+        if len(part) >= LEAST_READINGS:
+            straight.append(Stretch(part, rest.heading_deg, max(rest.spread_deg, rest.sigma_deg)))
+    return sorted(straight, key=lambda stretch: -len(stretch.samples))[:MOST]
+
+
+def refresh_on_courses(
+    recording: AnyReadings,
+    previous: Fit,
+    velocity: TimeSeries,
+    *,
+    declination_deg: float,
+    slowest: float = SLOWEST,
+    crab_deg: float = CRAB_DEG,
+    **judged: Any,
+) -> Fit:
+    """Renew the hard iron of a calibration from the straight stretches of a drive.
+
+    For cars, boats and aircraft with wings; a multirotor may point anywhere.
+
+    Raises `FitError` where the vehicle never went straight and fast enough in a steady field.
+
+    Parameters
+    ----------
+    recording, previous, **judged
+        As for `refresh_at_headings`: dip, site, target.
+    velocity : TimeSeries
+        As for `stretches`, such as `Instrument.velocity`.
+    declination_deg : float
+        Of the place.
+    slowest : float, m/s
+        Speed below which a course is not used.
+    crab_deg : float, degrees
+        1 σ of what the course and the heading differ by.
+    """
+    samples = replace(samples_of(recording, previous), frame=previous.calibration.frame)
+    straight = stretches(samples, velocity, slowest=slowest)
+    steady = _steady(straight, previous)
+    if not steady:
+        raise FitError(
+            f"no stretch of {STRAIGHT_S:g} s at {slowest:g} m/s or more with a steady field (of {len(straight)} "
+            "straight ones): drive straight on several headings, on level ground and away from iron"
+        )
+    headings = [stretch.course_deg - declination_deg for stretch in steady]
+    scatter = float(np.median([stretch.scatter_deg for stretch in steady]))
+    sigmas = replace(SIGMAS, heading_deg=min(max(scatter, SIGMAS.heading_deg), 45.0), crab_deg=crab_deg)
+    return refresh_at_headings([stretch.samples for stretch in steady], previous, headings, sigmas=sigmas, **judged)
+
+
+def _steady(straight: Sequence[Stretch], previous: Fit) -> list[Stretch]:
+    """Those during which the field was steady, as on a vehicle that neither rolls nor passes iron."""
+    shape = symmetric(known_shape(previous, None).entries)
+    return [stretch for stretch in straight if is_still(stretch.samples.field, shape)]

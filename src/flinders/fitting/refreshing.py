@@ -37,11 +37,10 @@ import numpy as np
 from flinders.core.samples import Samples, frame_of
 from flinders.diagnostics.soft_iron import Posterior, Refreshed, by_chance, changeable
 from flinders.errors import AxesError, TooFewSamples, UnitError, Unmoved, UsageError
-from flinders.estimators.data import concatenated
+from flinders.estimators.data import concatenated, recording_of
 from flinders.findings import limit_of
 from flinders.fitting.aid_selection import aided_by
 from flinders.fitting.calibrate import judged_as
-from flinders.fitting.source import recording_of
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape

@@ -36,18 +36,17 @@ from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
 from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes, in_python
-from flinders.findings.conditions import stated
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
-from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.aiding import Aiding
 from flinders.geometry.plane import PLANES, down_of
-from flinders.heading.confidence import level_bound_deg
 from flinders.heading.error_propagation import (
     STEEPEST_DIP_DEG,
     DirectionError,
     HeadingError,
     attitude_limit_deg,
     direction_error_deg,
+    level_bound_deg,
     level_error,
     raw_error,
     tilted_error,
@@ -407,7 +406,7 @@ class Fit(Outcome):
     def heading_bound_deg(self) -> float:
         """What a level heading errs by at most, at all headings, with a probability of 95 %; NaN if not stated.
 
-        `flinders.heading.confidence` of `claimed_covariance`.
+        `flinders.heading.error_propagation` of `claimed_covariance`.
         """
         if not self.states_uncertainty:
             return math.nan

@@ -30,8 +30,7 @@ import numpy as np
 
 from flinders.core.calibration import UNSTATED, Calibration
 from flinders.core.calibration_file import Fitted, HeadingErrorRecord
-from flinders.core.shots import FORWARD_RIGHT_DOWN
-from flinders.core.survey import Angles, SurveyCalibration
+from flinders.core.survey import FORWARD_RIGHT_DOWN, Angles, SurveyCalibration
 from flinders.errors import FitError, counted, figures
 from flinders.findings import CATALOGUE, Record, by_severity
 from flinders.fitting.claim import widening_by_few
@@ -48,7 +47,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.axes import Axes
     from flinders.core.calibration_file import Document, Provenance
-    from flinders.core.shots import Shots
+    from flinders.core.survey import Shots
     from flinders.core.units import Unit
     from flinders.findings import Finding
     from flinders.heading.pointing_error import NextDirection, PointingError
@@ -78,23 +77,13 @@ REST: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotErrors:
-    """Angles of shots, and how far each points from the mean of its direction.
-
-    Attributes
-    ----------
-    numbers : tuple of int
-    groups : (N,) int
-    angles : Angles
-    error_deg : (N,) float
-        NaN where no other shot has the same direction.
-    left_out : (N,) bool
-    """
+    """Angles of shots, and how far each points from the mean of its direction."""
 
     numbers: tuple[int, ...]
-    groups: NDArray[np.intp]
+    groups: NDArray[np.intp]  #: (N,)
     angles: Angles
-    error_deg: Floats
-    left_out: NDArray[np.bool_]
+    error_deg: Floats  #: (N,): NaN where no other shot has the same direction
+    left_out: NDArray[np.bool_]  #: (N,)
 
     @classmethod
     def of(
@@ -125,38 +114,19 @@ class ShotErrors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyFit(Outcome):
-    """A calibration of a survey instrument, how it was found and how far to trust it.
-
-    Attributes
-    ----------
-    calibration : SurveyCalibration
-    shots : ShotErrors
-    azimuth_error_deg, inclination_error_deg : PointingError
-        To expect of shots within 30° of level, 1 σ.
-    noise, gravity_noise : float
-        Standard deviation of one axis of a reading, in the unit of its sensor.
-    aim_deg : float
-        Standard deviation of shots that were aimed in the same direction, about each axis.
-    dip_deg : float
-        Of the field.
-    target_deg : float
-    next_directions : tuple of NextDirection
-        Where more shots would help most.
-    findings : tuple of Finding
-        Most severe first.
-    """
+    """A calibration of a survey instrument, how it was found and how far to trust it."""
 
     calibration: SurveyCalibration
     shots: ShotErrors
-    azimuth_error_deg: PointingError
-    inclination_error_deg: PointingError
-    noise: float
-    gravity_noise: float
-    aim_deg: float
-    dip_deg: float
+    azimuth_error_deg: PointingError  #: to expect of shots within 30° of level, 1 σ
+    inclination_error_deg: PointingError  #: to expect of shots within 30° of level, 1 σ
+    noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
+    gravity_noise: float  #: standard deviation of one axis of a reading, in the unit of its sensor
+    aim_deg: float  #: standard deviation of shots that were aimed in the same direction, about each axis
+    dip_deg: float  #: of the field
     target_deg: float
-    next_directions: tuple[NextDirection, ...]
-    findings: tuple[Finding, ...]
+    next_directions: tuple[NextDirection, ...]  #: where more shots would help most
+    findings: tuple[Finding, ...]  #: most severe first
 
     def to_document(self, provenance: Provenance | None = None) -> Document:
         """The calibration file with all of this in it."""

@@ -85,35 +85,27 @@ class Options:
     Traceback (most recent call last):
         ...
     flinders.errors.AxesError: axes 'x,x,z': need x, y and z once each with signs, such as 'x,-y,-z' or '-y,x,z'
-
-    Attributes
-    ----------
-    columns, unit, scale, axes, sensor, as_logged
-        As for `flinders.open_recording`.
-    unit_column, recording_column, batch_column : str, optional
-        Of a table: the column, or part ``name=value`` of its path, with the unit, the recording and the hardware batch.
-    target_deg, dip_deg : float
-        As for `flinders.fit`.
     """
 
+    # as for `flinders.open_recording`
     columns: str | None = None
     unit: str | None = None
     scale: float | None = None
     axes: str = AS_THEY_ARE
     sensor: str | None = None
     as_logged: bool = False
+    # of a table: the column, or part ``name=value`` of its path, with the unit, the recording and the hardware batch
     unit_column: str | None = None
     recording_column: str | None = None
     batch_column: str | None = None
+    # as for `flinders.fit`
     target_deg: float = 1.0
     dip_deg: float = 60.0
 
     def check(self) -> None:
         """Refuse options that no recording can be read with.
 
-        Raises
-        ------
-        UsageError
+        Raises `UsageError`.
         """
         if self.unit is not None or self.scale is not None:
             Unit.of(COUNTS if self.unit is None else self.unit, self.scale)

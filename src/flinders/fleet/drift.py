@@ -26,10 +26,9 @@ import numpy as np
 from flinders.comparison.pairs import Differences, differences, offset_heading_deg
 from flinders.core.files import replacing
 from flinders.errors import UsageError
-from flinders.fleet.change_points import ChangePoint, change_points
+from flinders.fleet.change_points import FEWEST, YEAR, ChangePoint, PairSample, Variance, change_points
 from flinders.fleet.history import MOST, BatchRule, OffsetSeries, batch_rule, histories
 from flinders.fleet.results import VERDICTS, needs_arrow
-from flinders.fleet.variance import FEWEST, YEAR, PairSample, Variance
 from flinders.report.fleet import STATES, BatchDrift, FleetDrift, Histogram, Undated, UnitDrift, UnitStep, standing_out
 
 if TYPE_CHECKING:
@@ -60,6 +59,9 @@ def drift_of(
 ) -> FleetDrift:
     """Compare the calibrations of each unit of a fleet.
 
+    Raises `UsageError` for a target that is not positive, a dip within a degree of the poles, or a batch that no unit
+    has; `DocumentError` for a file that is no table of a fleet, or is not sorted by unit.
+
     Parameters
     ----------
     paths : sequence of path
@@ -76,13 +78,6 @@ def drift_of(
         Units and steps that are listed.
     each : callable, optional
         Called with the results of some units at a time, in the order of their names.
-
-    Raises
-    ------
-    UsageError
-        For a target that is not positive, a dip within a degree of the poles, or a batch that no unit has.
-    DocumentError
-        For a file that is no table of a fleet, or is not sorted by unit.
     """
     if not target_deg > 0.0:
         raise UsageError(f"target is {target_deg:g}°: need a positive angle")

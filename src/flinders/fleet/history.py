@@ -314,8 +314,6 @@ MOST: Final = 2_000
 class BatchRule:
     """Rule for the hardware batch: the column, else the pattern.
 
-    Examples
-    --------
     >>> BatchRule(pattern=pattern_of("^L[0-9]", ())).of_name("L2-0017")
     'L2'
     >>> BatchRule(pattern=PREFIX).of_name("board-2024-17")

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from flinders.core.files import locked, reason, refuse_existing, write_all, write_text
 from flinders.errors import FlindersError, OutputError, UsageError, counted
-from flinders.findings.conditions import OF_A_TUMBLE
+from flinders.findings.row import OF_A_TUMBLE
 from flinders.fleet import worker
 from flinders.fleet.dataset import PARQUET
 from flinders.fleet.plan import plan_of
@@ -90,13 +90,16 @@ def run(
 ) -> RunSummary:
     """Calibrate a fleet.
 
+    Raises `UnreadableInput` if there is nothing to read; `UsageError` for options that cannot be used, before anything
+    is done; if an earlier run has left partitions, or those of another plan; `OutputError` if results cannot be
+    written; partitions that are done stay done; `LinkError` if the scheduler is not there.
+
     Parameters
     ----------
     where : str
         A folder, a pattern, a file or a URL, as for `flinders.fleet.storage.listed`.
     out : str or path
         The Parquet file to write, or the URL of an object.
-    options : Options
     workers, scheduler
         As for `flinders.fleet.scheduler.map_units`.
     resume : bool
@@ -107,18 +110,6 @@ def run(
         A `ProgressCallback`.
     notice : callable, optional
         Called with the reason why the work does not go on, and with what is done of a run that is interrupted.
-
-    Raises
-    ------
-    UnreadableInput
-        If there is nothing to read.
-    UsageError
-        For options that cannot be used, before anything is done; if an earlier run has left partitions, or those of
-        another plan.
-    OutputError
-        If results cannot be written; partitions that are done stay done.
-    LinkError
-        If the scheduler is not there.
     """
     begun = time.monotonic()
     progress = Progress(watch, notice)

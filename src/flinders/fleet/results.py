@@ -69,69 +69,33 @@ def _missing(length: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitResult:
-    """Result of one recording of one unit.
+    """Result of one recording of one unit."""
 
-    Attributes
-    ----------
-    unit : str
-        Name of the sensor or vehicle.
-    recording : str
-        Name of the recording; empty if the unit has one recording without a name.
-    start_s, end_s : float, s
-        Earliest and latest time of its readings, since 1970 if it has dates; NaN without times.
-    readings, used : int
-        All of them, and those that the fit used.
-    verdict : str
-        ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all.
-    code, message : str
-        Of the error of a refused or failed one, else empty.
-    method : str
-        Method of the final fit.
-    worst_deg, rms_deg : float
-        Heading error of a level vehicle, 1 σ, at a dip of `dip_deg`.
-    bound_deg : float
-        Heading error that it stays within at all headings with a probability of 95 %.
-    dip_deg : float
-    offset : 3 float, in `unit_of_field`
-    matrix : 9 float
-        Row by row.
-    covariance : 45 float
-        Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row.
-    noise, radius : float, in `unit_of_field`
-        Noise of the readings about the ellipsoid; strength of the corrected field.
-    coverage : float
-        Fraction of the sphere that was covered.
-    findings : tuple of str
-        Codes, by severity.
-    unit_of_field : str
-        ``uT`` or ``counts``.
-    batch : str
-        Hardware batch of the unit; empty if it is not known.
-    """
-
-    unit: str
-    recording: str = ""
-    start_s: float = math.nan
-    end_s: float = math.nan
-    readings: int = 0
-    used: int = 0
+    unit: str  #: name of the sensor or vehicle
+    recording: str = ""  #: name of the recording; empty if the unit has one recording without a name
+    start_s: float = math.nan  #: earliest time of its readings, s since 1970 if it has dates; NaN without times
+    end_s: float = math.nan  # latest time
+    readings: int = 0  #: those there were
+    used: int = 0  #: those that the fit used
+    #: ``good``, ``limited``, ``refused``, or ``failed`` if it could not be read or calculated at all
     verdict: str = "failed"
-    code: str = ""
-    message: str = ""
-    method: str = ""
-    worst_deg: float = math.nan
-    rms_deg: float = math.nan
-    bound_deg: float = math.nan
+    code: str = ""  #: of the error of a refused or failed one, else empty
+    message: str = ""  #: of the same error
+    method: str = ""  #: method of the final fit
+    worst_deg: float = math.nan  #: heading error of a level vehicle at the worst heading, 1 σ, at a dip of `dip_deg`
+    rms_deg: float = math.nan  #: the same over all headings
+    bound_deg: float = math.nan  #: heading error that it stays within at all headings with a probability of 95 %
     dip_deg: float = math.nan
-    offset: tuple[float, ...] = _missing(3)
-    matrix: tuple[float, ...] = _missing(9)
+    offset: tuple[float, ...] = _missing(3)  #: 3 float, in `unit_of_field`
+    matrix: tuple[float, ...] = _missing(9)  #: 9 float: row by row
+    #: 45 float: of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), as `Fit.claimed_covariance`: its upper triangle, row by row
     covariance: tuple[float, ...] = _missing(45)
-    noise: float = math.nan
-    radius: float = math.nan
-    coverage: float = math.nan
-    findings: tuple[str, ...] = ()
-    unit_of_field: str = ""
-    batch: str = ""
+    noise: float = math.nan  #: of the readings about the ellipsoid, in `unit_of_field`
+    radius: float = math.nan  # strength of the corrected field, in `unit_of_field`
+    coverage: float = math.nan  #: fraction of the sphere that was covered
+    findings: tuple[str, ...] = ()  #: codes, by severity
+    unit_of_field: str = ""  #: ``uT`` or ``counts``
+    batch: str = ""  #: hardware batch of the unit; empty if it is not known
 
     def with_fit(self, fit: Fit) -> Self:
         """Row with a fit; one that is refused gives no calibration."""
@@ -217,10 +181,7 @@ class UnitResults(FitColumns):
     def to_arrow(self) -> Any:  # noqa: ANN401 - pyarrow ships no types
         """As a table of Arrow.
 
-        Raises
-        ------
-        MissingExtra
-            If pyarrow is not installed.
+        Raises `MissingExtra` if pyarrow is not installed.
         """
         arrow = needs_arrow()
         arrays = [_array(arrow, name, getattr(self, name)) for name in NAMES]
@@ -238,10 +199,7 @@ class UnitResults(FitColumns):
     def from_arrow(cls, table: Any) -> Self:  # noqa: ANN401
         """From a table of Arrow that has the columns of `schema`; those `LATER` may be missing.
 
-        Raises
-        ------
-        DocumentError
-            If columns are missing.
+        Raises `DocumentError` if columns are missing.
         """
         refuse_other_table(table.column_names, NAMES)
         columns: dict[str, Any] = {name: _column(name, [value] * len(table)) for name, value in LATER.items()}

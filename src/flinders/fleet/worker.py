@@ -27,8 +27,8 @@ from flinders.core.samples import CountedRecording, Samples
 from flinders.core.units import Unit
 from flinders.deprecation import warn
 from flinders.errors import FlindersError, InputError, OutputError, UsageError, counted
+from flinders.estimators.data import recording_of
 from flinders.fitting.batch import FitColumns, fit_batch
-from flinders.fitting.source import recording_of
 from flinders.fleet import storage
 from flinders.fleet.dataset import (
     Interner,
@@ -129,6 +129,10 @@ def fit_many(
 ) -> UnitResults:
     """Calibrate many units, each as `flinders.fit` would by itself; what cannot be fitted is a row that says why.
 
+    Raises `UsageError` for a table without a column of units, and columns or units of field that there are not;
+    `UnreadableInput` for a column of units that is nested, or there twice; `NoMagnetometer` where it is not clear which
+    columns are the magnetometer; `MissingExtra` for a table, where pyarrow is not installed.
+
     Parameters
     ----------
     table : mapping, or table
@@ -149,19 +153,6 @@ def fit_many(
     UnitResults
         Sorted by unit, recording and start.
 
-    Raises
-    ------
-    UsageError
-        For a table without a column of units, and columns or units of field that there are not.
-    UnreadableInput
-        For a column of units that is nested, or there twice.
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer.
-    MissingExtra
-        For a table, where pyarrow is not installed.
-
-    Examples
-    --------
     >>> from flinders import simulate
     >>> rows = fit_many({f"A{seed}": simulate.tumble(seed=seed).samples for seed in (1, 2)})
     >>> rows, rows.offset.shape

@@ -36,27 +36,19 @@ SYMMETRIC: Final = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 @dataclass(frozen=True, eq=False)
 class Ellipsoid:
-    """The points centre + shape · u for all unit vectors u.
+    """The points centre + shape · u for all unit vectors u."""
 
-    Attributes
-    ----------
-    centre : (3,) float
-    shape : (3, 3) float
-        Symmetric and positive definite: its eigenvalues are the semi-axes. An ellipsoid fixes it
-        only up to a rotation on the right; the symmetric root turns no direction on average.
-    """
-
-    centre: Floats
+    centre: Floats  #: (3,)
+    #: (3, 3): symmetric and positive definite: its eigenvalues are the semi-axes. An ellipsoid fixes it only up to a
+    #: rotation on the right; the symmetric root turns no direction on average.
     shape: Floats
 
     @classmethod
     def from_quadric(cls, coefficients: Floats, *, method: str = "") -> Self:
         """Take the ellipsoid out of ten coefficients, of either sign.
 
-        Raises
-        ------
-        NotAnEllipsoid
-            If the quadric is open, imaginary or not finite: each eigenvalue is looked at, not the determinant.
+        Raises `NotAnEllipsoid` if the quadric is open, imaginary or not finite: each eigenvalue is looked at, not the
+        determinant.
         """
         form, linear, constant = symmetric(coefficients[:6]), coefficients[6:9], coefficients[9]
         if not np.all(np.isfinite(coefficients)):

@@ -55,10 +55,7 @@ PLANES: Final[tuple[Plane, ...]] = get_args(Plane)
 def order_of(plane: Plane) -> tuple[int, int, int]:
     """Places of the first, the second and the third axis of a plane.
 
-    Raises
-    ------
-    UsageError
-        For what is no plane.
+    Raises `UsageError` for what is no plane.
 
     Examples
     --------
@@ -106,18 +103,10 @@ def heading_errors(readings: Floats, heading: Floats) -> tuple[Floats, float]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneEllipse:
-    """The points centre + shape · u for all unit vectors u of a plane.
+    """The points centre + shape · u for all unit vectors u of a plane."""
 
-    Attributes
-    ----------
-    centre : (2,) float
-        In the unit of the readings, along the first and the second axis of the plane.
-    shape : (2, 2) float
-        Symmetric and positive definite, in the unit of the readings.
-    """
-
-    centre: Floats
-    shape: Floats
+    centre: Floats  #: (2,): in the unit of the readings, along the first and the second axis of the plane
+    shape: Floats  #: (2, 2): symmetric and positive definite, in the unit of the readings
 
     @classmethod
     def of_points(cls, points: Floats) -> Self:
@@ -206,20 +195,12 @@ class Spacing:
     With angles φ the harmonics are r₁ = |mean exp(iφ)| and r₂ = |mean exp(2iφ)|. Equally spaced points have none. The
     mean of the points is r₁ radii off the centre, and their scatter makes the circle an ellipse of ratio 1 + r₂; of
     the heading that takes up to r₁ + r₂/2 radians, to first order.
-
-    Attributes
-    ----------
-    points : int
-    first, second : float
-        r₁ and r₂, 0 to 1.
-    widest_gap_deg : float
-        Between neighbours.
     """
 
     points: int
-    first: float
-    second: float
-    widest_gap_deg: float
+    first: float  #: r₁, 0 to 1
+    second: float  #: r₂, 0 to 1
+    widest_gap_deg: float  #: between neighbours
 
     @classmethod
     def of(cls, angles: Floats) -> Self:
@@ -262,26 +243,13 @@ class Spacing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turn:
-    """A turn in one plane: its points, what the recipe makes of them, and the ellipse of least squares.
-
-    Attributes
-    ----------
-    plane : str
-    points : (N, 2) float
-        Readings along the first and the second axis of the plane.
-    recipe : PlaneEllipse
-        From mean and scatter.
-    ellipse : PlaneEllipse
-        By least squares; it does not care how the points are spaced.
-    spacing : Spacing
-        Of the points once `ellipse` has corrected them: after the recipe itself no harmonics are left
-        to see.
-    """
+    """A turn in one plane: its points, what the recipe makes of them, and the ellipse of least squares."""
 
     plane: Plane
-    points: Floats
-    recipe: PlaneEllipse
-    ellipse: PlaneEllipse
+    points: Floats  #: (N, 2): readings along the first and the second axis of the plane
+    recipe: PlaneEllipse  #: from mean and scatter
+    ellipse: PlaneEllipse  #: by least squares; it does not care how the points are spaced
+    #: of the points once `ellipse` has corrected them: after the recipe itself no harmonics are left to see
     spacing: Spacing
 
     @classmethod
@@ -306,7 +274,6 @@ def equator(ellipsoid: Ellipsoid, plane: Plane, *, dip_deg: float) -> Ellipsoid:
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     plane : str
         ``xy``, ``yz`` or ``zx``; the third axis is the one that is turned about.
     dip_deg : float

@@ -37,10 +37,7 @@ STRAIGHT: Final = 1e-6
 def attitudes(values: ArrayLike, name: str = "attitude") -> Floats:
     """Let through (..., 4) quaternions, brought to length 1; NaN where a number is missing.
 
-    Raises
-    ------
-    ArrayError
-        For a wrong shape, or a length that is not 1 to within a hundredth.
+    Raises `ArrayError` for a wrong shape, or a length that is not 1 to within a hundredth.
 
     Examples
     --------

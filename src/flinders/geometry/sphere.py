@@ -47,17 +47,10 @@ BLOCK: Final = 4096
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tiles:
-    """Centres and corners.
+    """Centres and corners."""
 
-    Attributes
-    ----------
-    centres : (642, 3) float
-        Unit vectors.
-    corners : (642, 6, 3) float
-        Unit vectors, anticlockwise seen from outside; of a pentagon the last is there twice.
-    """
-
-    centres: Floats
+    centres: Floats  #: (642, 3): unit vectors
+    #: (642, 6, 3): unit vectors, anticlockwise seen from outside; of a pentagon the last is there twice
     corners: Floats
 
     def polygons(self) -> list[Floats]:
@@ -88,10 +81,7 @@ def tiles() -> Tiles:
 def tile_of(directions: ArrayLike) -> NDArray[np.intp]:
     """(N,) which tile each of (N, 3) directions of any length falls in.
 
-    Raises
-    ------
-    ArrayError
-        For another shape, or what is not finite.
+    Raises `ArrayError` for another shape, or what is not finite.
     """
     vectors = table(directions)
     centres = tiles().centres.T.astype(np.float32)

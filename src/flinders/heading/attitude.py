@@ -39,6 +39,8 @@ LEAST: Final = 1e-6
 def magnetic_heading_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     """Tilt-compensated magnetic heading of the x axis: exact at every attitude.
 
+    Raises `ArrayError` for a wrong shape, or values that are no numbers.
+
     Parameters
     ----------
     field : (..., 3)
@@ -50,11 +52,6 @@ def magnetic_heading_deg(field: ArrayLike, specific_force: ArrayLike) -> Floats:
     -------
     (...,) degrees in [0, 360)
         Clockwise from magnetic north; NaN where field or x axis is vertical, and where a number is missing.
-
-    Raises
-    ------
-    ArrayError
-        For a wrong shape, or values that are no numbers.
 
     Notes
     -----

@@ -73,12 +73,8 @@ class UnitValue:
     def of(cls, kind: Kind, text: str) -> Self:
         """Read a number with its unit: ``2.62mG``, ``1 cm``, ``0.2A``, ``0.1 A·m²``; an angle may do without.
 
-        Raises
-        ------
-        UnitError
-            For a unit that is missing, not known or of another kind.
-        UsageError
-            For what is no positive number.
+        Raises `UnitError` for a unit that is missing, not known or of another kind; `UsageError` for what is no
+        positive number.
 
         Examples
         --------
@@ -124,11 +120,8 @@ class Heading:
     def solve(cls, *, field: float | None = None, stray: float | None = None, error_deg: float | None = None) -> Self:
         """Find the one that is left out.
 
-        Raises
-        ------
-        UsageError
-            Unless exactly one is left out, the others are positive, the error is no more than 90° and the stray
-            field no more than the horizontal one.
+        Raises `UsageError` unless exactly one is left out, the others are positive, the error is no more than 90° and
+        the stray field no more than the horizontal one.
 
         Examples
         --------
@@ -206,11 +199,8 @@ class Pair:
     ) -> Self:
         """Find the one that is left out.
 
-        Raises
-        ------
-        UsageError
-            Unless exactly one is left out and the others are positive, or where the distance is not more than half
-            the separation.
+        Raises `UsageError` unless exactly one is left out and the others are positive, or where the distance is not
+        more than half the separation.
 
         Examples
         --------
@@ -349,18 +339,6 @@ Solver: TypeAlias = "Callable[..., Wire | Pair | Magnet]"
 class Budget:
     """A chain of relations: what was given, and what was found from it.
 
-    Attributes
-    ----------
-    kind : str
-        ``heading``, ``wire``, ``pair`` or ``magnet``.
-    given : name to UnitValue
-        In the order in which they are shown.
-    position : str, optional
-        Of the sensor beside a magnet.
-    found : name to number
-        In the units used here; an error of None is any.
-    why : name to the formula it was found by
-
     Examples
     --------
     >>> given = {"current": UnitValue.of("current", "0.2A"), "distance": UnitValue.of("length", "1cm")}
@@ -370,11 +348,12 @@ class Budget:
     ({'stray': 4.0}, {'stray': 'B = µ₀ I / (2π r)'})
     """
 
-    kind: str
-    given: dict[str, UnitValue]
-    position: Position | None = None
+    kind: str  #: ``heading``, ``wire``, ``pair`` or ``magnet``
+    given: dict[str, UnitValue]  #: name to UnitValue: in the order in which they are shown
+    position: Position | None = None  #: of the sensor beside a magnet
+    #: name to number: in the units used here; an error of None is any
     found: dict[str, float | None] = field(default_factory=dict)
-    why: dict[str, str] = field(default_factory=dict)
+    why: dict[str, str] = field(default_factory=dict)  #: name to the formula it was found by
 
     @property
     def known(self) -> dict[str, float]:
@@ -396,10 +375,7 @@ class Budget:
     def find_moment(self) -> None:
         """Find the moment of a magnet from its remanence and volume, where they are given.
 
-        Raises
-        ------
-        UsageError
-            Where one of them is missing, or the moment is given as well.
+        Raises `UsageError` where one of them is missing, or the moment is given as well.
         """
         made = [self.given[name].value for name in ("remanence", "volume") if name in self.given]
         if len(made) == 1 or (made and "moment" in self.given):
@@ -411,10 +387,7 @@ class Budget:
     def find_source(self, solve: Solver, names: tuple[str, ...]) -> None:
         """Find what is left out of a source, by its stray field or that which the heading error allows.
 
-        Raises
-        ------
-        UsageError
-            Where too much or too little is given.
+        Raises `UsageError` where too much or too little is given.
         """
         heading = [name for name in ("field", "stray", "error") if name in self.given]
         if len(heading) > 2:

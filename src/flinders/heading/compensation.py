@@ -72,17 +72,13 @@ class Compensation:
 def compensation(compass_deg: ArrayLike, deviation_deg: ArrayLike) -> Compensation:
     """Find what to turn, from readings of which one is near each cardinal heading.
 
+    Raises `FitError` where no reading is within 5° of one of N, E, S and W; `ArrayError` for arrays of different
+    lengths.
+
     Parameters
     ----------
     compass_deg, deviation_deg : (N,) degrees
         Headings by the compass, and magnetic less compass heading there.
-
-    Raises
-    ------
-    FitError
-        Where no reading is within 5° of one of N, E, S and W.
-    ArrayError
-        For arrays of different lengths.
     """
     compass = np.atleast_1d(floats(compass_deg, "compass_deg"))
     deviations = folded(column(deviation_deg, len(compass), "deviation_deg"))

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 NAMES: Final = "ABCDE"
 LEAST: Final = 5
 """Headings without which five coefficients are open."""
+SURE: Final = 2.0
+"""Standard deviations of the curve that have to fit inside the limit too."""
 ADVISED: Final = 8
 """Headings that a swing should have."""
 LARGE_DEG: Final = 15.0
@@ -103,10 +105,7 @@ class Deviation:
         >>> round(float(swing.compass(swing.magnetic(100.0))), 6)
         100.0
 
-        Raises
-        ------
-        FitError
-            Where deviations are so large that two compass headings mean one magnetic heading.
+        Raises `FitError` where deviations are so large that two compass headings mean one magnetic heading.
         """
         wanted = floats(magnetic_deg, "magnetic_deg")
         if not self.is_one_to_one:
@@ -159,10 +158,7 @@ class Deviation:
     def card(self, step_deg: float = CARD_STEP_DEG) -> tuple[Floats, Floats, Floats | None]:
         """Headings by compass, deviations and their 1 σ, all round in steps.
 
-        Raises
-        ------
-        UsageError
-            Unless the step goes into 360 a whole number of times.
+        Raises `UsageError` unless the step goes into 360 a whole number of times.
         """
         if not (
             step_deg > 0.0 and 360.0 / step_deg < 4000.0 and abs(360.0 / step_deg - round(360.0 / step_deg)) < 1e-9
@@ -321,10 +317,7 @@ def eight_points(deviation_deg: ArrayLike) -> Floats:
     A = mean; B = (E − W)/2; C = (N − S)/2; D = ((NE + SW) − (SE + NW))/4; E = ((N + S) − (E + W))/4
     (H.O. 226, Handbook of Magnetic Compass Adjustment). B and C use two of the headings; `fit` uses all.
 
-    Raises
-    ------
-    ArrayError
-        Unless there are eight.
+    Raises `ArrayError` unless there are eight.
     """
     values = column(deviation_deg, 8, "deviation_deg")
     refuse_gaps(values, "deviation_deg")
@@ -404,3 +397,45 @@ def _widest_gap_deg(headings: Floats) -> float:
     """Largest angle between neighbouring headings (N,) of a circle, degrees."""
     around = np.sort(headings)
     return float(np.diff(np.append(around, around[0] + 360.0)).max())
+
+
+@dataclass(frozen=True, slots=True)
+class Conformity:
+    """What decides whether a curve keeps a limit: the reading or the place on the curve that comes nearest to it."""
+
+    limit_deg: float
+    largest_deg: float  # deviation there, without its sign
+    compass_deg: float
+    sigma_deg: float | None  # of the curve there; None where it is not known
+    is_reading: bool  # of the swing, and not of the curve
+
+    @property
+    def verdict(self) -> str:
+        """``beyond`` the limit, ``within`` it with two standard deviations to spare, and else ``open``."""
+        if self.largest_deg > self.limit_deg:
+            return "beyond"
+        is_sure = self.sigma_deg is not None and self.largest_deg + SURE * self.sigma_deg <= self.limit_deg
+        return "within" if is_sure else "open"
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {**values, "verdict": self.verdict}
+
+
+def conformity(deviation: Deviation, limit_deg: float) -> Conformity:
+    """Hold against a limit the readings of a swing, none of which may be beyond, and the curve at whole degrees.
+
+    >>> swing = fit(range(0, 360, 30), [3, 4, 2, 0, -1, -2, -3, -4, -2, 0, 1, 2])
+    >>> [conformity(swing, limit).verdict for limit in (10.0, 4.0, 3.0)]
+    ['within', 'open', 'beyond']
+    """
+    around, observed = np.arange(360.0), np.abs(deviation.observed_deg)
+    curve, sigma = np.abs(deviation.at(around)), deviation.sigma_at(around)
+    worst = int(observed.argmax())
+    if observed[worst] > max(limit_deg, float(curve.max())):
+        return Conformity(limit_deg, float(observed[worst]), float(deviation.compass_deg[worst]), None, True)
+    is_beyond = bool(curve.max() > limit_deg)
+    place = int((curve if is_beyond or sigma is None else curve + SURE * sigma).argmax())
+    known = None if sigma is None else float(sigma[place])
+    return Conformity(limit_deg, float(curve[place]), float(around[place]), known, False)

@@ -12,6 +12,20 @@ A vertical offset leaves a level heading alone, and comes in with the sine of th
 (HeadingError(rms=0.00°, worst=0.00°, dip=60°), HeadingError(rms=0.41°, worst=0.57°, dip=60°, tilt=30°))
 >>> round(attitude_limit_deg(sphere, vertical, limit_deg=0.573), 1)
 30.0
+
+The worst 1 σ belongs to one heading, and the largest error of a whole turn is mostly larger. To first order the heading
+errs by B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ, where (B, C, D, E) = L z, z of four independent normal numbers. With
+z = r θ, r its length and θ its direction, the largest error is r m(θ), m = max over ζ, and
+
+    P(largest ≤ u) = mean over θ of F(u / m(θ)),      F(x) = 1 − (1 + x²/2) exp(−x²/2)
+
+F the distribution of r. `bounds_deg` takes the mean over 128 even directions (I. Deák, Numer. Math. 35 (1980) 369;
+A. Genz and F. Bretz, "Computation of Multivariate Normal and t Probabilities", Springer (2009), sect. 4.1), and solves
+for 95 %. `tests/truth/test_confidence.py` compares it with simulated errors.
+
+>>> one_circle = np.diag([1.0, 1.0, 0.0, 0.0])           # an amplitude that Rayleigh's law gives: √(2 ln 20)
+>>> bounds_deg(np.stack([one_circle, 4.0 * one_circle])).round(2).tolist()
+[2.44, 4.88]
 """
 
 from __future__ import annotations
@@ -25,7 +39,7 @@ import numpy as np
 
 from flinders.deprecation import renamed_attribute
 from flinders.errors import UsageError
-from flinders.geometry.ellipsoid import Ellipsoid, gathered
+from flinders.geometry.ellipsoid import GATHER, Ellipsoid, gathered
 from flinders.geometry.plane import heading_errors
 from flinders.geometry.sphere import fibonacci
 
@@ -45,6 +59,20 @@ TILT_DIGITS_DEG: Final = 0.01
 MARGIN: Final = 1.1
 """By how much an error may be larger between directions that are 10° apart."""
 
+PROBABILITY: Final = 0.95
+BOUND_HEADINGS: Final = 36
+AMPLITUDES: Final = 128
+FEW: Final = 8
+"""Headings that determine a deviation of two harmonics."""
+LEAST, MOST, START = 1.9599, 3.0803, 2.4
+"""Bound over the worst 1 σ: of one heading alone, of the length of four independent numbers, and first guess."""
+STEPS: Final = 3
+NEGLIGIBLE: Final = 0.1
+"""Largest error over the worst 1 σ of directions that lie outside the bound with a probability below 1e-80."""
+CHUNK: Final = 32
+"""Units of which the errors are in memory at a time: 1.2 MB."""
+TINY: Final = np.finfo(float).tiny
+
 _EVERYWHERE: Final = fibonacci(400)
 
 
@@ -61,24 +89,12 @@ class DirectionError(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class HeadingError:
-    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn removed.
+    """What to expect of the heading of a vehicle, 1 σ, the mean over a level turn removed."""
 
-    Attributes
-    ----------
-    rms : float, degrees
-        Over all headings.
-    worst : float, degrees
-        At the worst heading.
-    dip_deg : float
-        Dip of the field for which it holds, positive where the field points along +z.
-    tilt_deg : float
-        How far the vehicle is rolled or pitched, whichever way; zero for a level one.
-    """
-
-    rms: float
-    worst: float
-    dip_deg: float
-    tilt_deg: float = 0.0
+    rms: float  #: degrees: over all headings
+    worst: float  #: degrees: at the worst heading
+    dip_deg: float  #: dip of the field for which it holds, positive where the field points along +z
+    tilt_deg: float = 0.0  #: how far the vehicle is rolled or pitched, whichever way; zero for a level one
 
     beside = renamed_attribute("beside", "combined")
 
@@ -105,9 +121,10 @@ def level_error(
     reading's error δu = −S⁻¹(δb + δS u), the heading errs by δψ = −(sin ψ δu₁ + cos ψ δu₂)/cos I. A
     constant part is a matter of mounting, which a magnetometer cannot see, and is removed.
 
+    Raises `UsageError` within a degree of the magnetic poles, where there is no heading.
+
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit².
     dip_deg : float
@@ -115,11 +132,6 @@ def level_error(
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z. A sensor that is
         mounted a little tilted is judged about the vehicle's vertical.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles, where there is no heading.
     """
     gradient = level_gradients(ellipsoid, dip_deg=dip_deg, down=down)
     rms, worst = _in_degrees(gradient, covariance)
@@ -131,10 +143,7 @@ def level_gradients(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats
 
     Up to a sign, which no variance sees; parameters as those of `level_error`.
 
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
+    Raises `UsageError` within a degree of the magnetic poles.
     """
     across, directions = _level_fields(dip_deg, down)
     gradient = gathered(np.linalg.solve(ellipsoid.shape, across), directions)
@@ -150,20 +159,16 @@ def deviation_covariance(
     The heading's error over a level turn, as in `level_error`, is A + B sin ζ + C cos ζ + D sin 2ζ + E cos 2ζ to first
     order, so that each coefficient is twice the mean of its product with it. A is a matter of mounting.
 
+    Raises `UsageError` within a degree of the magnetic poles.
+
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         As for `level_error`, and so are `dip_deg` and `down`.
 
     Returns
     -------
     (4, 4) degrees²
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
 
     Examples
     --------
@@ -195,18 +200,14 @@ def tilted_error(
     vehicle does by T δv. What is constant while it is *level* is a matter of mounting and removed; what the tilt
     adds, in each of 24 directions, counts.
 
+    Raises `UsageError` within a degree of the magnetic poles.
+
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         As for `level_error`, and so are `dip_deg` and `down`.
     tilt_deg : float
         0 to 180, which is upside down.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
     """
     across, directions = _level_fields(dip_deg, down)
     mounting = gathered(np.linalg.solve(ellipsoid.shape, across), directions).mean(axis=0)
@@ -231,10 +232,7 @@ def attitude_limit_deg(
     The largest tilt up to which `tilted_error` stays within `limit_deg`: 0 where a level vehicle is beyond it
     already, 180 where all attitudes are within. Looked for in steps of 5°, and found to 0.01°.
 
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
+    Raises `UsageError` within a degree of the magnetic poles.
     """
 
     def within(tilt_deg: float) -> bool:
@@ -282,7 +280,6 @@ def direction_errors_deg(ellipsoid: Ellipsoid, covariance: Floats, directions: F
 
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         Of (b, S), in unit².
     directions : (K, 3) float
@@ -328,10 +325,7 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
     The heading of b + S u(ψ) less ψ, its mean removed. Where the offset is larger than the
     horizontal field the raw heading does not even go round, and the error reaches 180°.
 
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
+    Raises `UsageError` within a degree of the magnetic poles.
     """
     heading, directions = level_turn(dip_deg, down)
     readings = ellipsoid.centre[:, np.newaxis] + ellipsoid.shape @ directions
@@ -345,16 +339,12 @@ def raw_error(ellipsoid: Ellipsoid, *, dip_deg: float = 60.0, down: Floats | Non
 def level_turn(dip_deg: float, down: Floats | None = None) -> tuple[Floats, Floats]:
     """(72,) headings ψ and (3, 72) unit fields u(ψ) that a level vehicle meets in a full turn.
 
+    Raises `UsageError` within a degree of the magnetic poles.
+
     Parameters
     ----------
-    dip_deg : float
     down : (3,) float, optional
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles.
 
     Examples
     --------
@@ -419,3 +409,101 @@ def _in_degrees(gradient: Floats, covariance: Floats) -> tuple[float, float]:
     """Root of the mean and of the largest variance along (K, 9) gradients in rad, in degrees."""
     variance = (gradient @ covariance * gradient).sum(axis=1).clip(min=0.0)
     return math.degrees(math.sqrt(variance.mean())), math.degrees(math.sqrt(variance.max()))
+
+
+def level_bound_deg(
+    ellipsoid: Ellipsoid, covariance: Floats, *, dip_deg: float = 60.0, down: Floats | None = None
+) -> float:
+    """Bound the heading error of a level vehicle, degrees; parameters as those of `level_error`."""
+    deviation = deviation_covariance(ellipsoid, covariance, dip_deg=dip_deg, down=down)
+    return float(bounds_deg(deviation[np.newaxis])[0])
+
+
+def bounds_deg(covariances: Floats) -> Floats:
+    """Bound the heading errors of U level turns.
+
+    Parameters
+    ----------
+    covariances : (U, 4, 4) degrees²
+        Of B, C, D and E, as `flinders.heading.error_propagation.deviation_covariance`.
+
+    Returns
+    -------
+    (U,) degrees
+        That the error exceeds at no heading with a probability of 95 %; NaN where the covariance is not known.
+    """
+    parts = [_bounds(covariances[at : at + CHUNK]) for at in range(0, len(covariances), CHUNK)]
+    return np.concatenate([*parts, np.empty(0)])
+
+
+def deviation_covariances(shapes: Floats, covariances: Floats, dips_deg: Floats) -> Floats:
+    """Carry covariances of (b, S) over to the deviations of level vehicles, z down.
+
+    Parameters
+    ----------
+    shapes : (U, 3, 3) float
+    covariances : (U, 9, 9) float
+        In the square of the unit of the shapes.
+    dips_deg : (U,) degrees
+
+    Returns
+    -------
+    (U, 4, 4) degrees²
+        Of B, C, D and E, as `flinders.heading.error_propagation.deviation_covariance` of each.
+    """
+    dip = np.deg2rad(dips_deg)[:, np.newaxis]
+    heading = np.arange(FEW) * (2.0 * np.pi / FEW)
+    sine, cosine, level = np.sin(heading), np.cos(heading), np.cos(dip)
+    fields = np.stack([level * cosine, -level * sine, np.sin(dip) + 0.0 * sine], axis=1)  # (U, 3, 8)
+    across = np.stack([sine / level, cosine / level, 0.0 * fields[:, 2]], axis=1)
+    vectors = np.linalg.solve(shapes, across)
+    products = (vectors[:, :, np.newaxis] * fields[:, np.newaxis]).reshape(len(shapes), 9, FEW)
+    gradients = GATHER.T @ np.concatenate([vectors, products], axis=1)  # (U, 9, 8)
+    jacobian = np.rad2deg(2.0 / FEW * gradients @ _harmonics(FEW))
+    carried: Floats = np.swapaxes(jacobian, 1, 2) @ covariances @ jacobian
+    return carried
+
+
+def _bounds(covariances: Floats) -> Floats:
+    """The same for as many units as fit into memory."""
+    sums: Floats = covariances.sum(axis=(1, 2))
+    is_known = np.isfinite(sums)
+    variances, axes = np.linalg.eigh(np.where(is_known[:, np.newaxis, np.newaxis], covariances, 0.0))
+    roots = axes * np.sqrt(variances.clip(min=0.0))[:, np.newaxis, :]
+    courses = _harmonics() @ roots  # (U, 36, 4): error at each heading per unit of z
+    worst = np.sqrt(np.sum(courses**2, axis=2).max(axis=1))
+    errors = courses @ _even_directions()  # (U, 36, 128)
+    largest = np.abs(errors, out=errors).max(axis=1)
+    return np.where(is_known, worst * _quantiles(largest / np.maximum(worst, TINY)[:, np.newaxis]), np.nan)
+
+
+def _quantiles(largest: Floats) -> Floats:
+    """(U,) bounds from (U, 128) largest errors per unit length of z, both over the worst 1 σ, by Newton's method."""
+    inverse = 0.5 / np.maximum(largest, NEGLIGIBLE) ** 2
+    square = np.full((len(largest), 1), START**2)
+    for _ in range(STEPS):  # the logarithm of the probability outside is nearly linear in the square of the bound
+        half = square * inverse
+        tail = np.exp(-half)
+        outside = ((1.0 + half) * tail).mean(axis=1, keepdims=True)
+        slope = (half * half * tail).mean(axis=1, keepdims=True)
+        square *= 1.0 + outside * np.log(outside / (1.0 - PROBABILITY)) / slope
+        square = square.clip(LEAST**2, MOST**2)
+    quantiles: Floats = np.sqrt(square[:, 0])
+    return quantiles
+
+
+@lru_cache(maxsize=2)
+def _harmonics(headings: int = BOUND_HEADINGS) -> Floats:
+    """(K, 4) sine and cosine of K headings and of their doubles."""
+    heading = np.arange(headings) * (2.0 * np.pi / headings)
+    return np.stack([np.sin(heading), np.cos(heading), np.sin(2.0 * heading), np.cos(2.0 * heading)], axis=1)
+
+
+@lru_cache(maxsize=1)
+def _even_directions() -> Floats:
+    """(4, 128) even directions in four dimensions, up to their sign: a super-Fibonacci spiral (M. Alexa, CVPR 2022)."""
+    place = (np.arange(AMPLITUDES) + 0.5) / AMPLITUDES
+    turns = 2.0 * np.pi * AMPLITUDES * place
+    first, second = turns / np.sqrt(2.0), turns / 1.533751168755204288118041
+    inner, outer = np.sqrt(place), np.sqrt(1.0 - place)
+    return np.stack([inner * np.sin(first), inner * np.cos(first), outer * np.sin(second), outer * np.cos(second)])

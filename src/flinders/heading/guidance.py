@@ -132,9 +132,10 @@ def guide(
 ) -> Guidance:
     """Find the direction whose readings would reduce the worst error most.
 
+    Raises `UsageError` within a degree of the magnetic poles, for the goal ``heading``.
+
     Parameters
     ----------
-    ellipsoid : Ellipsoid
     covariance : (9, 9) float
         Of (b, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃), in unit²; may be singular, where a method holds some of them.
     noise : float
@@ -150,11 +151,6 @@ def guide(
         ``heading``: of a level vehicle; ``attitude``: the field's direction, whichever way the sensor is turned.
     batch : float, optional
         Readings that will be taken before the next advice; by default a hundredth of those there are.
-
-    Raises
-    ------
-    UsageError
-        Within a degree of the magnetic poles, for the goal ``heading``.
     """
     wanted = goal_gradients(ellipsoid, goal, CELLS, dip_deg=dip_deg, down=down)
     jacobian = magnitude.information(CELLS, ellipsoid)

@@ -155,9 +155,11 @@ def plan(
 ) -> Route:
     """Find the way that brings the worst error below the target soonest, or as low as it gets in `STEPS` steps.
 
+    Raises `ArrayError` for a direction of another shape or without length; `UsageError`: within a degree of the
+    magnetic poles, for the goal ``heading``.
+
     Parameters
     ----------
-    belief : Belief
     at : (3,) array-like
         Where the field points now, in corrected sensor axes.
     target_deg : float
@@ -170,13 +172,6 @@ def plan(
         Which way is down when the vehicle is level, in corrected sensor axes; by default +z.
     readings_per_deg : float
         Readings that are taken for each degree of turning.
-
-    Raises
-    ------
-    ArrayError
-        For a direction of another shape or without length.
-    UsageError
-        Within a degree of the magnetic poles, for the goal ``heading``.
     """
     start = _unit(at)
     wanted = goal_gradients(belief.ellipsoid, goal, _EVERYWHERE, dip_deg=dip_deg, down=down)
@@ -204,10 +199,7 @@ def rough(readings: ArrayLike) -> Belief | None:
     an axis without spread its centre is their mean. Where nothing was seen, the covariance is that of what hard and
     soft iron commonly do: a radius each way, and `DEPARTURE` of it in shape.
 
-    Raises
-    ------
-    ArrayError
-        For another shape, or what is not finite.
+    Raises `ArrayError` for another shape, or what is not finite.
     """
     points = table(readings)
     points = points[:: -(-len(points) // THINNED)] if len(points) else points

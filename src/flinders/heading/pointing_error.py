@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from flinders.core.shots import PROCEDURE, ROLLS_DEG
+from flinders.core.survey import PROCEDURE, ROLLS_DEG
 from flinders.geometry.quaternions import of_angles
 from flinders.likelihood.attitude import body_to_world
 from flinders.likelihood.pointing import DOWN, ShotGroup, SurveyLayout, SurveyParameters
@@ -86,12 +86,10 @@ def next_directions(
 
     Parameters
     ----------
-    at : SurveyParameters
     covariance : (24, 24) float
         Of what there is.
     noises : (3,) float
         Standard deviations of a reading of field and gravity, and of aim.
-    count : int, optional
     """
     gradients, information = angle_gradients(at), np.linalg.inv(covariance)
     added = [_information(at, azimuth, inclination, noises) for azimuth, inclination in PROCEDURE.tolist()]

@@ -87,7 +87,6 @@ class Filter:
 
     Parameters
     ----------
-    name : str
     width : int, readings
         Odd where it is a window, so that there is a reading in its middle.
 

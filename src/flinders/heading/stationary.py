@@ -85,10 +85,7 @@ def rests(heading_deg: ArrayLike, *, least_readings: int = LEAST_READINGS) -> tu
     Neighbours on the same heading, with a bump between them, are one rest. The first and the last moment (an eighth of
     the shortest rest) of each are left out: the turn begins and ends in them.
 
-    Raises
-    ------
-    ArrayError
-        For anything but a list of numbers.
+    Raises `ArrayError` for anything but a list of numbers.
     """
     headings = floats(heading_deg, "heading_deg")
     if headings.ndim != 1:

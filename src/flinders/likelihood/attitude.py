@@ -70,7 +70,6 @@ def fill(
     Parameters
     ----------
     jacobian : (W, 3, n, P) float
-    columns : mapping of str to slice
     attitudes : (W, n, 3, 3) float
         C.
     direction : (3,) float

@@ -79,10 +79,7 @@ MAD: Final = 1.4826
 def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
     """Take the vertical from an accelerometer.
 
-    Parameters
-    ----------
-    acceleration : (N, 3) float
-        Specific force in body axes, any unit: at rest and level −g on z.
+    `acceleration`: (N, 3), specific force in body axes, any unit: at rest and level −g on z.
 
     Returns
     -------
@@ -104,18 +101,12 @@ def verticals(acceleration: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccelerometerPrior:
-    """What is known of an accelerometer's errors before the magnetometer is looked at.
+    """What is known of an accelerometer's errors before the magnetometer is looked at."""
 
-    Attributes
-    ----------
-    mean : (9,) float
-        Bias β of gravity, and the upper triangle of Γ in the order of `flinders.geometry.ellipsoid.symmetric`: at rest
-        (1 + Γ)(gβ − f) is down, and as long as gravity.
-    precision : (9, 9) float
-    """
-
+    # (9,): bias β of gravity, and the upper triangle of Γ in the order of `flinders.geometry.ellipsoid.symmetric`: at
+    # rest (1 + Γ)(gβ − f) is down, and as long as gravity
     mean: Floats
-    precision: Floats
+    precision: Floats  # (9, 9)
 
     @classmethod
     def of(cls, *, bias: float = ACCELERATION_SIGMA, gain: float = GAIN_SIGMA) -> Self:
@@ -143,12 +134,7 @@ def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     At rest w = (1 + Γ)(ρd + β) with ρ = |f|/g points down, and ρ makes it of unit length. What is given is w/ρ, which
     is not quite of unit length and has the noise of d, whatever the errors.
 
-    Parameters
-    ----------
-    down : (..., 3) float
-        Unit vectors d.
-    errors : (9,) float
-        β and Γ, as in `AccelerometerPrior`.
+    `down`: (..., 3), unit vectors d; `errors`: (9,), β and Γ, as in `AccelerometerPrior`.
 
     Returns
     -------
@@ -156,8 +142,6 @@ def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     rest : (...,) float
         ρ.
 
-    Examples
-    --------
     >>> felt = np.array([0.0, 0.6, 0.8]) - np.array([0.0, 0.0, 0.03])               # of an accelerometer that is off
     >>> bias = np.array([0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     >>> vertical, rest = upright(felt / np.linalg.norm(felt), bias)
@@ -250,12 +234,10 @@ def fill(
     Parameters
     ----------
     jacobian : (W, n, P) float
-    columns : mapping of str to slice
     recorded : (W, n, 3) float
         Unit vectors d.
     q : (W, n, 3) float
         The field's direction.
-    sine : float
     errors : (9,) float
         Of the accelerometer.
     of_gyro : slice

@@ -50,24 +50,12 @@ SLOPE_SIGMA: Final = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disturbances:
-    """Columns beside the readings.
+    """Columns beside the readings."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        One for each column.
-    columns : (N, m) float
-        About their mean.
-    reference : (m,) float
-        That mean.
-    warmth : (N,) float, °C, optional
-        Departure of the temperature from its mean where the scale may follow it.
-    """
-
-    names: tuple[str, ...]
-    columns: Floats
-    reference: Floats
-    warmth: Floats | None = None
+    names: tuple[str, ...]  # one for each column
+    columns: Floats  # (N, m): about their mean
+    reference: Floats  # (m,): that mean
+    warmth: Floats | None = None  # (N,), °C: departure of the temperature from its mean where the scale may follow it
 
     @classmethod
     def of(cls, columns: Mapping[str, Floats], *, warmth: Floats | None = None) -> Self:
@@ -99,7 +87,6 @@ def columns(directions: Floats, ellipsoid: Ellipsoid, departures: Floats, warmth
     ----------
     directions : (N, 3) float
         Unit directions u of the settled readings.
-    ellipsoid : Ellipsoid
     departures : (N, K) float
         Each disturbance's value less its reference.
     warmth : (N,) float, optional
@@ -119,14 +106,8 @@ def shared(jacobian: Floats, regressors: Floats) -> float:
     The largest squared canonical correlation of the disturbance's columns, made about their means, with those of the
     ellipsoid: with 1 both cannot be distinguished.
 
-    Parameters
-    ----------
-    jacobian : (N, 9) float
-    regressors : (N, 3) float
-        `columns` of a disturbance counted from its mean.
+    `jacobian`: (N, 9); `regressors`: (N, 3), `columns` of a disturbance counted from its mean.
 
-    Examples
-    --------
     A current that follows the attitude, and one that does not:
 
     >>> rng = np.random.default_rng(1)

@@ -22,24 +22,12 @@ ROUNDING: Final = 1e-15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NormalEquations:
-    """Sums over residuals r with Jacobian J = −∂r/∂θ.
+    """Sums over residuals r with Jacobian J = −∂r/∂θ."""
 
-    Attributes
-    ----------
-    matrix : (9, 9) float
-        Σ JᵀJ.
-    gradient : (9,) float
-        Σ Jᵀr.
-    cost : float
-        Σ r².
-    count : int
-        Residuals added up.
-    """
-
-    matrix: Floats
-    gradient: Floats
-    cost: float
-    count: int
+    matrix: Floats  # (9, 9): Σ JᵀJ
+    gradient: Floats  # (9,): Σ Jᵀr
+    cost: float  # Σ r²
+    count: int  # residuals added up
 
     @classmethod
     def empty(cls) -> Self:

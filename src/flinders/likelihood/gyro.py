@@ -74,41 +74,20 @@ AGAIN: Final = 2e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turned:
-    """How a body turned within windows.
+    """How a body turned within windows."""
 
-    Attributes
-    ----------
-    rotations : (W, n, 3, 3) float
-        ΔR: from body axes at each reading into those at the first of its window.
-    by_bias : (W, n, 3, 3) float, s
-        J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right.
-    by_scale : (W, n, 3, 9) float
-        The same for a Γ larger by γ, and for another ψ.
-    rate : (W, n, 3) float, rad/s
-        As recorded.
-    interval : (W, n) float, s
-        From each reading to the next.
-    bias : (3,) float, rad/s
-    scale : (9,) float
-        Γ and ψ: for which all this holds.
-    """
-
-    rotations: Floats
-    by_bias: Floats
-    by_scale: Floats
-    rate: Floats
-    interval: Floats
-    bias: Floats
-    scale: Floats
+    rotations: Floats  # (W, n, 3, 3): ΔR: from body axes at each reading into those at the first of its window
+    by_bias: Floats  # (W, n, 3, 3), s: J: a bias larger by δ turns ΔR_k by exp([J_k δ]×) on the right
+    by_scale: Floats  # (W, n, 3, 9): the same for a Γ larger by γ, and for another ψ
+    rate: Floats  # (W, n, 3), rad/s: as recorded
+    interval: Floats  # (W, n), s: from each reading to the next
+    bias: Floats  # (3,), rad/s
+    scale: Floats  # (9,): Γ and ψ: for which all this holds
 
     def with_gyro(self, bias: Floats, scale: Floats) -> Turned:
         """The same for another gyro: to first order for a small change, integrated anew for a larger one.
 
-        Parameters
-        ----------
-        bias : (3,) float, rad/s
-        scale : (6,) or (9,) float
-            Γ, and ψ.
+        `bias`: (3,), rad/s; `scale`: (6,) or (9,), Γ, and ψ.
         """
         scale = _whole(scale)
         if np.array_equal(bias, self.bias) and np.array_equal(scale, self.scale):
@@ -223,8 +202,6 @@ def windows(time: Floats, rate: Floats, *, window_s: float = WINDOW_S) -> NDArra
     window_s : float
         About how long a window is; a recording that is shorter is one window.
 
-    Examples
-    --------
     >>> time = np.concatenate([np.arange(0.0, 1.0, 0.1), np.arange(2.0, 2.5, 0.1)])
     >>> windows(time, np.zeros((15, 3)), window_s=0.5)
     array([[ 0,  1,  2,  3,  4],
@@ -255,7 +232,6 @@ def moved(turned: Turned, q: Floats, turning: Floats, columns: Mapping[str, slic
 
     Parameters
     ----------
-    turned : Turned
     q : (W, n, 3) float
         The field's direction.
     turning : (W, n, 3) float, rad/s

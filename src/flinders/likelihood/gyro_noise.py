@@ -62,36 +62,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Walked:
-    """Windows, and what of second order a walk of one rad² a reading makes.
+    """Windows, and what of second order a walk of one rad² a reading makes."""
 
-    Attributes
-    ----------
-    rows : ObservationRows
-        Of the windows.
-    own : (W, n, k, 2) float
-        U: Jacobian of the window's direction.
-    pushes : (W, n, k, 3) float
-        P.
-    inverse : (W, 2, 2) float
-        Π: covariance of the direction.
-    products : (W, n, 2, 3) float
-        UᵀP.
-    steps : (W, n, 2, 3) float
-        C: how the direction feels a turn at each step.
-    follows : (W, n, 2, 3) float
-        H: minus the covariance of the direction with the walk.
-    spread : (W, 2, 2) float
-        Θ: covariance of the direction that the walk makes.
-    """
-
-    rows: ObservationRows
-    own: Floats
-    pushes: Floats
-    inverse: Floats
-    products: Floats
-    steps: Floats
-    follows: Floats
-    spread: Floats
+    rows: ObservationRows  # of the windows
+    own: Floats  # (W, n, k, 2): U: Jacobian of the window's direction
+    pushes: Floats  # (W, n, k, 3): P
+    inverse: Floats  # (W, 2, 2): Π: covariance of the direction
+    products: Floats  # (W, n, 2, 3): UᵀP
+    steps: Floats  # (W, n, 2, 3): C: how the direction feels a turn at each step
+    follows: Floats  # (W, n, 2, 3): H: minus the covariance of the direction with the walk
+    spread: Floats  # (W, 2, 2): Θ: covariance of the direction that the walk makes
 
     @classmethod
     def of(cls, rows: ObservationRows, pushed: Floats) -> Self:
@@ -156,11 +136,8 @@ def mean_gradient(
         Of all that follows.
     group : ObservationGroup
         Windows of a gyro.
-    at : Parameters
     directions : (W, 3) float
         Of each window, as they have settled.
-    layout : ParameterLayout
-    weights : Weights
     """
     gradient = _of_model(walked, directions) + _of_gyro(walked, group, at, layout)
     together = _together(walked, group, directions)

@@ -66,34 +66,19 @@ def turning(directions: Floats, ellipsoid: Ellipsoid) -> Iterator[Floats]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support:
-    """Directions of parameter space, in the scale in which the normal matrix has ones on its diagonal.
+    """Directions of parameter space, in the scale in which the normal matrix has ones on its diagonal."""
 
-    Attributes
-    ----------
-    scale : (K,) float
-        Root of that diagonal.
-    values : (K,) float
-        Eigenvalues of the scaled matrix.
-    vectors : (K, K) float
-        Their directions, in columns.
-    share : (K,) float
-        Of the information about each, what noise alone pretends.
-    """
-
-    scale: Floats
-    values: Floats
-    vectors: Floats
-    share: Floats
+    scale: Floats  # (K,): root of that diagonal
+    values: Floats  # (K,): eigenvalues of the scaled matrix
+    vectors: Floats  # (K, K): their directions, in columns
+    share: Floats  # (K,): of the information about each, what noise alone pretends
 
     @classmethod
     def of(cls, matrix: Floats, spurious: Callable[[], Floats]) -> Self:
         """Look at a normal matrix in standard deviations.
 
-        Parameters
-        ----------
-        matrix : (K, K) float
-        spurious : callable
-            Gives the (K, K) matrix of `spurious_information`, where asked: a well-conditioned matrix needs none.
+        `matrix`: (K, K); `spurious`: gives the (K, K) matrix of `spurious_information`, where asked: a well-conditioned
+        matrix needs none.
         """
         diagonal = np.diag(matrix)
         nothing = max(ROUNDING * float(diagonal.max()), np.finfo(float).tiny)

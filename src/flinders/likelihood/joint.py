@@ -69,23 +69,7 @@ MISFIT: Final = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointProblem:
-    """Groups of readings, and what is thought of the parameters before.
-
-    Attributes
-    ----------
-    groups : tuple of ObservationGroup
-    layout : ParameterLayout
-    aiding : tuple of str
-    site : Site, optional
-    prior : SensorPrior
-    disturbances : Disturbances, optional
-    interval : float, s
-        Between two readings of a window.
-    accelerometer : AccelerometerPrior, optional
-        Where it brings verticals.
-    is_rough : bool
-        A check asks for no more steps than a long recording takes.
-    """
+    """Groups of readings, and what is thought of the parameters before."""
 
     groups: tuple[ObservationGroup, ...]
     layout: ParameterLayout
@@ -93,9 +77,9 @@ class JointProblem:
     site: Site | None
     prior: SensorPrior
     disturbances: Disturbances | None
-    interval: float
-    accelerometer: AccelerometerPrior | None = None
-    is_rough: bool = False
+    interval: float  # s: between two readings of a window
+    accelerometer: AccelerometerPrior | None = None  # where it brings verticals
+    is_rough: bool = False  # a check asks for no more steps than a long recording takes
     tolerance: ClassVar[float] = NO_WORSE
 
     @classmethod
@@ -293,8 +277,6 @@ def aligned(attitudes: Floats, seen: Floats, rotation: Floats) -> Floats:
     -------
     (3, 3) float
 
-    Examples
-    --------
     >>> from flinders.geometry.quaternions import of_angles
     >>> angles = np.random.default_rng(1).uniform(-1.0, 1.0, (50, 3))
     >>> attitudes = attitude.body_to_world(of_angles(angles))

@@ -69,24 +69,12 @@ RUN: Final = 32
 
 
 class Weights(NamedTuple):
-    """How far residuals are trusted.
+    """How far residuals are trusted."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation of a component of a reading, in its unit.
-    vertical : float
-        Standard deviation of dᵀq, or of an attitude about each axis, in rad.
-    own : float
-        Share of the variance of dᵀq that is noise of d, and not of a gyro's walk.
-    span : float
-        Verticals in a row that say as much as one: accelerations last.
-    """
-
-    noise: float
-    vertical: float = 1.0
-    own: float = 1.0
-    span: float = 1.0
+    noise: float  # standard deviation of a component of a reading, in its unit
+    vertical: float = 1.0  # standard deviation of dᵀq, or of an attitude about each axis, in rad
+    own: float = 1.0  # share of the variance of dᵀq that is noise of d, and not of a gyro's walk
+    span: float = 1.0  # verticals in a row that say as much as one: accelerations last
 
     @property
     def steepness(self) -> float:
@@ -96,35 +84,18 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationGroup:
-    """Readings, so many to a direction.
+    """Readings, so many to a direction."""
 
-    Attributes
-    ----------
-    rows : (W, n) int
-        Which readings of the recording.
-    field : (W, n, 3) float
-    weight : (W, n) float
-        1, or 0 for a reading that does not belong.
-    turned : Turned, optional
-        How the body turned within each window.
-    attitudes : (W, n, 3, 3) float, optional
-        From body axes into the world, where all share the direction of the site's field.
-    down : (W, n, 3) float, optional
-    trust : (W, n) float, optional
-        In the vertical, or in the attitude; a group has one of the two at most.
-    disturbances : (W, n, m) float, optional
-    warmth : (W, n) float, optional
-    """
-
-    rows: NDArray[np.intp]
-    field: Floats
-    weight: Floats
-    turned: Turned | None = None
+    rows: NDArray[np.intp]  # (W, n): which readings of the recording
+    field: Floats  # (W, n, 3)
+    weight: Floats  # (W, n): 1, or 0 for a reading that does not belong
+    turned: Turned | None = None  # how the body turned within each window
+    # (W, n, 3, 3): from body axes into the world, where all share the direction of the site's field
     attitudes: Floats | None = None
-    down: Floats | None = None
-    trust: Floats | None = None
-    disturbances: Floats | None = None
-    warmth: Floats | None = None
+    down: Floats | None = None  # (W, n, 3)
+    trust: Floats | None = None  # (W, n): in the vertical, or in the attitude; a group has one of the two at most
+    disturbances: Floats | None = None  # (W, n, m)
+    warmth: Floats | None = None  # (W, n)
 
     @classmethod
     def of(cls, field: Floats) -> Self:
@@ -229,72 +200,36 @@ class ObservationGroup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationRows:
-    """Residuals of a group, in standard deviations, and their Jacobians J = −∂r/∂θ.
+    """Residuals of a group, in standard deviations, and their Jacobians J = −∂r/∂θ."""
 
-    Attributes
-    ----------
-    residual : (W, k, n) float
-        k is 3, 4 with a vertical, or 6 with an attitude.
-    jacobian : (W, k, n, P) float
-    own : (W, k, n, 2) float
-        For the window's own direction.
-    model : (W, k, n) float
-        The part of the model that is linear in that direction.
-    lean : (W, k, n) float
-        Mean residual that the noise of verticals pretends, which stands in the residual and in its Jacobian.
-    still : (P,) float
-        1 for a parameter whose Jacobian has no part in that noise.
-    counts : tuple of float
-        Residuals of each kind: a weight stands for a variance, and each counts for one. Of an attitude two, as the
-        third, along the field, is of second order.
-    kinds : tuple of tuple of slice
-        Which (W, k, n) residuals have a noise of their own: those of readings, and of verticals or attitudes.
-    """
-
-    residual: Floats
-    jacobian: Floats
-    own: Floats
-    model: Floats
+    residual: Floats  # (W, k, n): k is 3, 4 with a vertical, or 6 with an attitude
+    jacobian: Floats  # (W, k, n, P)
+    own: Floats  # (W, k, n, 2): for the window's own direction
+    model: Floats  # (W, k, n): the part of the model that is linear in that direction
+    # (W, k, n): mean residual that the noise of verticals pretends, which stands in the residual and in its Jacobian
     lean: Floats
-    still: Floats
+    still: Floats  # (P,): 1 for a parameter whose Jacobian has no part in that noise
+    # residuals of each kind: a weight stands for a variance, and each counts for one. Of an attitude two, as the third,
+    # along the field, is of second order.
     counts: tuple[float, ...]
+    # which (W, k, n) residuals have a noise of their own: those of readings, and of verticals or attitudes
     kinds: tuple[tuple[slice, ...], ...] = (np.s_[:, :3], np.s_[:, 3:])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearised:
-    """Normal equations of a group, its own directions eliminated.
+    """Normal equations of a group, its own directions eliminated."""
 
-    Attributes
-    ----------
-    matrix : (P, P) float
-    gradient : (P,) float
-    cost : float
-        Σ r².
-    bent : (P,) float
-        Mean gradient that noise makes on the sphere.
-    inverse : (W, 2, 2) float
-        Covariance of each direction, were the parameters known.
-    mixed : (W, P, 2) float
-    own : (W, 2) float
-        Gradient of each direction.
-    squares : (K,) float
-        Σ r² of each kind of residual, once directions have settled.
-    expected : (K,) float
-        The same if the weights are right, but for what the parameters take up.
-    curvature : (K, K) float
-        How the squares hang on the variance of each kind: Fisher's information, twice, per relative change.
-    """
-
-    matrix: Floats
-    gradient: Floats
-    cost: float
-    bent: Floats
-    inverse: Floats
-    mixed: Floats
-    own: Floats
-    squares: Floats
-    expected: Floats
+    matrix: Floats  # (P, P)
+    gradient: Floats  # (P,)
+    cost: float  # Σ r²
+    bent: Floats  # (P,): mean gradient that noise makes on the sphere
+    inverse: Floats  # (W, 2, 2): covariance of each direction, were the parameters known
+    mixed: Floats  # (W, P, 2)
+    own: Floats  # (W, 2): gradient of each direction
+    squares: Floats  # (K,): Σ r² of each kind of residual, once directions have settled
+    expected: Floats  # (K,): the same if the weights are right, but for what the parameters take up
+    # (K, K): how the squares hang on the variance of each kind: Fisher's information, twice, per relative change
     curvature: Floats
 
     @classmethod
@@ -439,13 +374,10 @@ def _add_beside(
     ----------
     rows : ObservationRows
         But for their Jacobian.
-    group : ObservationGroup
-    at : Parameters
     q : (W, n, 3) float
         The field's direction at each reading.
     turned : (W, n, 3, 2) float
         What is across the direction of the window, at each reading.
-    weights : Weights
     """
     trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
     steep = np.sqrt(trust) * weights.steepness

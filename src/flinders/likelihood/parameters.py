@@ -52,16 +52,9 @@ BLOCKS: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterLayout:
-    """Which column of a Jacobian belongs to what.
+    """Which column of a Jacobian belongs to what."""
 
-    Attributes
-    ----------
-    columns : dict of str to slice
-        Of the blocks that are free; offset and shape are always the first nine.
-    size : int
-    """
-
-    columns: dict[str, slice]
+    columns: dict[str, slice]  # of the blocks that are free; offset and shape are always the first nine
     size: int
 
     @classmethod
@@ -82,45 +75,25 @@ class ParameterLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Parameters:
-    """One set of values.
+    """One set of values."""
 
-    Attributes
-    ----------
-    offset : (3,) float, unit of the readings
-    shape : (3, 3) float, unit of the readings
-        Symmetric and positive definite.
-    rotation : (3, 3) float
-        Turns vectors in the magnetometer's axes into the body's, which are those of gyro, accelerometer and attitude.
-    disturbances : (m, 3) float
-        Offset for each unit of each disturbance.
-    slope : float, 1/°C
-        Of the scale.
-    gyro_bias : (3,) float, rad/s
-    delay : float, s
-        By how much the magnetometer is behind the gyro.
-    sine : float
-        Of the field's dip, positive where it points below the horizon.
-    direction : (3,) float
-        Unit vector: the site's field in the axes that a logged attitude turns into.
-    gyro_scale : (6,) float
-        Upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the body turns by (1 + Γ)(ω − d).
-    gyro_turn : (3,) float, rad
-        ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d).
-    accelerometer : (9,) float
-        Its bias β, of gravity, and the upper triangle of Γ, see `flinders.likelihood.dip.AccelerometerPrior`.
-    """
-
-    offset: Floats
-    shape: Floats
+    offset: Floats  # (3,), unit of the readings
+    shape: Floats  # (3, 3), unit of the readings: symmetric and positive definite
+    # (3, 3): turns vectors in the magnetometer's axes into the body's, which are those of gyro, accelerometer and
+    # attitude
     rotation: Floats
-    disturbances: Floats
-    slope: float
-    gyro_bias: Floats
-    delay: float
-    sine: float
-    direction: Floats
+    disturbances: Floats  # (m, 3): offset for each unit of each disturbance
+    slope: float  # 1/°C: of the scale
+    gyro_bias: Floats  # (3,), rad/s
+    delay: float  # s: by how much the magnetometer is behind the gyro
+    sine: float  # of the field's dip, positive where it points below the horizon
+    direction: Floats  # (3,): unit vector: the site's field in the axes that a logged attitude turns into
+    # (6,): upper triangle of Γ, in the order of `flinders.geometry.ellipsoid.symmetric`: the body turns by (1 + Γ)(ω −
+    # d)
     gyro_scale: Floats = dataclasses.field(default_factory=lambda: np.zeros(6))
+    # (3,), rad: ψ: how the gyro's axes are turned against those of the body: it turns by (1 + Γ + [ψ]×)(ω − d)
     gyro_turn: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
+    # (9,): its bias β, of gravity, and the upper triangle of Γ, see `flinders.likelihood.dip.AccelerometerPrior`
     accelerometer: Floats = dataclasses.field(default_factory=lambda: np.zeros(9))
 
     @classmethod

@@ -93,24 +93,14 @@ class SurveyLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyParameters:
-    """What is fitted.
+    """What is fitted."""
 
-    Attributes
-    ----------
-    magnetometer, accelerometer : Parameters
-        Offset and shape of each, and the rotation from the magnetometer's axes to the accelerometer's.
-    dip : float, rad
-    pointing : (3,) float
-        p, in the accelerometer's axes.
-    attitudes : (N, 3, 3) float
-        From the accelerometer's axes to north, east and down.
-    """
-
+    # offset and shape of each, and the rotation from the magnetometer's axes to the accelerometer's
     magnetometer: Parameters
     accelerometer: Parameters
-    dip: float
-    pointing: Floats
-    attitudes: Floats
+    dip: float  # rad
+    pointing: Floats  # (3,): p, in the accelerometer's axes
+    attitudes: Floats  # (N, 3, 3): from the accelerometer's axes to north, east and down
 
     @property
     def field(self) -> Floats:
@@ -179,20 +169,11 @@ class SurveyParameters:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShotGroup:
-    """All shots, those in the same direction in one row; the rest of a row counts nothing.
+    """All shots, those in the same direction in one row; the rest of a row counts nothing."""
 
-    Attributes
-    ----------
-    shots : (W, n) int
-        Which shot.
-    weight : (W, n) float
-        1, or 0 where a row has fewer shots.
-    magnetic, gravity : (W, n, 3) float
-        Readings.
-    """
-
-    shots: NDArray[np.intp]
-    weight: Floats
+    shots: NDArray[np.intp]  # (W, n): which shot
+    weight: Floats  # (W, n): 1, or 0 where a row has fewer shots
+    # (W, n, 3): readings
     magnetic: Floats
     gravity: Floats
 
@@ -277,19 +258,11 @@ SurveyIterate: TypeAlias = "Iterate[SurveyParameters, ShotGroup, Floats]"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurveyProblem:
-    """Shots, and what is thought of the instrument before.
-
-    Attributes
-    ----------
-    group : ShotGroup
-    layout : SurveyLayout
-    priors : tuple of SensorPrior
-        Of magnetometer and accelerometer.
-    """
+    """Shots, and what is thought of the instrument before."""
 
     group: ShotGroup
     layout: SurveyLayout
-    priors: tuple[SensorPrior, SensorPrior]
+    priors: tuple[SensorPrior, SensorPrior]  # of magnetometer and accelerometer
     tolerance: ClassVar[float] = NO_WORSE
     settled: ClassVar[float] = SETTLED
 
@@ -325,18 +298,10 @@ class SurveyProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Influence:
-    """Residuals and hat matrix of a fit: how much each residual determines itself.
+    """Residuals and hat matrix of a fit: how much each residual determines itself."""
 
-    Attributes
-    ----------
-    residual : (N, 9) float
-        Of each shot, in standard deviations.
-    hat : (N, 9, 9) float
-        Block of each shot.
-    """
-
-    residual: Floats
-    hat: Floats
+    residual: Floats  # (N, 9): of each shot, in standard deviations
+    hat: Floats  # (N, 9, 9): block of each shot
 
     @classmethod
     def of(cls, problem: SurveyProblem, iterate: SurveyIterate) -> Self:

@@ -59,13 +59,7 @@ def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquation
     The centre lies within ten spreads of the readings from their middle, and the size is theirs to a factor of about
     ten. A level turn leaves both open across its plane; anything that was seen does not feel it.
 
-    Parameters
-    ----------
-    ellipsoid : Ellipsoid
-    middle : (3,) float
-        Mean reading.
-    spread : float
-        Root mean square distance of the readings from it.
+    `middle`: (3,), mean reading; `spread`: root mean square distance of the readings from it.
     """
     width = SENSE * spread
     residual = np.append(ellipsoid.centre - middle, np.trace(ellipsoid.shape) / 3.0 - spread) / width
@@ -77,18 +71,10 @@ def sense(ellipsoid: Ellipsoid, middle: Floats, spread: float) -> NormalEquation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownShape:
-    """The shape of an earlier calibration, instead of what is usual.
+    """The shape of an earlier calibration, instead of what is usual."""
 
-    Attributes
-    ----------
-    entries : (6,) float
-        In the order of `flinders.geometry.ellipsoid.upper`.
-    covariance : (6, 6) float
-        Positive definite.
-    """
-
-    entries: Floats
-    covariance: Floats
+    entries: Floats  # (6,): in the order of `flinders.geometry.ellipsoid.upper`
+    covariance: Floats  # (6, 6): positive definite
 
     def equations(self, ellipsoid: Ellipsoid) -> NormalEquations:
         """Give its normal equations at an ellipsoid, its residuals in standard deviations."""
@@ -99,30 +85,15 @@ class KnownShape:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorPrior:
-    """What is thought of the parameters of one magnetometer before anything is read.
+    """What is thought of the parameters of one magnetometer before anything is read."""
 
-    Attributes
-    ----------
-    spread : float
-        Departure of the shape from a sphere, see `equations`.
-    middle : (3,) float
-        Mean reading.
-    width : float
-        Root mean square distance of the readings from it, see `sense`.
-    rotation : (3, 3) float
-        About which the rotation is thought to lie.
-    sigmas : dict of str to float
-        Standard deviations of blocks of `flinders.likelihood.parameters.BLOCKS` where they are not the usual ones.
-    known : KnownShape, optional
-        Of an earlier calibration: it takes the place of `spread`.
-    """
-
-    spread: float
-    middle: Floats
-    width: float
-    rotation: Floats
+    spread: float  # departure of the shape from a sphere, see `equations`
+    middle: Floats  # (3,): mean reading
+    width: float  # root mean square distance of the readings from it, see `sense`
+    rotation: Floats  # (3, 3): about which the rotation is thought to lie
+    # standard deviations of blocks of `flinders.likelihood.parameters.BLOCKS` where they are not the usual ones
     sigmas: dict[str, float] = field(default_factory=dict)
-    known: KnownShape | None = None
+    known: KnownShape | None = None  # of an earlier calibration: it takes the place of `spread`
 
     @classmethod
     def of(

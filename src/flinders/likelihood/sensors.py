@@ -48,13 +48,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorLayout:
-    """Which columns of a Jacobian belong to which sensor.
-
-    Attributes
-    ----------
-    each : tuple of ParameterLayout
-    columns : tuple of slice
-    """
+    """Which columns of a Jacobian belong to which sensor."""
 
     each: tuple[ParameterLayout, ...]
     columns: tuple[slice, ...]
@@ -102,14 +96,9 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorGroup:
-    """Readings of several sensors at the same moments, one direction for each moment.
+    """Readings of several sensors at the same moments, one direction for each moment."""
 
-    Attributes
-    ----------
-    each : tuple of ObservationGroup
-        Of each sensor, one reading a moment; of weight 0 where it is missing or does not belong.
-    """
-
+    # of each sensor, one reading a moment; of weight 0 where it is missing or does not belong
     each: tuple[ObservationGroup, ...]
 
     @classmethod
@@ -191,17 +180,9 @@ SensorIterate: TypeAlias = "Iterate[Sensors, SensorGroup, Floats]"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorProblem:
-    """Readings of all sensors, and what is thought of the parameters before.
+    """Readings of all sensors, and what is thought of the parameters before."""
 
-    Attributes
-    ----------
-    group : SensorGroup
-        As recorded.
-    layout : SensorLayout
-    priors : tuple of SensorPrior
-    """
-
-    group: SensorGroup
+    group: SensorGroup  # as recorded
     layout: SensorLayout
     priors: tuple[SensorPrior, ...]
     tolerance: ClassVar[float] = NO_WORSE

@@ -45,28 +45,14 @@ INCLINATION_SIGMA_DEG: Final = 1.0
 class Site:
     """The field at a place.
 
-    Attributes
-    ----------
-    strength : float, optional
-        In the unit of the readings.
-    inclination_deg : float, optional
-        Positive where the field points below the horizon.
-    gain_sigma : float
-        By what share the mean gain of the sensor, and the strength with it, may be off.
-    inclination_sigma_deg : float
-    z_down : bool
-        Somebody says that z of the axes in use points down in a level vehicle; an accelerometer goes before that.
-
-    Raises
-    ------
-    UsageError
-        For numbers that no site has.
+    Raises `UsageError` for numbers that no site has.
     """
 
-    strength: float | None = None
-    inclination_deg: float | None = None
-    gain_sigma: float = GAIN_SIGMA
+    strength: float | None = None  # in the unit of the readings
+    inclination_deg: float | None = None  # positive where the field points below the horizon
+    gain_sigma: float = GAIN_SIGMA  # by what share the mean gain of the sensor, and the strength with it, may be off
     inclination_sigma_deg: float = INCLINATION_SIGMA_DEG
+    # somebody says that z of the axes in use points down in a level vehicle; an accelerometer goes before that
     z_down: bool = False
 
     def __post_init__(self) -> None:

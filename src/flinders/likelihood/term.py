@@ -12,41 +12,19 @@ from typing import NamedTuple
 
 
 class Block(NamedTuple):
-    """Parameters that belong together.
+    """Parameters that belong together."""
 
-    Attributes
-    ----------
-    name : str
-        As the attribute of `flinders.likelihood.parameters.Parameters`.
-    size : int
-        Columns in the Jacobian; of disturbances for each of them.
-    sigma : float, optional
-        Prior standard deviation about zero, or about what is known; None without a prior of its own.
-    """
-
-    name: str
-    size: int
+    name: str  # as the attribute of `flinders.likelihood.parameters.Parameters`
+    size: int  # columns in the Jacobian; of disturbances for each of them
+    # prior standard deviation about zero, or about what is known; None without a prior of its own
     sigma: float | None = None
 
 
 class Term(NamedTuple):
-    """An observation that a recording may hold beside the magnetometer's readings.
+    """An observation that a recording may hold beside the magnetometer's readings."""
 
-    Attributes
-    ----------
-    name : str
-        As it is asked for.
-    instrument : str
-        What it comes from.
-    words : str
-        What it goes by.
-    needs : tuple of str
-        Columns of `flinders.core.samples.Samples`.
-    blocks : tuple of Block
-    """
-
-    name: str
-    instrument: str
-    words: str
-    needs: tuple[str, ...]
+    name: str  # as it is asked for
+    instrument: str  # what it comes from
+    words: str  # what it goes by
+    needs: tuple[str, ...]  # columns of `flinders.core.samples.Samples`
     blocks: tuple[Block, ...] = ()

@@ -34,7 +34,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.plugins import plugin_rows
 from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
-from flinders.core.shots import Shots
+from flinders.core.survey import Shots
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
 from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._frame import is_frame, open_frame
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from flinders.arrays import Floats
-    from flinders.core.shots import Pointing
+    from flinders.core.survey import Pointing
     from flinders.readers._columns import Columns
 
 __all__ = [
@@ -79,14 +79,14 @@ FileRecording: TypeAlias = TextRecording | TableRecording | Instrument
 """What there is to choose from: each knows its file and its unit, and can say what it recognised."""
 
 
-LAST: Final = ("zipped", "text")
-"""Modules that take what no other does: any archive, and whatever is not binary."""
+LAST: Final = "text"
+"""The module that takes what no other does: whatever is not binary."""
 
 
 def _rows() -> tuple[Reader, ...]:
     """Collect the rows at the ends of the modules of this package, those of `LAST` last."""
-    there = sorted(module.name for module in iter_modules(__path__) if module.name not in LAST)
-    modules = (import_module(f"{__name__}.{name}") for name in (*there, *LAST))
+    there = sorted(module.name for module in iter_modules(__path__) if module.name != LAST)
+    modules = (import_module(f"{__name__}.{name}") for name in (*there, LAST))
     return tuple(row for module in modules for row in getattr(module, "READERS", ()))
 
 
@@ -155,7 +155,8 @@ def open_recording(
         For columns or a magnetometer that there are not; its `UnitError` and `AxesError` for a unit or mapping that
         cannot be used.
     """
-    paths = [path] if is_source(path) else list(cast("Sequence[AnySource]", path))
+    is_one = not isinstance(path, (list, tuple)) and is_source(path)
+    paths = [path] if is_one else list(cast("Sequence[AnySource]", path))
     if not paths:
         raise UsageError("no recording was given: name at least one file, or '-' for standard input")
     options = _Options(
@@ -244,16 +245,12 @@ def holds_log(
 ) -> bool:
     """Tell whether there is a magnetometer to choose: in a log, or a table of several; never for a pipe.
 
+    Raises `UnreadableInput` for what is not there, or of no kind that is read.
+
     Parameters
     ----------
-    path : str or path
     columns, pattern, topic : str, optional
         As `open_recording`; columns say which magnetometer it is already.
-
-    Raises
-    ------
-    UnreadableInput
-        For what is not there, or of no kind that is read.
     """
     if os.fspath(path) == "-" or not (_is_folder(path) or os.path.isfile(path)):  # noqa: PTH113 - as _is_folder
         return False  # what cannot be looked at twice is left alone
@@ -340,7 +337,6 @@ def read_shots(
 
     Parameters
     ----------
-    path : str or path
     axes : str
         Where each axis of the instrument, right-handed, comes from in the magnetometer, such as ``x,y,-z``.
     acceleration_axes : str, optional

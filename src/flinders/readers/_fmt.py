@@ -191,12 +191,7 @@ class Messages:
 def read_packed(raw: Bytes, wanted: Collection[str]) -> Messages:
     """Find the messages of some names in a binary log.
 
-    Parameters
-    ----------
-    raw : (size,) uint8
-        The log; a memory map is gone through `CHUNK` by `CHUNK`.
-    wanted : collection of str
-        Names.
+    `raw`: (size,) uint8, the log; a memory map is gone through `CHUNK` by `CHUNK`; `wanted`: collection of str, names.
     """
     formats = {FMT_TYPE: Format(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
     lengths = np.zeros(256, np.int64)
@@ -249,15 +244,8 @@ class _Segment(NamedTuple):
     def follow(self, lengths: Places) -> tuple[Places, int, int]:
         """Go from message to message by their lengths; after broken bytes, to the next that another one follows.
 
-        Parameters
-        ----------
-        lengths : (256,) int64
-            Of the messages of each type; 0 where that is not known.
-
-        Returns
-        -------
-        (M,) int64, int, int
-            At which bytes messages begin; where the next stretch begins; in how many places bytes were skipped.
+        `lengths`: (256,) int64, of the messages of each type; 0 where that is not known. Returns (M,) int64: at which
+        bytes messages begin; where the next stretch begins; in how many places bytes were skipped.
         """
         count, end = len(self.headers), len(self.raw) - self.at
         steps = lengths[self.raw[self.at + self.headers + 2]]
@@ -295,12 +283,7 @@ class _Segment(NamedTuple):
 def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Messages:
     """Find the messages of some names in a log that was turned into text.
 
-    Parameters
-    ----------
-    lines : iterable of (int, str)
-        With their numbers: ``MAG, 11477, 217, 4, -586``.
-    wanted : collection of str
-        Names.
+    `lines`: with their numbers: ``MAG, 11477, 217, 4, -586``; `wanted`: collection of str, names.
     """
     formats: dict[str, Format] = {}
     columns: dict[str, list[Any]] = {}

@@ -149,10 +149,7 @@ def recognise_layout(
 ) -> tuple[Dialect | None, TextLayout]:
     """Recognise how lines are written: as a table, which `lay_out` does, or in a dialect that makes one.
 
-    Raises
-    ------
-    InputError
-        What `lay_out` raises, where they are neither.
+    Raises what `lay_out` raises where they are neither.
     """
     dialect = Pattern.of(pattern) if pattern is not None else recognise(lines)
     try:

@@ -128,12 +128,8 @@ class Instrument:
     def blocks(self) -> Iterator[Samples]:
         """Go through the readings, in `axes` and within `span`.
 
-        Raises
-        ------
-        UnreadableInput
-            Where the log cannot be read to its end, or no reading is left.
-        UsageError
-            Where nothing lies within the span.
+        Raises `UnreadableInput` where the log cannot be read to its end, or no reading is left; `UsageError` where
+        nothing lies within the span.
         """
         clock, gone, given = self.span.clock(self.source, self.beginning), 0, 0
         for block in self.columns(self.as_logged):
@@ -185,9 +181,6 @@ class Log:
     def sensor(self, wanted: str) -> Instrument:
         """Look a magnetometer up by its number, counted from 1, or by its name.
 
-        Raises
-        ------
-        UsageError
-            For one that there is not; names those there are.
+        Raises `UsageError` for one that there is not; names those there are.
         """
         return self.instruments[Choice(wanted).among([one.name for one in self.instruments], self.source)]

@@ -155,8 +155,8 @@ _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
 _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT whose bytes were decoded as something else
 CALIBRATED: Final = 10  # rank from which on readings were corrected already
 BARE: Final = 2  # clearness of ``x``, ``y``, ``z``, which may be a position where something else is a magnetometer
-# Columns that are known by their whole name only, as `flinders.simulate.table` writes them: a ``throttle`` may be per
-# cent or microseconds, and an attitude that of any axes.
+# Columns that are known by their whole name only, as `flinders.simulate.recording` writes them: a ``throttle`` may be
+# per cent or microseconds, and an attitude that of any axes.
 _WRITTEN_HERE: Final = {
     "throttle_share": (THROTTLE, ""),
     **{f"{ATTITUDE}_{axis}": (ATTITUDE, axis) for axis in "wxyz"},

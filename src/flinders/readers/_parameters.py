@@ -43,6 +43,8 @@ def stages(
 
     A vehicle writes its parameters in the first seconds of a log: what it says of one first was in force before, too.
 
+    Raises `UnreadableInput` for more than `MOST_CHANGES`.
+
     Parameters
     ----------
     entries : iterable of (float, str, float)
@@ -53,11 +55,6 @@ def stages(
         Names the log in messages.
     together : float
         Changes within so much of a stage belong to it.
-
-    Raises
-    ------
-    UnreadableInput
-        For more than `MOST_CHANGES`.
     """
     found: list[tuple[float, dict[str, float]]] = [(-np.inf, {})]
     for place, name, value in entries:

@@ -54,10 +54,7 @@ class TimeSeries:
     def of(cls, time: ArrayLike, values: ArrayLike) -> Self | None:
         """Put measurements in the order of their times, without those that are not finite; None where none is left.
 
-        Parameters
-        ----------
-        time : (M,) array-like, s
-        values : (M, k) array-like
+        `time`: (M,) array-like, s; `values`: (M, k) array-like.
         """
         when, measured = floats(time), floats(values)
         usable = np.isfinite(when) & np.isfinite(measured).all(axis=1)

@@ -76,10 +76,7 @@ class Scan:
     def messages(self) -> Iterator[tuple[Foreign, int, bytes]]:
         """Yield connection, time of recording in ns and content of each wanted message, in the order of the file.
 
-        Raises
-        ------
-        UnreadableInput
-            Where there is no whole message before a break, or a packed piece has too many bytes.
+        Raises `UnreadableInput` where there is no whole message before a break, or a packed piece has too many bytes.
         """
         count, last = 0, None
         try:

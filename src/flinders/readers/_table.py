@@ -114,12 +114,8 @@ class TableRecording(ColumnsRecording):
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
-        Raises
-        ------
-        UnreadableInput
-            Where the file cannot be read to its end, or no reading is finite.
-        UsageError
-            Where nothing lies within the span.
+        Raises `UnreadableInput` where the file cannot be read to its end, or no reading is finite; `UsageError` where
+        nothing lies within the span.
         """
         self.skipped = ()
         clock, done, usable = self.span.clock(self.source), 0, 0
@@ -159,14 +155,9 @@ def open_table(
 ) -> TableRecording:
     """Recognise which columns are what; parameters as `flinders.readers.open_recording`.
 
-    Raises
-    ------
-    NoMagnetometer
-        Where it is not clear which columns are the magnetometer, and where none holds numbers.
-    UsageError
-        For columns or a magnetometer that there are not; its `UnitError` for a unit that contradicts the names.
-    UnreadableInput
-        Where the table has no rows.
+    Raises `NoMagnetometer` where it is not clear which columns are the magnetometer, and where none holds numbers;
+    `UsageError` for columns or a magnetometer that there are not; its `UnitError` for a unit that contradicts the
+    names; `UnreadableInput` where the table has no rows.
     """
     if not table.length:
         raise UnreadableInput(f"{file.name} has no rows: record again, or check what was saved")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
-    from flinders.readers._messages import Message
+    from flinders.readers.nmea0183 import Message
 
 FORMATS: Final = {"NMEA 0183": nmea0183, "NMEA 2000": nmea2000, "Signal K": signalk}
 """By name; each has `SIGN`, which finds it in the first lines, and `messages`."""
@@ -83,6 +83,9 @@ def is_compass_log(path: str | os.PathLike[str]) -> bool:
 def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto") -> CompassLog:
     """Read a log of a boat.
 
+    Raises `UnreadableInput` for another file, or one without compass, reference or clock; `UsageError` for another
+    reference.
+
     Parameters
     ----------
     path : str or path
@@ -90,13 +93,6 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
     reference : ``auto``, ``heading`` or ``course``
         What the compass is held against: a true heading of another instrument, where there is one that was not
         calculated from the compass, else the course over ground.
-
-    Raises
-    ------
-    UnreadableInput
-        For another file, or one without compass, reference or clock.
-    UsageError
-        For another reference.
     """
     if reference not in {"auto", "heading", "course"}:
         raise UsageError(f"reference is {reference!r}: need auto, heading or course")

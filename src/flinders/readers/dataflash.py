@@ -119,12 +119,8 @@ MOST_THROTTLE: Final = ((1.5, UNITY), (150.0, PER_CENT), (np.inf, PER_MILLE))
 def open_dataflash(file: File) -> Log:
     """Open a log: find its messages, its compasses, and what was in force.
 
-    Raises
-    ------
-    UnreadableInput
-        For a file that cannot be read, or is mostly something else.
-    NoMagnetometer
-        For a log without readings of a compass.
+    Raises `UnreadableInput` for a file that cannot be read, or is mostly something else; `NoMagnetometer` for a log
+    without readings of a compass.
     """
     messages = _messages(file)
     compasses = _compasses(messages)

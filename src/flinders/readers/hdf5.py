@@ -53,7 +53,8 @@ if TYPE_CHECKING:
 HDF5: Final = b"\x89HDF\r\n\x1a\n"
 MATLAB_7_3: Final = b"MATLAB 7.3 MAT-file"
 """HDF5 behind 512 bytes of its own; others may have put a block of 512, 1024, ... bytes there too."""
-USER_BLOCKS: Final = (0, *(512 << power for power in range(7)))
+USER_BLOCKS: Final = b"|".join(b".{%d}" % size for size in (0, *(512 << power for power in range(7))))
+STARTS: Final = re.compile(rb"(?s)\A(?:%b|(?:%b)%b)" % (re.escape(MATLAB_7_3), USER_BLOCKS, re.escape(HDF5)))
 
 MOST_OBJECTS: Final = 10_000
 """Links in a file; one with more is refused."""
@@ -81,11 +82,6 @@ MOST_TEXT: Final = 1 << 20
 """Bytes of a text of any length in an attribute that is read."""
 HEAP: Final = b"GCOL\x01"
 """First bytes of a global heap, which holds texts of any length."""
-
-
-def is_hdf5(head: bytes) -> bool:
-    """Tell whether these are the first bytes of an HDF5 file, behind a user block or without one."""
-    return head.startswith(MATLAB_7_3) or any(head.startswith(HDF5, place) for place in USER_BLOCKS)
 
 
 def open_hdf5(file: File, **options: Any) -> TableRecording:
@@ -467,7 +463,7 @@ READERS: Final = (
         "HDF5, MATLAB 7.3",
         (".h5", ".hdf5", ".mat"),
         "datasets as columns, groups as parts of their names",
-        sniff=is_hdf5,
+        pattern=STARTS,
         open=open_hdf5,
         extra="hdf5",
     ),

@@ -27,18 +27,28 @@ import re
 from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from flinders.errors import UnreadableInput
-from flinders.readers._messages import Message
 from flinders.readers._tokenizer import number
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from flinders.readers._messages import Kind
+Kind: TypeAlias = Literal["compass", "heading", "course", "speed", "latitude", "longitude"]
+"""Heading by the compass, true heading, true course over ground, speed over ground, position."""
+
+
+class Message(NamedTuple):
+    """A number of a boat's instruments, when it was said and by whom: of NMEA 0183, NMEA 2000 and Signal K alike."""
+
+    time: float  # s since 1970, or since the beginning of the first day
+    kind: Kind
+    value: float  # degrees, m/s
+    source: str  # talker and sentence, PGN and address, or path and source
+
 
 SIGN: Final = re.compile(r"\$[A-Z]{2}(?:HDG|HDM|HDT|THS|VTG|RMC),")
 """What the first lines hold."""
@@ -61,10 +71,7 @@ LARGEST: Final = 1e6
 def messages(lines: Iterable[str]) -> Iterator[Message]:
     """Yield what sentences say, with times.
 
-    Raises
-    ------
-    UnreadableInput
-        Where no line has a time.
+    Raises `UnreadableInput` where no line has a time.
     """
     numbers: list[tuple[int, Kind, float, str]] = []
     stamps: list[tuple[int, float]] = []

@@ -19,12 +19,12 @@ import struct
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import UnreadableInput
-from flinders.readers._messages import Message
+from flinders.readers.nmea0183 import Message
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from flinders.readers._messages import Kind
+    from flinders.readers.nmea0183 import Kind
 
 EIGHT: Final = r"[0-9A-Fa-f]{2}(?: [0-9A-Fa-f]{2}){7}"
 FRAME: Final = rf"(?P<id>[0-9A-Fa-f]{{8}})(?:#(?P<log>[0-9A-Fa-f]{{16}})|[ \t]+\[8\][ \t]+(?P<bytes>{EIGHT}))"
@@ -40,10 +40,7 @@ TRUE, MAGNETIC = 0, 1
 def messages(lines: Iterable[str]) -> Iterator[Message]:
     """Yield what frames say.
 
-    Raises
-    ------
-    UnreadableInput
-        For frames without a clock.
+    Raises `UnreadableInput` for frames without a clock.
     """
     is_timed = False
     for line in lines:

@@ -76,6 +76,9 @@ def is_bag_folder(path: Path) -> bool:
 def open_ros(file: File, *, unit: str | None = None) -> Log:
     """Open a recording of ROS 1 or ROS 2.
 
+    Raises `MissingExtra` where rosbags is not installed; `UnreadableInput` for what is no such recording, or broken;
+    `UnitError` for a unit that is not known.
+
     Parameters
     ----------
     file : File
@@ -87,15 +90,6 @@ def open_ros(file: File, *, unit: str | None = None) -> Log:
     -------
     Log
         Without instruments where it holds no magnetometer.
-
-    Raises
-    ------
-    MissingExtra
-        Where rosbags is not installed.
-    UnreadableInput
-        For what is no such recording, or broken.
-    UnitError
-        For a unit that is not known.
     """
     needs("rosbags.highlevel", "ros", KIND)
     given = None if unit is None else Unit.of(unit)

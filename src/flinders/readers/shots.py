@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from flinders.core.axes import Axes  # noqa: TC001 - for the example above
-from flinders.core.shots import Shots
+from flinders.core.survey import Shots
 from flinders.errors import ArrayError, UnreadableInput
 from flinders.readers._source import HEAD, find
 from flinders.readers._tokenizer import encoding_of, shown
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import os
 
     from flinders.arrays import Floats
-    from flinders.core.shots import Pointing
+    from flinders.core.survey import Pointing
 
 TOPODROID: Final = "TopoDroid"
 

@@ -18,12 +18,12 @@ import re
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final, TypeGuard
 
-from flinders.readers._messages import Message
+from flinders.readers.nmea0183 import Message
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from flinders.readers._messages import Kind
+    from flinders.readers.nmea0183 import Kind
 
 SIGN: Final = re.compile(r'"updates"\s*:\s*\[')
 """What the first lines hold."""

@@ -60,10 +60,7 @@ def read_swing(path: str | os.PathLike[str]) -> SwingTable:
 
     Without a header two columns are the heading by compass and the magnetic heading.
 
-    Raises
-    ------
-    UnreadableInput
-        For what is not there or no such table; names the line.
+    Raises `UnreadableInput` for what is not there or no such table; names the line.
     """
     name, text = _text_of(path)
     rows = [

@@ -99,11 +99,8 @@ class TextRecording(ColumnsRecording):
     def blocks(self) -> Iterator[Samples]:
         """Yield the readings from the first on, about 8192 at a time.
 
-        Raises
-        ------
-        UnreadableInput
-            Where the file cannot be read to its end; at its end, where more than half of the lines that
-            should be readings are not, or no reading is left.
+        Raises `UnreadableInput` where the file cannot be read to its end; at its end, where more than half of the lines
+        that should be readings are not, or no reading is left.
         """
         for _, samples in self.numbered_blocks():
             yield samples
@@ -151,6 +148,8 @@ class TextRecording(ColumnsRecording):
         and what boards print with labels become comma-separated tables. Lines carry their ends: write them with
         ``newline=""`` and, for the same characters, `layout.encoding`.
 
+        Raises `UnreadableInput` as `blocks`.
+
         Parameters
         ----------
         correct : (N, 3) to (N, 3)
@@ -159,11 +158,6 @@ class TextRecording(ColumnsRecording):
             Add three columns, named with ``_cal`` where there is a header, and keep the recorded ones.
         with_disturbances : bool
             Give `correct` `Samples` in place of the readings: with time, temperature, current and throttle.
-
-        Raises
-        ------
-        UnreadableInput
-            As `blocks`.
         """
         rewriter = Rewriter(self.layout, add=add)
         yield list(rewriter.opening())

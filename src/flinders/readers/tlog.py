@@ -126,14 +126,8 @@ def begins_with_packet(head: bytes) -> bool:
 def open_tlog(file: File) -> Log:
     """Open a log: gather the readings, the parameters and the places that it holds.
 
-    Raises
-    ------
-    MissingExtra
-        Without pymavlink.
-    UnreadableInput
-        For a file that cannot be read, or holds no packets.
-    NoMagnetometer
-        For a log without readings of a compass.
+    Raises `MissingExtra` without pymavlink; `UnreadableInput` for a file that cannot be read, or holds no packets;
+    `NoMagnetometer` for a log without readings of a compass.
     """
     telemetry = _Telemetry(needs(DIALECT, "mavlink", "a MAVLink telemetry log"))
     with _mapped(file) as content:

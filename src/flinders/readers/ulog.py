@@ -93,17 +93,8 @@ EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo
 def open_ulog(file: File) -> Log:
     """Open a PX4 log, on the disk and not packed.
 
-    Returns
-    -------
-    Log
-        Without instruments where it holds no magnetometer.
-
-    Raises
-    ------
-    MissingExtra
-        Where pyulog is not installed.
-    UnreadableInput
-        For what is no ULog, or broken so that nothing can be read.
+    Returns without instruments where it holds no magnetometer. Raises `MissingExtra` where pyulog is not installed;
+    `UnreadableInput` for what is no ULog, or broken so that nothing can be read.
     """
     pyulog = needs("pyulog", "px4", KIND)
     with reading(file.name, KIND):
@@ -174,10 +165,7 @@ def _guarded(ulog: type[Any]) -> type[Any]:
 def _columns(name: str, formats: Mapping[str, Any], most: int, depth: int = 0) -> int:
     """Count the columns of a topic, without making them.
 
-    Raises
-    ------
-    ValueError
-        Where there are more than so many, or topics nest in a circle.
+    Raises `ValueError` where there are more than so many, or topics nest in a circle.
     """
     total = 0
     for kind, length, _ in formats[name].fields:

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
     from flinders.core.geomag import SiteField
     from flinders.heading.compensation import Compensation
-    from flinders.heading.conformity import Conformity
-    from flinders.heading.deviation import Deviation
+    from flinders.heading.deviation import Conformity, Deviation
     from flinders.heading.standards import Standard
 
 FIELDS: Final = ("Place and date", "Swung by, licence", "Reference of headings", "Next swing due", "Signature")

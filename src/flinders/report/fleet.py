@@ -35,7 +35,7 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import CATALOGUE, action
-from flinders.findings.conditions import OF_A_TUMBLE, stated
+from flinders.findings.row import OF_A_TUMBLE, stated
 from flinders.report.charts import Axis, Plot, chart, segment, text
 from flinders.report.formatting import as_sentence, date_of, degrees
 from flinders.report.html_file import START, html_file, joined, style_of

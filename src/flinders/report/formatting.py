@@ -16,8 +16,7 @@ import numpy as np
 
 from flinders.errors import figures
 from flinders.findings import first_causes
-from flinders.findings.conditions import stated
-from flinders.findings.row import ANY_ANGLE_DEG
+from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.advice import UPSIDE_DOWN
 from flinders.fitting.verdict import OF_THE_RECORDING
 from flinders.likelihood.parameters import TERMS

@@ -106,6 +106,8 @@ def page(
 ) -> str:
     """Write a fit, or why there is none, as one HTML file.
 
+    Raises `InputError` for a recording that cannot be read.
+
     Parameters
     ----------
     outcome : Fit or FitError
@@ -121,11 +123,6 @@ def page(
         The calibration for programs and boards, as targets take it; left out of a refusal.
     notes : sequence of str
         What else to know, in sentences.
-
-    Raises
-    ------
-    InputError
-        For a recording that cannot be read.
     """
     fit = fit_of(outcome)
     usable = None if fit is None or fit.verdict == "refused" else fit

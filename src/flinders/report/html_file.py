@@ -108,12 +108,8 @@ def joined(entry: str = "report.js", *, exported: Sequence[str] = ()) -> str:
 
     The script exports what is named in `exported` of what the module does; a page imports that by name.
 
-    Raises
-    ------
-    FileNotFoundError
-        Where a module is missing, as ``vendor/three.js`` is where Flinders was installed without the 3-D view.
-    NotJoined
-        For a module that imports or exports in another form.
+    Raises `FileNotFoundError` where a module is missing, as ``vendor/three.js`` is where Flinders was installed without
+    the 3-D view; `NotJoined` for a module that imports or exports in another form.
     """
     names: dict[str, str] = {}
     parts: list[str] = []
@@ -126,9 +122,7 @@ def joined(entry: str = "report.js", *, exported: Sequence[str] = ()) -> str:
 def asset(path: str) -> str:
     """The text of a file of ``static``.
 
-    Raises
-    ------
-    FileNotFoundError
+    Raises `FileNotFoundError`.
     """
     return files("flinders").joinpath("static", *path.split("/")).read_text(encoding="utf-8")
 
@@ -151,9 +145,7 @@ def _join(path: str, names: dict[str, str], parts: list[str]) -> None:
 def _wrapped(name: str, text: str, inside: dict[str, str]) -> str:
     """A module as a function that is called at once.
 
-    Raises
-    ------
-    NotJoined
+    Raises `NotJoined`.
     """
     exported = [f"{match[1]}" for match in EXPORT.finditer(text)]
     body = IMPORT.sub(lambda match: f"const {{{match[1].replace(' as ', ': ')}}} = {inside[match[2]]};", text)

@@ -75,12 +75,8 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
 def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
     """Draw a part of a good or limited fit, one of `PARTS`, or all of them below each other.
 
-    Raises
-    ------
-    MissingExtra
-        Where matplotlib is not installed.
-    UsageError
-        For a part that there is not, or one of which nothing is known.
+    Raises `MissingExtra` where matplotlib is not installed; `UsageError` for a part that there is not, or one of which
+    nothing is known.
     """
     matplotlib = matplotlib_of()
     if what != "all" and what not in PARTS:
@@ -104,10 +100,7 @@ def figure_of(drawn: FigureData, fit: Fit, what: str = "all") -> Figure:
 def figure_bytes(figure: Figure, kind: str) -> bytes:
     """The bytes of a file; the same figure gives the same bytes.
 
-    Raises
-    ------
-    UsageError
-        For a format that is none of `FORMATS`.
+    Raises `UsageError` for a format that is none of `FORMATS`.
     """
     if kind not in FORMATS:
         raise UsageError(f"{kind!r} is no format of a figure: use a name that ends in {', '.join(FORMATS)}")
@@ -121,10 +114,7 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
 def matplotlib_of() -> ModuleType:
     """matplotlib, where it is installed.
 
-    Raises
-    ------
-    MissingExtra
-        Where it is not; says what to install.
+    Raises `MissingExtra` where it is not; says what to install.
     """
     try:
         import matplotlib

@@ -25,10 +25,7 @@ BY_HAND: Final = "Open the HTML report in a browser and print it"
 def browser() -> str:
     """Find a browser that prints without a window.
 
-    Raises
-    ------
-    OutputError
-        Where there is none.
+    Raises `OutputError` where there is none.
     """
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
@@ -42,10 +39,7 @@ def browser() -> str:
 def printed(page: str, program: str) -> bytes:
     """The pages that a browser prints of a report, as PDF.
 
-    Raises
-    ------
-    OutputError
-        Where the browser does not get it done.
+    Raises `OutputError` where the browser does not get it done.
     """
     with tempfile.TemporaryDirectory(prefix="flinders-report-") as folder:
         source, target = Path(folder, "report.html"), Path(folder, "report.pdf")

@@ -77,10 +77,7 @@ class RecordedSensor:
     def of(cls, number: int, instrument: Instrument, *, columns: str | None, unit: str | None) -> Self:
         """Go through one magnetometer; where its unit or columns were not given, its values may tell them.
 
-        Raises
-        ------
-        InputError
-            If it has no reading.
+        Raises `InputError` if it has no reading.
         """
         watched = _WatchedInstrument(instrument)
         summary = Summary.through(watched)
@@ -146,12 +143,7 @@ def sensors_of(
 ) -> tuple[RecordedSensor, ...]:
     """Go through the magnetometers of a log, or the one that a topic names; `columns` and `unit` are those asked for.
 
-    Raises
-    ------
-    InputError
-        If none of them has a reading.
-    UsageError
-        If the log does not have the topic.
+    Raises `InputError` if none of them has a reading; `UsageError` if the log does not have the topic.
     """
     wanted = log.instruments if topic is None or log.is_table else (log.sensor(topic),)
     sensors, errors = [], []

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.core.geomag import SiteField
     from flinders.heading.compensation import Compensation
-    from flinders.heading.conformity import Conformity
-    from flinders.heading.deviation import Deviation, Expected
+    from flinders.heading.deviation import Conformity, Deviation, Expected
     from flinders.heading.legs import LoggedSwing
     from flinders.heading.standards import Standard
     from flinders.heading.stationary import HalfTurn, Rest

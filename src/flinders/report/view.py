@@ -175,7 +175,6 @@ def view(
 
     Parameters
     ----------
-    fit : Fit
     samples : Samples
         The readings that were fitted, in the order in which they were.
     numbers : (N,) int, optional

@@ -88,10 +88,9 @@ from flinders.simulate.motions import (
     tilted,
     turns,
 )  # fmt: skip
-from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_deg, specific_force, tumble
+from flinders.simulate.recording import RATE_NOISE, Imu, Simulated, angle_error_deg, specific_force, tumble, write_csv
 from flinders.simulate.sensor import Sensor, soft_iron
 from flinders.simulate.survey import SimulatedSurvey, survey_shots
-from flinders.simulate.table import write_csv
 from flinders.simulate.two_axis import TwoAxis, swing
 
 __all__ = [

@@ -143,26 +143,21 @@ def calibration_flight(
 ) -> Flight:
     """Fly rolls, pitches and yaws on several headings, with turns at standard rate between them.
 
+    Raises `UsageError` for an unknown manoeuvre.
+
     Parameters
     ----------
-    seed : int or Generator
     aircraft : Aircraft, optional
         By default one of `Aircraft.random`.
     headings_deg : sequence of float
         Flown one after the other, the manoeuvres on each.
     manoeuvres : sequence of str
         Of ``roll``, ``pitch`` and ``yaw``.
-    rate_hz, field_strength, dip_deg : float
     scalar_noise, geology : float, µT
         White noise of the scalar magnetometer, and root mean square of the slow change of the field along the lines,
         which forgets itself in 20 s.
     vector : Sensor, optional
         The vector magnetometer, by default one of `fluxgate`.
-
-    Raises
-    ------
-    UsageError
-        For an unknown manoeuvre.
     """
     rng = np.random.default_rng(seed)
     aircraft = Aircraft.random(rng) if aircraft is None else aircraft

@@ -131,23 +131,18 @@ def unit(
 ) -> Specimen:
     """Make one unit of a fleet.
 
+    Raises `UsageError` for a fault or severity that does not exist, or numbers out of range.
+
     Parameters
     ----------
     number : int
         From 0; with the seed of the fleet it says all.
-    seed : int
     bad : float
         Share of units that something is wrong with; which fault, and which severity, is drawn evenly.
-    readings : int
     fault : str, optional
         One of `FAULTS`, or nothing for a good unit, instead of what would be drawn: the same sensor, turned alike.
     severity : int
         Of that fault: 1 or 2.
-
-    Raises
-    ------
-    UsageError
-        For a fault or severity that does not exist, or numbers out of range.
 
     Examples
     --------

@@ -130,8 +130,6 @@ def hand_tumble(
 
     Parameters
     ----------
-    rng : Generator
-    seconds, rate_hz : float
     speed : float, rad/s
         Root mean square rate about each axis.
     smoothness : float, s

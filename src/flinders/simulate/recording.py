@@ -1,4 +1,13 @@
-"""A recording with its truth: a sensor, a motion, and what disturbs them, all from one seed."""
+"""A recording with its truth: a sensor, a motion, and what disturbs them, all from one seed.
+
+`lines` writes it as a logger would, with a header that `flinders.readers` understands:
+
+>>> header, *rows = lines(tumble(seed=1, motion="level", n=2).samples)
+>>> header
+'time_s,mag_x_uT,mag_y_uT,mag_z_uT,acc_x_mps2,acc_y_mps2,acc_z_mps2'
+>>> [row.split(",")[0] for row in rows]
+['0.0000', '0.0200']
+"""
 
 from __future__ import annotations
 
@@ -10,6 +19,7 @@ import numpy as np
 
 from flinders.arrays import frozen, triple
 from flinders.arrays import matrix as square
+from flinders.core.files import replacing
 from flinders.core.samples import Samples
 from flinders.deprecation import renamed_attribute, renamed_keywords
 from flinders.errors import UsageError
@@ -21,7 +31,8 @@ from flinders.simulate.motions import GRAVITY, MOTIONS, RATE_HZ, Course, Path, n
 from flinders.simulate.sensor import Sensor, symmetric_power
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    import os
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.random import Generator
     from numpy.typing import ArrayLike, NDArray
@@ -65,49 +76,22 @@ class Imu:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
-    """A recording, and the truth behind it.
+    """A recording, and the truth behind it."""
 
-    Attributes
-    ----------
-    samples : Samples
-        In µT; acceleration and rate where the motion has them.
-    sensor : Sensor
-    directions : (N, 3) float
-        True unit direction of the field in body axes.
-    field_strength : float, µT
-    outliers : (N,) bool
-        Readings taken in a stray field: those of no use.
-    attitudes : (N, 3, 3) float, optional
-        True attitudes, from body axes into world axes, where the motion has them.
-    dip_deg : float
-        How far the field points down from the horizon.
-    motion : str
-        What it is called.
-    seed : int, optional
-        Where it was a number.
-    rate_hz : float, optional
-        Readings a second.
-    imu : Imu, optional
-        Where acceleration or rate are recorded.
-    shift : (N, 3) float, µT, optional
-        By how much disturbances moved the raw readings, stray fields left out.
-    disturbances : tuple of str
-        Their kinds.
-    """
-
-    samples: Samples
+    samples: Samples  #: in µT; acceleration and rate where the motion has them
     sensor: Sensor
-    directions: Floats
-    field_strength: float
-    outliers: NDArray[np.bool_]
+    directions: Floats  #: (N, 3): True unit direction of the field in body axes
+    field_strength: float  #: µT
+    outliers: NDArray[np.bool_]  #: (N,): readings taken in a stray field: those of no use
+    #: (N, 3, 3): True attitudes, from body axes into world axes, where the motion has them
     attitudes: Floats | None = None
-    dip_deg: float = 60.0
-    motion: str = ""
-    seed: int | None = None
-    rate_hz: float | None = None
-    imu: Imu | None = None
-    shift: Floats | None = None
-    disturbances: tuple[str, ...] = ()
+    dip_deg: float = 60.0  #: how far the field points down from the horizon
+    motion: str = ""  #: what it is called
+    seed: int | None = None  #: where it was a number
+    rate_hz: float | None = None  #: readings a second
+    imu: Imu | None = None  #: where acceleration or rate are recorded
+    shift: Floats | None = None  #: (N, 3), µT: by how much disturbances moved the raw readings, stray fields left out
+    disturbances: tuple[str, ...] = ()  #: their kinds
 
     strays = renamed_attribute("strays", "outliers")
 
@@ -134,6 +118,8 @@ def tumble(
     Sensor, motion, stray fields, noise, pauses and each disturbance have a random stream of their own: with the same
     seed, another noise, share of outliers or disturbance leaves the sensor and its path as they are.
 
+    Raises `UsageError` for a motion that is not known, or a number out of its range.
+
     Parameters
     ----------
     seed : int or Generator
@@ -142,7 +128,6 @@ def tumble(
         One of `MOTIONS`; see the head of this package.
     n : int, optional
         Readings; by default as many as the motion takes: a minute by hand is 3,000, and 1,000 have no order.
-    rate_hz : float
     tilt_deg : float, optional
         How far the body is tilted at most, for ``tilted``, ``drive`` and ``flight``.
     stationary : float
@@ -155,14 +140,8 @@ def tumble(
         In place of the sensor's own, which is 0.5 for a random one.
     outliers : float
         Share of readings, 0 … 1, taken in a stray field of half to three times `field_strength` in any direction.
-    disturbances : sequence of Perturbation
     imu : Imu, optional
         Another gyro and accelerometer than the usual ones.
-
-    Raises
-    ------
-    UsageError
-        For a motion that is not known, or a number out of its range.
 
     Examples
     --------
@@ -229,10 +208,7 @@ def angle_error_deg(
     does not count. With ``rotation="symmetric"`` the sensor's own `Sensor.rotation` is an error, as it would be of a
     heading; ``"best"`` takes the best rotation away first, for sensors whose matrix is not symmetric.
 
-    Raises
-    ------
-    ArrayError
-        For a wrong shape or values that are not finite.
+    Raises `ArrayError` for a wrong shape or values that are not finite.
 
     Examples
     --------
@@ -351,3 +327,26 @@ def _total(columns: Sequence[Floats | None]) -> Floats | None:
     there = [column for column in columns if column is not None]
     total: Floats | None = np.sum(there, axis=0) if there else None
     return total
+
+
+DIGITS: Final = 4
+"""Decimals of all numbers: a tenth of a nanotesla, 0.1 ms, 0.0001 rad/s."""
+
+
+def lines(samples: Samples, *, corrected: Floats | None = None) -> Iterator[str]:
+    """Yield header and rows, without line ends; numbers have four decimals, and so the same text on all machines.
+
+    `corrected`, (N, 3) in the unit of the samples, makes three more columns, named with ``_cal``.
+    """
+    columns = samples.as_columns()
+    if corrected is not None:
+        columns |= {f"mag_{axis}_{samples.unit.inside}_cal": corrected[:, i] for i, axis in enumerate("xyz")}
+    yield ",".join(columns)
+    for row in np.round(np.column_stack(list(columns.values())), DIGITS) + 0.0:
+        yield ",".join([f"{value:.{DIGITS}f}" for value in row])
+
+
+def write_csv(samples: Samples, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a recording, whole or not at all; raises as `flinders.core.files.replacing`."""
+    with replacing(path, force=force) as file:
+        file.writelines(f"{line}\n" for line in lines(samples))

@@ -38,17 +38,6 @@ HARD_IRON: Final = 100.0
 class Sensor:
     """A magnetometer and the iron around it: ``raw = matrix @ h + offset + noise``, then rounded and limited.
 
-    Attributes
-    ----------
-    matrix : (3, 3) float, dimensionless
-        Soft iron, scale and misalignment; need not be symmetric.
-    offset : (3,) float, µT
-        Hard iron: what the sensor reads in zero field.
-    noise : float, µT
-        One σ per axis, white.
-    resolution, limit : float, µT, optional
-        Step of the converter, of which readings are multiples; where each axis saturates.
-
     Raises
     ------
     ArrayError
@@ -57,9 +46,12 @@ class Sensor:
         For negative noise, or a resolution or limit that is not positive.
     """
 
+    #: (3, 3), dimensionless: soft iron, scale and misalignment; need not be symmetric
     matrix: Floats = field(default_factory=lambda: np.eye(3))
+    #: (3,), µT: hard iron: what the sensor reads in zero field
     offset: Floats = field(default_factory=lambda: np.zeros(3))
-    noise: float = 0.0
+    noise: float = 0.0  #: µT: one σ per axis, white
+    #: µT: step of the converter, of which readings are multiples; where each axis saturates
     resolution: float | None = None
     limit: float | None = None
 
@@ -86,6 +78,8 @@ class Sensor:
     ) -> Self:
         """Draw a sensor like those on small boards: symmetric A, ±25 % scale, ±0.15 across, ±100 µT an axis.
 
+        Raises `UsageError` unless 0 ≤ `strength` < 1.8 and 0 ≤ `soft` × `strength` < 0.45, or for a negative `hard`.
+
         Parameters
         ----------
         rng : Generator
@@ -98,11 +92,6 @@ class Sensor:
             How large the offset of an axis is at most.
         noise, resolution, limit : float, µT
             As the attributes of the same name.
-
-        Raises
-        ------
-        UsageError
-            Unless 0 ≤ `strength` < 1.8 and 0 ≤ `soft` × `strength` < 0.45, or for a negative `hard`.
 
         Examples
         --------

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.shots import PROCEDURE, ROLLS_DEG, Shots
-from flinders.core.survey import Angles
+from flinders.core.survey import PROCEDURE, ROLLS_DEG, Angles, Shots
 from flinders.errors import UsageError
 from flinders.simulate._checks import not_negative
 from flinders.simulate.motions import north_and_down, posed, seen_from
@@ -35,22 +34,12 @@ HELD_DEG: Final = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimulatedSurvey:
-    """Shots and what is true of them.
-
-    Attributes
-    ----------
-    shots : Shots
-    angles : Angles
-        Where each shot points.
-    magnetometer, accelerometer : Sensor
-        In units of the field and of gravity.
-    dip_deg : float
-    """
+    """Shots and what is true of them."""
 
     shots: Shots
-    angles: Angles
-    magnetometer: Sensor
-    accelerometer: Sensor
+    angles: Angles  #: where each shot points
+    magnetometer: Sensor  #: in units of the field
+    accelerometer: Sensor  #: in units of gravity
     dip_deg: float
 
     def read(self, attitudes: Floats) -> tuple[Floats, Floats]:
@@ -75,9 +64,10 @@ def survey_shots(
 ) -> SimulatedSurvey:
     """Simulate an instrument and its shots in the first directions of the procedure, four rolls to each.
 
+    Raises `UsageError` for another number of shots, or a negative number of the others.
+
     Parameters
     ----------
-    seed : int or Generator
     shots : int
         A multiple of four, 56 at most.
     gain : float
@@ -88,12 +78,6 @@ def survey_shots(
         Of one axis of a reading, of the field and of gravity, 1 σ.
     aim_deg : float
         Error of aim about each axis, 1 σ.
-    dip_deg : float
-
-    Raises
-    ------
-    UsageError
-        For another number of shots, or a negative number of the others.
     """
     if shots % 4 or not 0 < shots <= 4 * len(PROCEDURE):
         raise UsageError(f"{shots} shots: need a multiple of four, {4 * len(PROCEDURE)} at most")

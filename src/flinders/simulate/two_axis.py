@@ -46,27 +46,16 @@ class TwoAxis:
         x = offset₁ + scale₁ H cos ψ
         y = offset₂ − scale₂ H sin(ψ + skew)
 
-    Attributes
-    ----------
-    scale : pair of float
-        Of each axis.
-    offset : pair of float, µT
-        What each axis reads in no field.
-    skew_deg : float, degrees
-        By how much the y axis is turned out of square, clockwise seen from above.
-    noise : float, µT
-        One σ per axis, white.
-
     Raises
     ------
     ArrayError, UsageError
         For scales that are not positive, a skew that makes the axes parallel, or negative noise.
     """
 
-    scale: tuple[float, float] = (1.0, 1.0)
-    offset: tuple[float, float] = (0.0, 0.0)
-    skew_deg: float = 0.0
-    noise: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)  #: pair of float: of each axis
+    offset: tuple[float, float] = (0.0, 0.0)  #: pair of float, µT: what each axis reads in no field
+    skew_deg: float = 0.0  #: degrees: by how much the y axis is turned out of square, clockwise seen from above
+    noise: float = 0.0  #: µT: one σ per axis, white
 
     def __post_init__(self) -> None:
         """Check the numbers."""

@@ -47,28 +47,14 @@ _Columns: TypeAlias = tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cloud:
-    """Counts, sums and time extent of the readings in each occupied cell.
+    """Counts, sums and time extent of the readings in each occupied cell."""
 
-    Attributes
-    ----------
-    side : float
-        Length of a cell's edges: a power of two in the unit of the readings, so that cells nest.
-    keys : (K,) int
-        The cells, ascending: three 21-bit indices packed into one number.
-    counts : (K,) float
-        Readings in each.
-    sums : (K, 3) float
-        Their sum.
-    first, last : (K,) float, s
-        Time of the first and the last reading in each; NaN where no time was given.
-    """
-
-    side: float
-    keys: NDArray[np.int64]
-    counts: Floats
-    sums: Floats
-    first: Floats
-    last: Floats
+    side: float  #: length of a cell's edges: a power of two in the unit of the readings, so that cells nest
+    keys: NDArray[np.int64]  #: (K,): the cells, ascending: three 21-bit indices packed into one number
+    counts: Floats  #: (K,): readings in each
+    sums: Floats  #: (K, 3): their sum
+    first: Floats  #: (K,), s: time of the first reading in each; NaN without time
+    last: Floats  #: (K,), s: time of the last one
 
     @classmethod
     def empty(cls) -> Self:
@@ -80,6 +66,8 @@ class Cloud:
     def of(cls, field: ArrayLike, *, time: ArrayLike | None = None, side: float | None = None) -> Self:
         """Sort readings into cells.
 
+        Raises `ArrayError` for a wrong shape or values that are not finite.
+
         Parameters
         ----------
         field : (N, 3) array-like
@@ -88,11 +76,6 @@ class Cloud:
             When each was taken, ascending.
         side : float, optional
             Edge of a cell; by default `natural_side` of these readings.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape or values that are not finite.
         """
         readings = table(field)
         times = None if time is None else column(time, len(readings), "time")

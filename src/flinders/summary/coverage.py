@@ -56,24 +56,14 @@ CELLS: Final = _centres()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """Readings by direction, in a hundred cells of equal area.
+    """Readings by direction, in a hundred cells of equal area."""
 
-    Attributes
-    ----------
-    by_cell : (100,) float, optional
-        Readings in each of `CELLS`; None where the numbers come from a calibration file, which keeps no readings.
-    hole : (3,) float
-        Unit vector, corrected sensor axes: the middle of the largest gap.
-    hole_deg : float
-        Angle from there to the nearest reading.
-    stated_fraction : float
-        `fraction` where a file states it; NaN where it is not known.
-    """
-
+    #: (100,): readings in each of `CELLS`; None where the numbers come from a calibration file, which keeps no readings
     by_cell: Floats | None = None
+    #: (3,): unit vector, corrected sensor axes: the middle of the largest gap
     hole: Floats = field(default_factory=lambda: np.full(3, math.nan))
-    hole_deg: float = math.nan
-    stated_fraction: float = math.nan
+    hole_deg: float = math.nan  #: angle from there to the nearest reading
+    stated_fraction: float = math.nan  #: `fraction` where a file states it; NaN where it is not known
 
     @classmethod
     def of(cls, directions: Floats, counts: Floats | None = None) -> Self:
@@ -111,10 +101,7 @@ class Coverage:
     def counts(self) -> Floats:
         """(100,) readings in each of `CELLS`.
 
-        Raises
-        ------
-        NeedsRecording
-            Where the numbers come from a calibration file.
+        Raises `NeedsRecording` where the numbers come from a calibration file.
         """
         if self.by_cell is None:
             raise NeedsRecording("the directions of the readings")
@@ -174,7 +161,6 @@ class RecordCoverage(Coverage):
 
     Parameters
     ----------
-    record : Records
     summary : Summary
         Of the same readings.
     ellipsoid : Ellipsoid

@@ -54,19 +54,11 @@ _DOUBLED: Final = np.outer(TWICE, TWICE)
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Weighted sums of xⁱyʲzᵏ for i + j + k ≤ 4, about zero.
+    """Weighted sums of xⁱyʲzᵏ for i + j + k ≤ 4, about zero."""
 
-    Attributes
-    ----------
-    sums : (35,) float
-        In the order of `EXPONENTS`; the first is the total weight.
-    unit : float
-        Readings are divided by it before powers are taken. A power of two at least as large as
-        any reading, so dividing is exact, no power overflows, and moments in unlike units are
-        brought to the larger exactly.
-    """
-
-    sums: Floats
+    sums: Floats  #: (35,): in the order of `EXPONENTS`; the first is the total weight
+    #: readings are divided by it before powers are taken. A power of two at least as large as any reading, so dividing
+    #: is exact, no power overflows, and moments in unlike units are brought to the larger exactly.
     unit: float = SMALLEST_UNIT
 
     @classmethod
@@ -78,17 +70,14 @@ class Moments:
     def of(cls, field: ArrayLike, *, weight: ArrayLike | None = None) -> Self:
         """Add up a cloud.
 
+        Raises `ArrayError` for a wrong shape or values that are not finite.
+
         Parameters
         ----------
         field : (N, 3) array-like
             Raw readings in any unit.
         weight : (N,) array-like, optional
             Relative weight of each reading; one by default.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape or values that are not finite.
         """
         readings = table(field)
         weights = None if weight is None else column(weight, len(readings), "weight")

@@ -33,28 +33,13 @@ DEPENDENT: Final = 1e-13
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pooled:
-    """What n estimates of K parameters say together.
+    """What n estimates of K parameters say together."""
 
-    Attributes
-    ----------
-    mean : (K,) float
-        Weighted with the inverse covariances.
-    covariance : (K, K) float
-        Of the mean, if every claim is true.
-    scatter : (K, K) float
-        From one estimate to the next, beyond what the claims allow; of rank n − 1 at most.
-    chi_square : float
-        Of the estimates about their mean, in units of their claims.
-    freedom : int
-        Its degrees of freedom.
-    count : int
-    """
-
-    mean: Floats
-    covariance: Floats
-    scatter: Floats
-    chi_square: float
-    freedom: int
+    mean: Floats  #: (K,): weighted with the inverse covariances
+    covariance: Floats  #: (K, K): of the mean, if every claim is true
+    scatter: Floats  #: (K, K): from one estimate to the next, beyond what the claims allow; of rank n − 1 at most
+    chi_square: float  #: of the estimates about their mean, in units of their claims
+    freedom: int  #: its degrees of freedom
     count: int
 
     @property
@@ -144,7 +129,6 @@ def chance_of(chi_square: float, freedom: int, others: float = math.inf) -> floa
 
     Parameters
     ----------
-    chi_square : float
     freedom : int
         Its degrees of freedom.
     others : float

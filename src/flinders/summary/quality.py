@@ -44,22 +44,14 @@ class Lows:
 
     At a rail (a saturated axis) many readings share it while the other axes range widely; at the
     end of a sphere few do, close together.
-
-    Attributes
-    ----------
-    values : (3,) float
-    counts : (3,) float
-        Readings that have that value.
-    next_values, next_counts : (3,) float
-        The next larger value of each axis, and the readings that have that.
-    least, most : (3, 3) float
-        Row i: smallest and largest reading, axis by axis, among those.
     """
 
-    values: Floats = field(default_factory=lambda: np.full(3, np.inf))
-    counts: Floats = field(default_factory=lambda: np.zeros(3))
+    values: Floats = field(default_factory=lambda: np.full(3, np.inf))  #: (3,)
+    counts: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,): readings that have that value
+    #: (3,): the next larger value of each axis, and the readings that have that
     next_values: Floats = field(default_factory=lambda: np.full(3, np.inf))
     next_counts: Floats = field(default_factory=lambda: np.zeros(3))
+    #: (3, 3): row i: smallest and largest reading, axis by axis, among those
     least: Floats = field(default_factory=lambda: np.full((3, 3), np.inf))
     most: Floats = field(default_factory=lambda: np.full((3, 3), -np.inf))
 
@@ -121,14 +113,6 @@ class DistinctReadings:
     The level is the lowest that leaves `SAMPLE` of them, so that the sample of a whole follows from those of its parts,
     and the same readings are in it whatever their order.
 
-    Attributes
-    ----------
-    hashes : (K,) uint64
-        Ascending, of 63 bits.
-    counts : (K,) int
-        Readings of each.
-    level : int
-
     Examples
     --------
     >>> readings = np.arange(60_000.0).reshape(-1, 3)
@@ -137,8 +121,9 @@ class DistinctReadings:
     (2513, 2.0)
     """
 
+    #: (K,) uint64: ascending, of 63 bits
     hashes: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
-    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))  #: (K,): readings of each
     level: int = 0
 
     @classmethod
@@ -203,28 +188,14 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class TimeStamps:
-    """Time stamps of a recording, or of several.
+    """Time stamps of a recording, or of several."""
 
-    Attributes
-    ----------
-    start, end : float, s
-        First and last; NaN without time.
-    seconds : float, s
-        From the first to the last of each recording, added up.
-    steps : int
-        From one reading with a time to the next.
-    longest_step : float, s
-        Largest step forward.
-    backward_steps : int
-        Steps that go back.
-    """
-
-    start: float = np.nan
-    end: float = np.nan
-    seconds: float = 0.0
-    steps: int = 0
-    longest_step: float = 0.0
-    backward_steps: int = 0
+    start: float = np.nan  #: s; NaN without time
+    end: float = np.nan  #: s
+    seconds: float = 0.0  #: s: from the first to the last of each recording, added up
+    steps: int = 0  #: from one reading with a time to the next
+    longest_step: float = 0.0  #: s: largest step forward
+    backward_steps: int = 0  #: steps that go back
 
     @classmethod
     def of(cls, time: Floats | None) -> Self:
@@ -275,60 +246,29 @@ class TimeStamps:
 
 @dataclass(frozen=True, slots=True)
 class Rail:
-    """An end of an axis at which the sensor was at its limit.
-
-    Attributes
-    ----------
-    axis : int
-    end : str
-        ``lowest`` or ``highest``.
-    value : float
-    share : float
-        Of the readings, how many have exactly that value.
-    """
+    """An end of an axis at which the sensor was at its limit."""
 
     axis: int
-    end: str
+    end: str  #: ``lowest`` or ``highest``
     value: float
-    share: float
+    share: float  #: of the readings, how many have exactly that value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DataQuality:
-    """Counts over a recording.
+    """Counts over a recording."""
 
-    Attributes
-    ----------
-    rows : int
-        Usable readings.
-    repeats : int
-        Readings equal to the one before in all three axes.
-    path : Steps
-        From one reading to the next.
-    first, last : (3,) float
-        The first and the last reading; NaN where there is none.
-    lows : Lows
-        The low end of each axis.
-    highs : Lows
-        The high end: the low end of the readings with their sign changed.
-    seen : DistinctReadings
-        The different readings.
-    clock : TimeStamps
-        What the time stamps say.
-    skipped : tuple of Skipped
-        Rows left out while reading.
-    """
-
-    rows: int = 0
-    repeats: int = 0
-    path: Steps = Steps()
+    rows: int = 0  #: usable readings
+    repeats: int = 0  #: readings equal to the one before in all three axes
+    path: Steps = Steps()  #: from one reading to the next
+    #: (3,): the first and the last reading; NaN where there is none
     first: Floats = field(default_factory=lambda: np.full(3, np.nan))
     last: Floats = field(default_factory=lambda: np.full(3, np.nan))
-    lows: Lows = field(default_factory=Lows)
-    highs: Lows = field(default_factory=Lows)
-    seen: DistinctReadings = field(default_factory=DistinctReadings)
-    clock: TimeStamps = TimeStamps()
-    skipped: tuple[Skipped, ...] = ()
+    lows: Lows = field(default_factory=Lows)  #: the low end of each axis
+    highs: Lows = field(default_factory=Lows)  #: the high end: the low end of the readings with their sign changed
+    seen: DistinctReadings = field(default_factory=DistinctReadings)  #: the different readings
+    clock: TimeStamps = TimeStamps()  #: what the time stamps say
+    skipped: tuple[Skipped, ...] = ()  #: rows left out while reading
 
     @classmethod
     def of(cls, samples: Samples) -> Self:

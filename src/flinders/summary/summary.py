@@ -23,6 +23,8 @@ from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality, TimeStamps
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import ArrayLike
 
     from flinders.arrays import Floats
@@ -42,21 +44,11 @@ FLAT_NOISE, NEARLY_FLAT_NOISE = 1.5, 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Summary:
-    """What is streamed, saved, merged and sent.
+    """What is streamed, saved, merged and sent."""
 
-    Attributes
-    ----------
-    moments : Moments
-        Enough for every quadric fit.
-    cloud : Cloud
-        Where the readings lie.
-    health : DataQuality
-        Repeats, rails, jumps in time.
-    """
-
-    moments: Moments
-    cloud: Cloud
-    health: DataQuality
+    moments: Moments  #: enough for every quadric fit
+    cloud: Cloud  #: where the readings lie
+    health: DataQuality  #: repeats, rails, jumps in time
 
     @classmethod
     def empty(cls) -> Self:
@@ -67,16 +59,13 @@ class Summary:
     def of(cls, readings: Samples | ArrayLike, *, side: float | None = None) -> Summary:
         """Summarise readings that are in memory.
 
+        Raises `ArrayError` for a wrong shape.
+
         Parameters
         ----------
         readings : Samples or (N, 3) array-like
         side : float, optional
             Edge of the cloud's cells; by default it follows from the readings.
-
-        Raises
-        ------
-        ArrayError
-            For a wrong shape.
         """
         samples = readings if isinstance(readings, Samples) else Samples.of(readings)
         if side is None and len(samples):
@@ -95,9 +84,14 @@ class Summary:
     @classmethod
     def through(cls, recording: Recording) -> Summary:
         """Summarise a recording block by block, in one pass and in bounded memory."""
+        return cls.over(recording.blocks())
+
+    @classmethod
+    def over(cls, blocks: Iterable[Samples]) -> Summary:
+        """Summarise blocks of one recording."""
         whole: Summary = cls.empty()
         side = None
-        for block in recording.blocks():
+        for block in blocks:
             if side is None and len(block):
                 side = natural_side(block.field)
             whole = whole + cls.of(block, side=side)
@@ -210,42 +204,18 @@ def flat_below(width: float, noise: float, *, within: float = FLAT_NOISE) -> flo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistics:
-    """What a verdict asks of a recording, from its summary or from a record of the engine.
+    """What a verdict asks of a recording, from its summary or from a record of the engine."""
 
-    Attributes
-    ----------
-    rows : int
-        Usable readings.
-    repeats : int
-        Readings equal to the one before in all three axes.
-    distinct : int
-        Different readings.
-    path_correlation : float
-        Of one reading with the next.
-    extent : float
-        Range of the axis that ranges farthest.
-    principal_variances : (3,) float
-        Variances along the principal axes, ascending.
-    rails : tuple of Rail
-        Where the sensor was at its limit.
-    step : float
-        Of the coarsest axis that is read in coarse steps; 0 where none is.
-    clock : TimeStamps
-        What the time stamps say.
-    skipped : tuple of Skipped
-        Rows left out while reading.
-    """
-
-    rows: int
-    repeats: int
-    distinct: int
-    path_correlation: float
-    extent: float
-    principal_variances: Floats
-    rails: tuple[Rail, ...]
-    step: float
-    clock: TimeStamps
-    skipped: tuple[Skipped, ...]
+    rows: int  #: usable readings
+    repeats: int  #: readings equal to the one before in all three axes
+    distinct: int  #: different readings
+    path_correlation: float  #: of one reading with the next
+    extent: float  #: range of the axis that ranges farthest
+    principal_variances: Floats  #: (3,): variances along the principal axes, ascending
+    rails: tuple[Rail, ...]  #: where the sensor was at its limit
+    step: float  #: of the coarsest axis that is read in coarse steps; 0 where none is
+    clock: TimeStamps  #: what the time stamps say
+    skipped: tuple[Skipped, ...]  #: rows left out while reading
 
     @classmethod
     def of_record(cls, record: Records, time: Floats | None = None, skipped: tuple[Skipped, ...] = ()) -> Self:
@@ -253,7 +223,6 @@ class Statistics:
 
         Parameters
         ----------
-        record : Records
         time : (N,) float, s, optional
             As the engine was given it.
         skipped : tuple of Skipped

@@ -55,10 +55,7 @@ HEAD: Final = 65536
 def registry() -> Mapping[str, Target]:
     """All targets by name, in the order they are listed; the first call imports their modules.
 
-    Raises
-    ------
-    PluginError
-        For a package whose targets cannot be loaded, or have the name of another.
+    Raises `PluginError` for a package whose targets cannot be loaded, or have the name of another.
     """
     there = sorted(module.name for module in iter_modules(__path__) if not module.name.startswith("_"))
     ordered = [*(name for name in FIRST if name in there), *(name for name in there if name not in FIRST)]
@@ -73,10 +70,7 @@ def registry() -> Mapping[str, Target]:
 def find(name: str) -> Target:
     """Look up a target.
 
-    Raises
-    ------
-    UsageError
-        For one that there is not; names those there are.
+    Raises `UsageError` for one that there is not; names those there are.
     """
     known = registry().get(name.strip().casefold())
     if known is None:
@@ -110,9 +104,11 @@ def read_back(
 ) -> tuple[str, Calibration]:
     """Read the calibration that a target's file stands for, in the unit and axes of the target.
 
+    Raises `UsageError` for a target whose files cannot be read back, or a compass where there is one only;
+    `DocumentError` for a file that is none of theirs, or damaged.
+
     Parameters
     ----------
-    content : bytes
     source : str
         For messages.
     target : str, optional
@@ -127,13 +123,6 @@ def read_back(
     name : str
         Of the target.
     calibration : Calibration
-
-    Raises
-    ------
-    UsageError
-        For a target whose files cannot be read back, or a compass where there is one only.
-    DocumentError
-        For a file that is none of theirs, or damaged.
 
     Examples
     --------

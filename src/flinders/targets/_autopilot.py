@@ -73,28 +73,15 @@ ROTATIONS: Final = mountings("""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompassParameters:
-    """The parameters of one compass.
+    """The parameters of one compass."""
 
-    Attributes
-    ----------
-    offset : (3,) float, in `unit`
-    diagonal, off_diagonal : (3,) float
-        Of the symmetric matrix; its entries xy, xz and yz.
-    motor : (3,) float
-        What each A, kA or full throttle adds, in `unit`.
-    motor_by : int
-        One of `MOTORS`, or 0: what `motor` is multiplied by.
-    compass : int
-        Which of several.
-    device_id : int, optional
-    """
-
-    offset: Floats = field(default_factory=lambda: np.zeros(3))
+    offset: Floats = field(default_factory=lambda: np.zeros(3))  # (3,), in `unit`
+    # (3,): of the symmetric matrix; its entries xy, xz and yz
     diagonal: Floats = field(default_factory=lambda: np.ones(3))
     off_diagonal: Floats = field(default_factory=lambda: np.zeros(3))
-    motor: Floats = field(default_factory=lambda: np.zeros(3))
-    motor_by: int = 0
-    compass: int = 0
+    motor: Floats = field(default_factory=lambda: np.zeros(3))  # (3,): what each A, kA or full throttle adds, in `unit`
+    motor_by: int = 0  # one of `MOTORS`, or 0: what `motor` is multiplied by
+    compass: int = 0  # which of several
     device_id: int | None = None
 
     who: ClassVar[str]
@@ -190,10 +177,7 @@ class CompassParameters:
     def symmetric(cls, calibration: Calibration, compass: int) -> Floats:
         """(3, 3) the symmetric matrix of a calibration without motors, in the axes as recorded, without its rotation.
 
-        Raises
-        ------
-        UnitError, UsageError
-            For a calibration in counts; for a compass that there is not.
+        Raises `UnitError` for a calibration in counts; `UsageError` for a compass that there is not.
         """
         cls.refuse_unknown(compass)
         if calibration.unit != MICROTESLA:

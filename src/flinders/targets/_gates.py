@@ -29,17 +29,10 @@ TILT_DEG: Final = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Limits of a corrected reading that nothing disturbs.
+    """Limits of a corrected reading that nothing disturbs."""
 
-    Attributes
-    ----------
-    strength_limit : float
-        How far its length may be off the field strength, in the calibration's unit.
-    dip_deg, dip_limit_deg : float
-        The dip, and how far the angle to the horizon may be off it; NaN where that cannot be told.
-    """
-
-    strength_limit: float
+    strength_limit: float  # how far its length may be off the field strength, in the calibration's unit
+    # the dip, and how far the angle to the horizon may be off it; NaN where that cannot be told
     dip_deg: float = math.nan
     dip_limit_deg: float = math.nan
 

@@ -118,25 +118,14 @@ class Mounting:
 
 @dataclass(frozen=True, slots=True)
 class MountingTable:
-    """The mountings of a firmware: numbered ones, and any other by three angles.
+    """The mountings of a firmware: numbered ones, and any other by three angles."""
 
-    Attributes
-    ----------
-    who, setting : str
-        The firmware, and its setting that holds the number or name.
-    rows : tuple of (str, float, float, float)
-        Name, and roll, pitch and yaw of `euler` in degrees.
-    sense : int
-        -1 where its own angles turn the other way round than those of `euler`.
-    step_deg : float
-        Of its own angles; 0 where they are float32.
-    """
-
+    # the firmware, and its setting that holds the number or name
     who: str
     setting: str
-    rows: tuple[tuple[str, float, float, float], ...]
-    sense: int = 1
-    step_deg: float = 0.0
+    rows: tuple[tuple[str, float, float, float], ...]  # name, and roll, pitch and yaw of `euler` in degrees
+    sense: int = 1  # -1 where its own angles turn the other way round than those of `euler`
+    step_deg: float = 0.0  # of its own angles; 0 where they are float32
 
     def rotation(self, number: int) -> Floats:
         """(3, 3) of a row."""
@@ -160,10 +149,7 @@ class MountingTable:
     def read(self, words: str) -> Floats:
         """(3, 3) of a number, a name, or three angles in degrees with commas, each as the firmware has it.
 
-        Raises
-        ------
-        UsageError
-            For anything else.
+        Raises `UsageError` for anything else.
         """
         word = words.strip().upper()
         by_name = {name: number for number, (name, *_) in enumerate(self.rows)}

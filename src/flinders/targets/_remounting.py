@@ -51,14 +51,8 @@ def remounting(
 ) -> Remounting | None:
     """The mounting with the rotation of a calibration in it; None where that matters little, or cannot be told.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    in_force : (3, 3) float, optional
-        How the compass was mounted when it was recorded, vehicle = A sensor.
-    table : MountingTable
-    after : bool
-        The numbers act after the mounting.
+    `in_force`: (3, 3), how the compass was mounted when it was recorded, vehicle = A sensor; `after`: the numbers act
+    after the mounting.
     """
     turn = turn_of(in_recorded_axes(calibration)[0])
     if in_force is None or turn is None or np.linalg.det(turn) < 0:

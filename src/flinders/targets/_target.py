@@ -278,23 +278,10 @@ class Target:
     ) -> Export:
         """Write a calibration for the target, and try the target's own formula on what is written.
 
-        Parameters
-        ----------
-        calibration : Calibration
-        about : sequence of str
-            Lines that tell where it comes from.
-        asked : ExportOptions, optional
-            Which compass, and what else there is to choose.
-
-        Raises
-        ------
-        UnitError
-            Where counts would have to become a unit, or the other way round.
-        NotExportable
-            For what the target cannot hold, what costs more than 0.5° of heading unless that was asked for, and
-            readings in other axes than those in which it acts.
-        UsageError
-            For a compass that there is not, or a name that cannot be written.
+        `about`: lines that tell where it comes from; `asked`: which compass, and what else there is to choose. Raises
+        `UnitError` where counts would have to become a unit, or the other way round; `NotExportable` for what the
+        target cannot hold, what costs more than 0.5° of heading unless that was asked for, and readings in other axes
+        than those in which it acts; `UsageError` for a compass that there is not, or a name that cannot be written.
         """
         asked = asked or ExportOptions()
         if self.refuses_mounted:

@@ -125,20 +125,10 @@ class AlonsoShuster:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NeedsSamples
-            Where there are only sums.
-        WrongStrength
-            If the strength told at each reading cannot be the field's.
-        Undetermined
-            If the readings leave parameters open, as two rings without noise do.
-        NotAnEllipsoid
-            If neither step 1 nor the consistent fit gives an ellipsoid to begin with.
-        Collapsed
-            If step 2 goes to D = −I.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NeedsSamples` where
+        there are only sums; `WrongStrength` if the strength told at each reading cannot be the field's; `Undetermined`
+        if the readings leave parameters open, as two rings without noise do; `NotAnEllipsoid` if neither step 1 nor the
+        consistent fit gives an ellipsoid to begin with; `Collapsed` if step 2 goes to D = −I.
         """
         readings.require(self.unknowns, self.name)
         reference = Reference.of(readings, self.name, self.field_strength)
@@ -161,10 +151,7 @@ class AlonsoShuster:
     def start(self, reference: Reference, sums: ProductSums) -> Floats:
         """(9,) θ' of step 1 where the strength varies enough, else of the consistent ellipsoid.
 
-        Raises
-        ------
-        WrongStrength, NotAnEllipsoid
-            As `estimate`.
+        Raises `WrongStrength` or `NotAnEllipsoid` as `estimate`.
         """
         if not reference.varies:
             return reference.start()
@@ -184,20 +171,16 @@ class AlonsoShuster:
 def converged(sums: ProductSums, theta: Floats, start: Floats, method: str) -> Floats:
     """(9,) θ' that minimises the whole cost: step 2.
 
+    Raises `Collapsed` if the gain shrinks to half of that of `start` along any direction, or the steps do not settle.
+
     Parameters
     ----------
-    sums : ProductSums
     theta : (9,) float
         Where to begin.
     start : (9,) float
         What the gain is compared with.
     method : str
         For messages.
-
-    Raises
-    ------
-    Collapsed
-        If the gain shrinks to half of that of `start` along any direction, or the steps do not settle.
     """
     cost = sums.cost(theta)
     for _ in range(STEPS):

@@ -128,9 +128,7 @@ class Collapsed(NotAnEllipsoid):
 def check_options(*, weights: str, noise: float | None, field_strength: float | None) -> None:
     """Refuse options that mean nothing.
 
-    Raises
-    ------
-    UsageError
+    Raises `UsageError`.
     """
     if weights not in ("estimate", "prior"):
         raise UsageError(f"weights is {weights!r}: need estimate, prior")
@@ -165,10 +163,7 @@ def theta_of(b: Floats, d: Floats) -> Floats:
 def parameters(theta: Floats, method: str = "") -> tuple[Floats, Floats]:
     """(3,) b and (3, 3) D of (9,) θ': D = U diag(√(1 + s) − 1) Uᵀ where E = U diag(s) Uᵀ.
 
-    Raises
-    ------
-    NotAnEllipsoid
-        Unless I + E is positive definite.
+    Raises `NotAnEllipsoid` unless I + E is positive definite.
     """
     values, vectors = np.linalg.eigh(_EYE + symmetric(theta[3:]))
     if not values[0] > 0.0:
@@ -211,49 +206,24 @@ def carried(covariance: Floats, b: Floats, d: Floats, reference: Reference) -> F
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Readings beside the strength of the field.
-
-    Attributes
-    ----------
-    readings : Readings
-    method : str
-        For messages.
-    mean : float, in the unit of the readings
-        Mean strength, which strengths are divided by.
-    size : float, in the unit of the readings
-        Of what they vary by, which they are divided by.
-    spread : float
-        Standard deviation of the strength, as a share of its mean.
-    is_told : bool
-        By a column of the recording; else one strength was given, or none.
-    alike : Ellipsoid, optional
-        Consistent ellipsoid through the readings, as if the strength were one; to begin with.
-    noise : float
-        Distance of the readings from it, or from a sphere (1 σ), in units of the mean strength.
-    """
+    """Readings beside the strength of the field."""
 
     readings: Readings
-    method: str
-    mean: float
-    size: float
-    spread: float
-    is_told: bool
-    alike: Ellipsoid | None
-    noise: float
+    method: str  # for messages
+    mean: float  # in the unit of the readings: mean strength, which strengths are divided by
+    size: float  # in the unit of the readings: of what they vary by, which they are divided by
+    spread: float  # standard deviation of the strength, as a share of its mean
+    is_told: bool  # by a column of the recording; else one strength was given, or none
+    alike: Ellipsoid | None  # consistent ellipsoid through the readings, as if the strength were one; to begin with
+    noise: float  # distance of the readings from it, or from a sphere (1 σ), in units of the mean strength
 
     @classmethod
     def of(cls, readings: Readings, method: str, field_strength: float | None) -> Self:
         """Take the strength from the column of the recording, else the one that is given, else the readings' own.
 
-        Raises
-        ------
-        NeedsSamples
-            Where there are only sums.
-        WrongStrength
-            For a column that is not positive, is the length of the readings themselves, is missing in one of
-            several recordings, or stands beside a strength that is given as well.
-        NotAnEllipsoid
-            Where not even a sphere goes through the readings.
+        Raises `NeedsSamples` where there are only sums; `WrongStrength` for a column that is not positive, is the
+        length of the readings themselves, is missing in one of several recordings, or stands beside a strength that is
+        given as well; `NotAnEllipsoid` where not even a sphere goes through the readings.
         """
         if readings.recording is None:
             raise NeedsSamples(method)
@@ -318,10 +288,7 @@ class Reference:
     def start(self) -> Floats:
         """(9,) θ' of the consistent ellipsoid.
 
-        Raises
-        ------
-        NotAnEllipsoid
-            Where there is none.
+        Raises `NotAnEllipsoid` where there is none.
         """
         ellipsoid = self.alike or adjusted(self.readings)[0]
         gain = self.size * np.linalg.inv(ellipsoid.shape)
@@ -341,9 +308,7 @@ class Reference:
     def refuse_unrelated(self, explained: float) -> None:
         """Refuse a strength that varies by as much as the readings do, and not with them.
 
-        Raises
-        ------
-        WrongStrength
+        Raises `WrongStrength`.
         """
         if self.varies and explained < ENOUGH_EXPLAINED and self.spread > CONTRADICTED * self.noise:
             raise WrongStrength(
@@ -411,19 +376,10 @@ def _blocks(readings: Readings) -> Iterator[Samples]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProductSums:
-    """Weighted sums of products of L, z − μ and 1: all that both steps look at.
+    """Weighted sums of products of L, z − μ and 1: all that both steps look at."""
 
-    Attributes
-    ----------
-    gram : (11, 11) float
-        Σ rrᵀ/σ_k² with r = (L, z − μ, 1).
-    scatter : (11, 11) float
-        The same with each term times what v varies over the σ_k² that it is weighted with.
-    count : int
-    """
-
-    gram: Floats
-    scatter: Floats
+    gram: Floats  # (11, 11): Σ rrᵀ/σ_k² with r = (L, z − μ, 1)
+    scatter: Floats  # (11, 11): the same with each term times what v varies over the σ_k² that it is weighted with
     count: int
 
     @classmethod
@@ -588,7 +544,6 @@ def estimate_of(
 
     Parameters
     ----------
-    reference : Reference
     b : (3,) float
         b'.
     d : (3, 3) float

@@ -45,12 +45,8 @@ class AxisAligned:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid whose axes are the sensor's.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If the quadric is open.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if the
+        quadric is open.
         """
         readings.require(self.unknowns, self.name)
         frame = Frame.of(readings)

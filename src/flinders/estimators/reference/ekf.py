@@ -121,18 +121,9 @@ class Ekf:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NeedsSamples
-            Where there are only sums.
-        WrongStrength
-            If the strength told at each reading cannot be the field's.
-        NotAnEllipsoid
-            If not even a sphere goes through the readings.
-        Collapsed
-            If the filter goes to D = −I.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NeedsSamples` where
+        there are only sums; `WrongStrength` if the strength told at each reading cannot be the field's;
+        `NotAnEllipsoid` if not even a sphere goes through the readings; `Collapsed` if the filter goes to D = −I.
         """
         reference, _, (begun, ended) = self._states(readings)
         kept = ended.gain / begun.gain
@@ -146,10 +137,7 @@ class Ekf:
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Follow the estimate at about so many steps; where it goes to D = −I, up to there.
 
-        Raises
-        ------
-        FitError
-            As `estimate`, but for `Collapsed`.
+        Raises `FitError` as `estimate`, but for `Collapsed`.
         """
         reference, counts, (begun, *states) = self._states(readings, steps)
         followed = [
@@ -210,12 +198,6 @@ class Ekf:
 class FilterState(NamedTuple):
     """What the filter keeps.
 
-    Attributes
-    ----------
-    values : (9,) float
-        b, D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃.
-    covariance : (9, 9) float
-
     Examples
     --------
     >>> begun = FilterState(np.zeros(9), 0.01 * np.eye(9))
@@ -224,8 +206,8 @@ class FilterState(NamedTuple):
     array([0.1, 0. , 0. ])
     """
 
-    values: Floats
-    covariance: Floats
+    values: Floats  # (9,): b, D₁₁, D₂₂, D₃₃, D₁₂, D₁₃, D₂₃
+    covariance: Floats  # (9, 9)
 
     @property
     def gain(self) -> float:

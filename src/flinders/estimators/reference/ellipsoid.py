@@ -107,12 +107,8 @@ class Constrained:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`; fewer unknowns need fewer readings.
-        NotAnEllipsoid
-            If the quadric is open.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; fewer unknowns need
+        fewer readings; `NotAnEllipsoid` if the quadric is open.
         """
         radii = MAGCAL.get(self.radii, self.radii)
         readings.require(self._unknowns("sphere" if radii == "auto" else radii), self.name)
@@ -126,10 +122,7 @@ class Constrained:
     def chosen(self, readings: Readings) -> tuple[Radii, Ellipsoid]:
         """Go from the sphere to the free ellipsoid and take each that leaves a smaller `fit_error`, as ``magcal``.
 
-        Raises
-        ------
-        NotAnEllipsoid
-            If not even a sphere goes through the readings.
+        Raises `NotAnEllipsoid` if not even a sphere goes through the readings.
         """
         moments = readings.summary.moments
         radii: Radii = "sphere"

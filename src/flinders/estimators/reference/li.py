@@ -73,12 +73,8 @@ class Li:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If the readings lie in one plane.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if the
+        readings lie in one plane.
         """
         readings.require(self.unknowns, self.name)
         frame = Frame.of(readings)

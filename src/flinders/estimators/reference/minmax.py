@@ -104,15 +104,9 @@ class MinMax:
     def estimate(self, readings: Readings) -> Estimate:
         """Take the extremes.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If an axis hardly changes beside another, or the readings are nowhere near what their extremes span; with
-            `trim` also as `Robust`.
-        NeedsSamples
-            If only sums were given, and `trim` was asked for.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if an
+        axis hardly changes beside another, or the readings are nowhere near what their extremes span; with `trim` also
+        as `Robust`; `NeedsSamples` if only sums were given, and `trim` was asked for.
         """
         readings.require(self.unknowns, self.name)
         return self._trimmed(readings) if self.trim else self._spanned(readings)

@@ -123,18 +123,10 @@ class Sequential:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`; ten readings for all parameters.
-        NeedsSamples
-            Where there are only sums.
-        ConstantStrength
-            For all parameters, where the field's strength varies too little.
-        WrongStrength
-            If the strength told at each reading cannot be the field's.
-        NotAnEllipsoid
-            If the readings do not determine the unknowns, or what they give is open.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; ten readings for all
+        parameters; `NeedsSamples` where there are only sums; `ConstantStrength` for all parameters, where the field's
+        strength varies too little; `WrongStrength` if the strength told at each reading cannot be the field's;
+        `NotAnEllipsoid` if the readings do not determine the unknowns, or what they give is open.
         """
         reference, noise, find = self._prepared(readings)
         state, *_ = self._states(reference, noise, find, [])[-1:]
@@ -145,10 +137,7 @@ class Sequential:
     def converge(self, readings: Readings, steps: int = 100) -> Convergence:
         """Follow the estimate at about so many steps; nothing is known before the batch that it starts from.
 
-        Raises
-        ------
-        FitError
-            As `estimate`.
+        Raises `FitError` as `estimate`.
         """
         reference, noise, find = self._prepared(readings)
         counts = reference.counts(steps)
@@ -217,18 +206,6 @@ class Sequential:
 class SequentialState(NamedTuple):
     """What the recursion keeps: θ', its covariance, and the means.
 
-    Attributes
-    ----------
-    theta : (k,) float
-        The first k of θ': three, or nine.
-    covariance : (k, k) float
-    row : (9,) float
-        L̄.
-    value : float
-        z̄ − μ̄.
-    variance : float
-        s̄².
-
     Examples
     --------
     >>> rng = np.random.default_rng(1)
@@ -238,11 +215,11 @@ class SequentialState(NamedTuple):
     True
     """
 
-    theta: Floats
-    covariance: Floats
-    row: Floats
-    value: float
-    variance: float
+    theta: Floats  # (k,): the first k of θ': three, or nine
+    covariance: Floats  # (k, k)
+    row: Floats  # (9,): L̄
+    value: float  # z̄ − μ̄
+    variance: float  # s̄²
 
     @classmethod
     def of(cls, rows: Floats, z: Floats, variances: Floats, unknowns: int = 9) -> SequentialState:

@@ -54,12 +54,8 @@ class Sphere:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit a sphere.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`.
-        NotAnEllipsoid
-            If the readings lie in one plane or on one line: any sphere through that circle would do.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; `NotAnEllipsoid` if the
+        readings lie in one plane or on one line: any sphere through that circle would do.
         """
         readings.require(self.unknowns, self.name)
         frame = Frame.of(readings)

@@ -21,21 +21,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Convergence:
-    """An estimate after the first readings, after more of them, and after all.
+    """An estimate after the first readings, after more of them, and after all."""
 
-    Attributes
-    ----------
-    counts : (K,) int
-        Readings seen at each step, ascending.
-    parameters : (K, 9) float
-        b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the unit of the readings; NaN where there was no ellipsoid yet.
-    sigmas : (K, 9) float
-        Standard deviation that the method claims of each.
-    """
-
-    counts: NDArray[np.int64]
+    counts: NDArray[np.int64]  # (K,): readings seen at each step, ascending
+    # (K, 9): b₁, b₂, b₃, S₁₁, S₂₂, S₃₃, S₁₂, S₁₃, S₂₃, in the unit of the readings; NaN where there was no ellipsoid
+    # yet
     parameters: Floats
-    sigmas: Floats
+    sigmas: Floats  # (K, 9): standard deviation that the method claims of each
 
     @classmethod
     def of(cls, counts: Sequence[int], estimates: Sequence[Estimate | None]) -> Self:
@@ -104,8 +96,5 @@ class Watched(Protocol):
 
         Where a method loses its way, what it gave until then is followed, and nothing after it.
 
-        Raises
-        ------
-        FitError
-            As `estimate`, where there is nothing to follow.
+        Raises `FitError` as `estimate`, where there is nothing to follow.
         """

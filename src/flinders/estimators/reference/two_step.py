@@ -94,12 +94,8 @@ class TwoStep:
     def estimate(self, readings: Readings) -> Estimate:
         """Fit an ellipsoid.
 
-        Raises
-        ------
-        TooFewSamples, OutOfScale, StuckAxis, Unmoved
-            See `Readings.require`; ten readings for ``"non-orthogonal"``.
-        NotAnEllipsoid
-            If f₂ or f₄ is not positive, or the quadric is open for another reason.
+        Raises `TooFewSamples`, `OutOfScale`, `StuckAxis` or `Unmoved`: see `Readings.require`; ten readings for
+        ``"non-orthogonal"``; `NotAnEllipsoid` if f₂ or f₄ is not positive, or the quadric is open for another reason.
         """
         free = FREE[self.model]
         readings.require(len(free) + 1, self.name)
@@ -134,11 +130,7 @@ class Triangular(NamedTuple):
 def triangular(ellipsoid: Ellipsoid, field_strength: float) -> Triangular:
     """Take the six parameters out of an ellipsoid, for a field of known strength.
 
-    Parameters
-    ----------
-    ellipsoid : Ellipsoid
-    field_strength : float
-        In the unit of the readings.
+    `field_strength`: in the unit of the readings.
     """
     root = np.linalg.cholesky(ellipsoid.shape @ ellipsoid.shape) / field_strength
     across = np.hypot(root[2, 1], root[2, 2])

@@ -1,4 +1,4 @@
-"""Calibration of a survey instrument as a page for the terminal: each shot, what to repeat, what to shoot next."""
+"""Pages of surveys for the terminal: shots of an instrument and what to shoot next; compensation of an aircraft."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from rich.console import Group
+from rich.table import Column
 from rich.text import Text
 
-from flinders.errors import counted
-from flinders.report.formatting import degrees
+from flinders.errors import counted, figures
+from flinders.estimators.tolles_lawson_terms import BAND_HZ, NAMES
+from flinders.report.formatting import degrees, with_uncertainty, written_time
 from flinders.report.terminal import facts, notes, page, styled, table, verdict
 
 if TYPE_CHECKING:
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
     from rich.console import RenderableType
 
+    from flinders.estimators.tolles_lawson import Compensated, TollesLawson
     from flinders.fitting.survey import ShotErrors, SurveyFit
 
 WORTH: Final = 0.9
@@ -86,3 +89,48 @@ def _next(fit: SurveyFit) -> RenderableType | None:
         if fit.verdict != "good" or each.azimuth_error_deg < WORTH * fit.azimuth_error_deg.rms
     ]
     return table(("shoot next, with four rolls", "azimuth then to"), useful) if useful else None
+
+
+TERM_UNITS: Final = {"permanent": "nT", "induced": "nT at 50 µT", "eddy": "nT s at 50 µT"}
+
+
+def of_tolles_lawson(fit: TollesLawson) -> RenderableType:
+    """Lay out a fit: its verdict, what limits it, the coefficients and how they were found."""
+    words = f"the compensation makes readings {fit.improvement:.1f} times as quiet (improvement ratio, held out)"
+    known = [
+        ("flight", f"{counted(fit.readings, 'reading')} in {written_time(fit.seconds)} without gaps"),
+        ("before", f"{_nanotesla(fit.before)}, standard deviation from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz"),
+        ("held out", f"{_nanotesla(fit.held_out)}, each fifth of the half minutes by the others' coefficients"),
+        ("claim", f"{_nanotesla(fit.as_flown)} (1 σ) as flown, {_nanotesla(fit.on_any_heading)} on any heading"),
+        ("ridge", f"{fit.ridge:.1g} of the sum of squares of each term, by cross-validation"),
+    ]
+    limits = notes(("limits", limit) for limit in fit.limits) if fit.limits else None
+    coefficients = table(("coefficient", "", Column("")), _coefficients(fit))
+    return page(verdict(fit.verdict.upper(), fit.verdict, words), limits, coefficients, facts(known))
+
+
+def of_compensated(compensated: Compensated) -> RenderableType:
+    """Lay out what coefficients leave of another recording."""
+    ratio = compensated.before / compensated.after
+    return facts(
+        [
+            (
+                "before",
+                f"{_nanotesla(compensated.before)}, standard deviation from {BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz",
+            ),
+            ("after", f"{_nanotesla(compensated.after)}: improvement ratio {ratio:.1f}"),
+            ("claim", f"{_nanotesla(compensated.claimed)} (1 σ) by the coefficients, of these readings"),
+            ("expected", f"{_nanotesla(compensated.expected)}, with noise and ground as on the calibration flight"),
+        ]
+    )
+
+
+def _coefficients(fit: TollesLawson) -> Iterator[tuple[str, str, str]]:
+    """Each coefficient with its uncertainty and unit."""
+    for name, value, sigma in zip(NAMES, fit.coefficients.tolist(), fit.sigma.tolist(), strict=True):
+        yield name, with_uncertainty(value, sigma), TERM_UNITS[name.split()[0]]
+
+
+def _nanotesla(value: float) -> str:
+    """A field with two digits."""
+    return f"{figures(value)} nT"
