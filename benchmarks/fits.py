@@ -217,7 +217,11 @@ def compare(old: Path, new: Path) -> int:
     before, after = _table(old), _table(new)
     renamed, moved, added = expected["renamed"], set(expected["moved"]), set(expected["added"])
     allowed = {
-        (one["recording"], method) for one in expected["difference"] if one["reason"] for method in one["methods"]
+        (recording, method)
+        for one in expected["difference"]
+        if one["reason"]
+        for recording in one.get("recordings") or [one["recording"]]
+        for method in one["methods"]
     }
     of_methods = {method: tuple(one["numbers"]) for one in expected["method"] for method in one["methods"]}
     count = 0

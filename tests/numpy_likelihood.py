@@ -381,11 +381,17 @@ def _moved(ellipsoid: Ellipsoid, step: Floats) -> Ellipsoid:
     return Ellipsoid(ellipsoid.centre + step[:3], ellipsoid.shape + symmetric(step[3:]))
 
 
+def foot_directions(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
+    """(N, 3) directions of the foot points of readings on the surface."""
+    normals = magnitude.information(directions_of(readings, ellipsoid), ellipsoid)[:, :3]
+    return directions_of(readings - magnitude.distances(readings, ellipsoid)[:, np.newaxis] * normals, ellipsoid)
+
+
 def correlated(segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> tuple[Floats, Correlation, Residuals]:
     """Scatter (9, 9) of Σ J s over all readings, how residuals are correlated, and these, of stretches of readings."""
     lengths = np.array([len(segment) for segment in segments])
     readings = segments[0] if len(segments) == 1 else np.concatenate(segments)
-    directions = directions_of(readings, ellipsoid)
+    directions = foot_directions(readings, ellipsoid)
     residuals = Residuals(
         magnitude.distances(readings, ellipsoid),
         magnitude.information(directions, ellipsoid),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from tests.numpy_likelihood import NumpyLikelihood
+from tests.numpy_likelihood import NumpyLikelihood, foot_directions
 
 from flinders.core.samples import Joined, Samples
 from flinders.diagnostics.axis_swap import SWAPS, moments_of
@@ -28,7 +28,7 @@ from flinders.heading.error_propagation import direction_error_deg, level_error
 from flinders.likelihood import magnitude
 from flinders.native import build
 from flinders.native.engine import RECORD, Engine, engine, layout
-from flinders.summary.coverage import Coverage, directions_of
+from flinders.summary.coverage import Coverage
 from flinders.summary.moments import Moments
 from flinders.summary.quality import DataQuality
 from flinders.summary.summary import Summary
@@ -379,7 +379,7 @@ def test_a_disturbance_explains_what_a_triangular_factor_says(is_level: bool) ->
 
     residuals = magnitude.distances(field, ellipsoid)
     taken = (np.abs(residuals) <= 2.0) & np.isfinite(values)
-    jacobian = magnitude.information(directions_of(field[taken], ellipsoid), ellipsoid)
+    jacobian = magnitude.information(foot_directions(field[taken], ellipsoid), ellipsoid)
     about = values[taken] - values[taken].mean()
     design = np.hstack([jacobian, jacobian[:, :3] * about[:, np.newaxis]])
     scale = np.linalg.norm(design, axis=0)

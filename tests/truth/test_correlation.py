@@ -9,7 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.claims import by_hand, remembering
-from benchmarks.datasets import parameter_error
+from benchmarks.datasets import bound, dataset, parameter_error
 
 import flinders
 from flinders.estimators import Readings
@@ -51,6 +51,15 @@ def claims(record: Callable[[int], Simulated], trials: Trials) -> tuple[float, f
         claimed.append(weighed(recording, fit.covariance, *found))
         textbook.append(weighed(recording, plain, *found))
     return float(np.mean(claimed)), float(np.mean(textbook))
+
+
+@pytest.mark.parametrize("trial", [21, 95, 742, 1424])
+def test_noise_that_moves_the_readings_of_a_clump_is_no_slow_noise(trial: int) -> None:
+    """Jacobians at the readings follow their distances from an ellipsoid: errors were 5 to 16 times the bound."""
+    recording = dataset("S6", trial, 2.0)
+    fit = flinders.fit(recording.samples.field, field_strength=50.0, target_deg=90.0)
+    off = parameter_error(fit.calibration.matrix, fit.calibration.offset, recording)
+    assert off @ bound(recording).information @ off / 9.0 < 3.0
 
 
 @pytest.mark.parametrize("motion", ["uniform", "hand", "tilted", "clumped"])

@@ -25,7 +25,7 @@ from flinders import simulate
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, fault_words
 from flinders.live.hub import _timed
 from flinders.live.session import LiveSession
-from flinders.readers import _source, parquet, ulog
+from flinders.readers import _fmt, _source, parquet, ulog
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,6 +150,21 @@ def test_any_letter_may_stand_in_the_description_of_a_message(letter: str, tmp_p
         (tmp_path / "flight.log").write_text("\n".join(changed), encoding="utf-8")
         with contextlib.suppress(FlindersError):
             flinders.read(tmp_path / "flight.log")
+
+
+def test_letters_beyond_the_labels_of_a_message_cost_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[str] = []
+
+    def holder(letter: str) -> list[float]:
+        made.append(letter)
+        return []
+
+    monkeypatch.setattr(_fmt, "_holder", holder)
+    description = f"FMT, 134, 18, MAG, Qhhh{'h' * 5000}, TimeUS,MagX,MagY,MagZ"
+    lines = [description, *(f"MAG, {row}, 0, 4, -586" for row in range(20))]
+    read = _fmt.read_listed(enumerate(lines), {"MAG"})
+    assert made == list("Qhhh"), "once, and for the labels alone"
+    assert list(read.tables["MAG"].fields) == ["TimeUS", "MagX", "MagY", "MagZ"]
 
 
 def test_a_name_that_is_no_utf_8_stands_in_no_report(tmp_path: Path) -> None:

@@ -173,7 +173,7 @@ def estimated(record: Records, readings: Readings, *, has_statistics: bool = Fal
         unobserved=int(record["unobserved"]),
         rejected_beyond=limit,
         outliers=outliers,
-        may_be_swapped=not has_statistics or bool(record["swaps"].any()),
+        may_be_swapped=not has_statistics or any(record["swaps"].tolist()),
     )
 
 

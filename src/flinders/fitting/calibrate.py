@@ -31,7 +31,7 @@ from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
 from flinders.fitting.claim import claimed, halves_apart, repeated
-from flinders.fitting.result import Fit, Refused
+from flinders.fitting.result import Fit, Refused, structure_deg
 from flinders.fitting.shrinkage import shrunk
 from flinders.fitting.verdict import conditions, halves_matter, judge
 from flinders.geometry.plane import down_of
@@ -684,22 +684,23 @@ def _judged(
     claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None = None
 ) -> Fit:
     """Put together what is known and judge it: of the estimate, or of one that is shrunk towards the readings."""
-    result = _stated(claim, evidence, calibration, request, nearer)
-    result = _diagnosed(result, claim.estimate, nearer or claim.estimate, evidence, request)
+    result = _described(claim, evidence, calibration, request, nearer)
     if evidence.driving is not None:
         result = _with_disturbances(result, evidence.driving)
     findings = judge(result, evidence.statistics)
     return replace(result, findings=findings, conditions=conditions(result, findings))
 
 
-def _stated(
+def _described(
     claim: Claim, evidence: _Evidence, calibration: Calibration, request: Request, nearer: Estimate | None
 ) -> Fit:
-    """Everything that the estimate itself says: its claim, its noise, its coverage, faults of its axes."""
+    """Everything that is known of a fit but its findings: its claim, its noise, its coverage, faults tested for."""
     estimate, aiding = claim.estimate, evidence.aiding
     final, correlation = nearer or estimate, estimate.correlation
     error = evidence.heading_error(final, request.dip_deg, is_scaled=evidence.driving is None and nearer is None)
-    nonlinearity, axis_lag = _faults_of_axes(estimate, evidence)
+    distortion, faults = _distortion(estimate, evidence.refreshed), _faults_of_axes(estimate, evidence)
+    level = calibration.ellipsoid.radius * math.cos(math.radians(error.dip_deg))
+    nonlinearity, axis_lag = faults
     return Fit(
         calibration=calibration,
         method=estimate.method,
@@ -707,8 +708,8 @@ def _stated(
         noise=estimate.noise,
         samples=estimate.used or evidence.statistics.rows,
         coverage=evidence.coverage,
-        heading_error_deg=error,
-        distortion=_distortion(estimate, evidence.refreshed),
+        heading_error_deg=error.combined(structure_deg(distortion, level, faults)),
+        distortion=distortion,
         nonlinearity=nonlinearity,
         axis_lag=axis_lag,
         target_deg=request.target_deg,
@@ -729,21 +730,20 @@ def _stated(
         aiding=aiding,
         refreshed=evidence.refreshed,
         alignment_error_deg=None if aiding is None else aiding.alignment_error_deg(error.dip_deg),
+        tilt_error_deg=_tilt_error_deg(final, calibration, evidence),
+        **_changes(estimate, evidence, request, error.dip_deg),
     )
 
 
-def _diagnosed(result: Fit, estimate: Estimate, final: Estimate, evidence: _Evidence, request: Request) -> Fit:
-    """Add structure over direction to the heading error, and faults that were tested for."""
-    readings, dip = evidence.readings, result.heading_error_deg.dip_deg
-    return replace(
-        result,
-        heading_error_deg=result.heading_error_deg.combined(result.structure_deg),
-        drift=_with_halves(_drift(estimate, evidence, dip), estimate, readings, request),
-        axis_swap=_axis_swap(estimate, readings),
-        unmodelled=_unmodelled(estimate, evidence, dip),
-        attitude_dependence=_attitude_dependence(estimate, evidence, dip),
-        tilt_error_deg=_tilt_error_deg(final, result.calibration, evidence),
-    )
+def _changes(estimate: Estimate, evidence: _Evidence, request: Request, dip_deg: float) -> dict[str, Any]:
+    """What was tested for that changes while a recording is made."""
+    readings = evidence.readings
+    return {
+        "drift": _with_halves(_drift(estimate, evidence, dip_deg), estimate, readings, request),
+        "axis_swap": _axis_swap(estimate, readings),
+        "unmodelled": _unmodelled(estimate, evidence, dip_deg),
+        "attitude_dependence": _attitude_dependence(estimate, evidence, dip_deg),
+    }
 
 
 def _with_disturbances(result: Fit, driving: Driving) -> Fit:

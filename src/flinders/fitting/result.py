@@ -450,9 +450,8 @@ class Fit(Outcome):
         It is that of as much across the field as the distortion is along it (1 σ), or that of axes that are proven not
         to be linear or to be late (at the worst heading), whichever is larger.
         """
-        across = self.distortion / (self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg)))
-        faults = (fault for fault in (self.nonlinearity, self.axis_lag) if fault is not None and fault.is_proven)
-        return max(math.degrees(across), *(fault.heading_deg for fault in faults), 0.0)
+        level = self.ellipsoid.radius * math.cos(math.radians(self.known_dip_deg))
+        return structure_deg(self.distortion, level, (self.nonlinearity, self.axis_lag))
 
     @property
     def attitude_limit_deg(self) -> float:
@@ -743,6 +742,12 @@ def _cause(words: str) -> str:
 def _rms_and_worst(error: HeadingError | DirectionError | None) -> dict[str, float] | None:
     """JSON-ready."""
     return None if error is None else {"rms": error.rms, "worst": error.worst}
+
+
+def structure_deg(distortion: float, level: float, faults: Iterable[Nonlinearity | AxisLag | None]) -> float:
+    """`Fit.structure_deg` of a distortion in a level field so strong, and of faults of axes."""
+    proven = (fault.heading_deg for fault in faults if fault is not None and fault.is_proven)
+    return max(math.degrees(distortion / level), *proven, 0.0)
 
 
 def fit_of(outcome: Fit | FlindersError) -> Fit | None:

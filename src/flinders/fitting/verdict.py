@@ -52,6 +52,8 @@ OF_RECORDING: Final = ("quantised", "stale-repeats", "unordered", "time-back", "
 """Findings of a recording as a whole."""
 OF_THE_RECORDING: Final = frozenset({"saturated", *OF_RECORDING})
 """Findings that hold whatever the fit is worth, and may be the reason why it is worth nothing."""
+CALIBRATION_ROWS: Final = tuple(CATALOGUE[code] for code in OF_CALIBRATION)
+RECORDING_ROWS: Final = tuple(CATALOGUE[code] for code in ("saturated", *OF_RECORDING))
 
 PLACED, SKEWED = 0.5, 0.15
 """Of the field: an offset across a level turn is known, a shape across it is not."""
@@ -448,7 +450,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
 
 def of_recording(health: Statistics) -> Iterator[Finding]:
     """What a recording says about itself."""
-    yield from _applied((CATALOGUE[code] for code in ("saturated", *OF_RECORDING)), _recording_record(health))
+    yield from _applied(RECORDING_ROWS, _recording_record(health))
 
 
 def _at_rail(rail: Rail) -> str:
@@ -492,7 +494,7 @@ class Corrected(Protocol):
 
 def of_calibration(corrected: Corrected) -> Iterator[Finding]:
     """Say what the calibration alone tells, whatever it was made from."""
-    yield from _applied((CATALOGUE[code] for code in OF_CALIBRATION), calibration_record(corrected))
+    yield from _applied(CALIBRATION_ROWS, calibration_record(corrected))
 
 
 def calibration_record(corrected: Corrected) -> Record:

@@ -27,9 +27,9 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
     if (all.n == 0 || !fl_is_noisy(&all, &fit->surface)) return;
     fl_whiten(&all, FL_LAGS_OF_AXES, &fit->slow);
     kernels->gram(all.rows, all.n, TERMS + 1, products);
-    if (fl_regress(kernels, &all, products, FL_LAGS_OF_AXES, 9 + FL_NONLINEAR, &nonlinear))
+    if (fl_regress(&all, products, FL_LAGS_OF_AXES, 9 + FL_NONLINEAR, &nonlinear))
         bent_by_chance = fl_chance_of_terms(kernels, &nonlinear, 9, FL_NONLINEAR, record);
-    if (!room->parts && fl_regress(kernels, &all, products, 0, FL_LAGS_OF_AXES + 9, &lag))
+    if (!room->parts && fl_regress(&all, products, 0, FL_LAGS_OF_AXES + 9, &lag))
         late_by_chance = fl_chance_of_terms(kernels, &lag, 0, FL_LAGS_OF_AXES, record);
     if (bent_by_chance <= 1)
         fl_nonlinearity(kernels, view, &fit->surface, room, &nonlinear, bent_by_chance, dip_deg, record);

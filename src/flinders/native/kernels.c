@@ -100,8 +100,8 @@ static size_t powers(const fl_view *view, const real origin[3], real unit, real 
     return count;
 }
 
-/* Sampson distance, and the Jacobian at the foot point on the surface, of one block. */
-static void linearised(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[10][FL_BLOCK])
+/* The Jacobian at the foot point on the surface, Sampson distance, and the direction of the foot point, of one block. */
+static void linearised(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[13][FL_BLOCK])
 {
     const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
     const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
@@ -123,11 +123,12 @@ static void linearised(const real block[3][FL_BLOCK], const fl_surface *surface,
         rows[3][i] = nx * vx, rows[4][i] = ny * vy, rows[5][i] = nz * vz;
         rows[6][i] = nx * vy + ny * vx, rows[7][i] = nx * vz + nz * vx, rows[8][i] = ny * vz + nz * vy;
         rows[9][i] = move * fl_sqrt(square);
+        rows[10][i] = vx, rows[11][i] = vy, rows[12][i] = vz;
     }
 }
 
 /* Sampson distance and minus its own gradient at the reading itself, of one block. */
-static void differentiated(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[10][FL_BLOCK])
+static void differentiated(const real block[3][FL_BLOCK], const fl_surface *surface, real rows[13][FL_BLOCK])
 {
     const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
     const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
@@ -168,7 +169,7 @@ static void add_products(const real rows[10][FL_BLOCK], real lanes[55][FL_LANES]
 /* Upper triangle of Σ (J, s)(J, s)ᵀ, row by row, J at the foot points or exact; returns the readings. */
 static size_t products(const fl_view *view, const fl_surface *surface, int exact, real sums[55])
 {
-    real lanes[55][FL_LANES] = {{0}}, rows[10][FL_BLOCK], block[3][FL_BLOCK];
+    real lanes[55][FL_LANES] = {{0}}, rows[13][FL_BLOCK], block[3][FL_BLOCK];
     size_t count = 0, m;
     cursor at = {0, 0};
     while ((m = gather(view, &at, block)) > 0) {
@@ -331,35 +332,16 @@ static real cost(const fl_view *view, const fl_surface *surface)
     return total(lanes);
 }
 
-/* (N, stride) rows that begin with the Jacobian at the direction of each reading and its distance; and these (3,
- * FL_LOOKED) directions. Returns the readings. */
+/* (N, stride) rows that begin with Jacobian and distance of each reading, and these (3, FL_LOOKED) directions, at the foot
+ * points: at a reading itself, on a surface that is no sphere, both would follow the noise that is in its distance. Returns
+ * the readings. */
 static size_t information(const fl_view *view, const fl_surface *surface, size_t stride, real *out, real *directions)
 {
-    const real xx = surface->inverse[0], yy = surface->inverse[1], zz = surface->inverse[2];
-    const real xy = surface->inverse[3], xz = surface->inverse[4], yz = surface->inverse[5];
     real block[3][FL_BLOCK], rows[13][FL_BLOCK];
     size_t m, count = 0;
     cursor at = {0, 0};
     while ((m = gather(view, &at, block)) > 0) {
-        for (int i = 0; i < FL_BLOCK; i++) {
-            const real dx = block[0][i] - surface->centre[0], dy = block[1][i] - surface->centre[1],
-                       dz = block[2][i] - surface->centre[2];
-            real ux = xx * dx + xy * dy + xz * dz, uy = xy * dx + yy * dy + yz * dz, uz = xz * dx + yz * dy + zz * dz;
-            real length = fl_sqrt(ux * ux + uy * uy + uz * uz);
-            length = length > FL_SHORT ? length : FL_SHORT;
-            const real per_length = 1 / length;
-            ux *= per_length, uy *= per_length, uz *= per_length;
-            rows[10][i] = ux, rows[11][i] = uy, rows[12][i] = uz;
-            real nx = xx * ux + xy * uy + xz * uz, ny = xy * ux + yy * uy + yz * uz, nz = xz * ux + yz * uy + zz * uz;
-            real steepness = fl_sqrt(nx * nx + ny * ny + nz * nz);
-            steepness = steepness > FL_SHORT ? steepness : FL_SHORT;
-            const real per_steepness = 1 / steepness;
-            nx *= per_steepness, ny *= per_steepness, nz *= per_steepness;
-            rows[0][i] = nx, rows[1][i] = ny, rows[2][i] = nz;
-            rows[3][i] = nx * ux, rows[4][i] = ny * uy, rows[5][i] = nz * uz;
-            rows[6][i] = nx * uy + ny * ux, rows[7][i] = nx * uz + nz * ux, rows[8][i] = ny * uz + nz * uy;
-            rows[9][i] = (length - 1) * per_steepness;
-        }
+        linearised((const real(*)[FL_BLOCK])block, surface, rows);
         for (size_t i = 0; i < m; i++, out += stride)
             for (int row = 0; row < 10; row++) out[row] = rows[row][i];
         for (int axis = 0; axis < 3; axis++)
@@ -418,14 +400,22 @@ static inline void add_four(const real *rows, size_t stride, int columns, real s
                 sums[a][b] += one[a] * one[b] + two[a] * two[b] + three[a] * three[b] + four[a] * four[b];
 }
 
-/* Products of the columns of rows (n, columns), a symmetric matrix. */
-static void gram(const real *rows, size_t n, int columns, real *matrix)
+/* The same of n rows. */
+static inline void add_rows(const real *rows, size_t n, int columns, real sums[FL_COLUMNS][FL_COLUMNS + 2])
 {
-    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}}, last[5 * FL_COLUMNS] = {0};
     const size_t stride = (size_t)columns, most = n > 4 ? (n - 1) / 4 * 4 : 0;
+    real last[5 * FL_COLUMNS] = {0};
     for (size_t i = 0; i < most; i += 4) add_four(rows + stride * i, stride, columns, sums);
     memcpy(last, rows + stride * most, stride * (n - most) * sizeof(real));
     add_four(last, stride, columns, sums);
+}
+
+/* Products of the columns of rows (n, columns), a symmetric matrix. */
+static void gram(const real *rows, size_t n, int columns, real *matrix)
+{
+    real sums[FL_COLUMNS][FL_COLUMNS + 2] = {{0}};
+    if (columns == FL_COLUMNS) add_rows(rows, n, FL_COLUMNS, sums); /* a number that the compiler knows */
+    else add_rows(rows, n, columns, sums);
     for (int a = 0; a < columns; a++)
         for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
 }

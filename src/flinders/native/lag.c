@@ -94,7 +94,7 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, c
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
         fl_gather_axes(kernels, view, &fit->surface, room, &all);
         kernels->gram(all.rows, all.n, all.width + 1, products);
-        if (!fl_regress(kernels, &all, products, 0, WIDTH, &plain)) return;
+        if (!fl_regress(&all, products, 0, WIDTH, &plain)) return;
         lags = plain.solution;
     }
     record->lag_by_chance = by_chance;

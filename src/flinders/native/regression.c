@@ -134,8 +134,7 @@ void fl_normal_equations(const real *products, int columns, int first, int width
 
 /* Explain residuals by so many columns of their rows from the first on, from the products of all columns; 0 where the
  * terms cannot be told apart. */
-int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,
-               fl_regression *out)
+int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out)
 {
     real gradient[FL_WIDEST];
     fl_residuals *const left = &out->left;
@@ -146,7 +145,8 @@ int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *p
     if (!is_distinct(out->matrix, width)) return 0;
     fl_inverse(out->matrix, width, out->inverse);
     fl_multiply(out->inverse, gradient, width, width, 1, out->solution);
-    kernels->take_off(left->rows, left->stride, left->n, width, out->solution, left->distances);
+    out->square = products[(all->width + 2) * all->width];
+    for (int i = 0; i < width; i++) out->square -= out->solution[i] * gradient[i];
     return 1;
 }
 
@@ -177,13 +177,24 @@ static real share_of_distinct(const flinders_record *record)
     return share < 1 ? share : 1;
 }
 
+/* Covariance of a solution, and how many of the residuals are independent, beyond those that the terms take. */
+static real covariance_of(const fl_kernels *kernels, const fl_regression *of, int is_white, real *covariance)
+{
+    const fl_residuals *const left = &of->left;
+    const int n = left->width;
+    for (int i = 0; i < n * n; i++) covariance[i] = of->inverse[i] * of->square / (real)left->n;
+    if (is_white) return (real)left->n - (real)n;
+    kernels->take_off(left->rows, left->stride, left->n, n, of->solution, left->distances);
+    return fl_covariance_of_solution(kernels, left, of->matrix, of->inverse, covariance);
+}
+
 /* How often chance makes as much of some terms of a solution; more than 1 where too few residuals are independent. */
 real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
                         const flinders_record *record)
 {
     const int n = of->left.width;
     real covariance[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST], square;
-    const real independent = fl_covariance_of_solution(kernels, &of->left, of->matrix, of->inverse, covariance);
+    const real independent = covariance_of(kernels, of, record->is_white, covariance);
     if (!(independent >= FEWEST_INDEPENDENT)) return 2;
     for (int a = 0; a < count; a++)
         for (int b = 0; b < count; b++) spread[count * a + b] = covariance[n * (first + a) + first + b];

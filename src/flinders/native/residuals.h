@@ -50,16 +50,16 @@ int fl_principal(const real *matrix, int n, real *values, real *vectors);
 real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
 typedef struct {
-    fl_residuals left;
+    fl_residuals left; /* whose distances the solution has not been taken off */
     real matrix[FL_WIDEST * FL_WIDEST], inverse[FL_WIDEST * FL_WIDEST], solution[FL_WIDEST];
+    real square; /* of what is left */
 } fl_regression;
 
 size_t fl_gather_evenly(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, const fl_room *room,
                         int before, int width, fl_residuals *out);
 void fl_whiten(fl_residuals *residuals, int before, const fl_slow *slow);
 void fl_normal_equations(const real *products, int columns, int first, int width, real *matrix, real *gradient);
-int fl_regress(const fl_kernels *kernels, const fl_residuals *all, const real *products, int first, int width,
-               fl_regression *out);
+int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out);
 real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
                         const flinders_record *record);
 real fl_covariance_of_solution(const fl_kernels *kernels, const fl_residuals *residuals, const real *matrix,

@@ -302,8 +302,9 @@ def read_listed(lines: Iterable[tuple[int, str]], wanted: Collection[str]) -> Me
                 skipped, gaps = skipped + 1, gaps + (last_skipped != number - 1)
                 last_skipped = number
                 continue
-            holders = columns.setdefault(name, [_holder(letter) for letter in formats[name].letters])
-            for column, value in zip(holders, values, strict=False):
+            if name not in columns:
+                columns[name] = [_holder(letter) for letter in formats[name].letters]
+            for column, value in zip(columns[name], values, strict=False):
                 column.append(value)
             where.setdefault(name, array("q")).append(number)
     tables: dict[str, Table] = {}
@@ -335,7 +336,8 @@ def _listed_format(rest: str) -> Format | None:
     parts = [part.strip() for part in rest.split(",")]
     if len(parts) < 4 or not (parts[0].isdecimal() and parts[1].isdecimal()):
         return None
-    return Format(int(parts[0]), int(parts[1]), parts[2], parts[3], tuple(part for part in parts[4:] if part))
+    labels = tuple(part for part in parts[4:] if part)
+    return Format(int(parts[0]), int(parts[1]), parts[2], parts[3][: len(labels)], labels)
 
 
 def _holder(letter: str) -> Any:  # noqa: ANN401 - numbers side by side, or a list of texts
