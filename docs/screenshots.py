@@ -19,19 +19,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from benchmarks.stage import Program, chromium
+from benchmarks.stage import Program, Site, chromium
 
 from flinders import simulate
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Page, ViewportSize
 
     from flinders.arrays import Floats
 
 IMAGES: Final = Path(__file__).resolve().parent / "images"
 LARGEST: Final = 250_000
 """Bytes of a picture."""
-DESK: Final = {"width": 1280, "height": 800}
+DESK: Final[ViewportSize] = {"width": 1280, "height": 800}
 PHONE: Final = {"width": 390, "height": 844}
 WAIT_MS: Final = 30_000
 SETTLED: Final = (
@@ -85,6 +85,8 @@ REPORTS: Final = {
     "drift-dark": ("dark", 1320),
 }  # fmt: skip
 """Reports: how they are looked at, and how much of them, in pixels."""
+STANDALONE: Final = "page-start-light"
+"""The first view of the page that needs no program."""
 UNITS: Final = 300
 """Of the fleet, a tenth of them with a fault."""
 
@@ -199,6 +201,21 @@ def _take(browser: Browser, program: Program, state: State, path: Path, how: tup
     context.close()
 
 
+def standalone(browser: Browser, folder: Path) -> Path:
+    """Take a picture of the page that needs no program, at its beginning."""
+    from flinders.standalone import package
+
+    package.write(folder / STANDALONE)
+    with Site(folder / STANDALONE) as site:
+        context = browser.new_context(color_scheme="light", viewport=DESK, service_workers="block")
+        page = context.new_page()
+        page.goto(site.address)
+        until(page, "Boolean(window.flinders?.store.hello) && !document.querySelector('#start').hidden")
+        path = _saved(page, STANDALONE)
+        context.close()
+    return path
+
+
 def report(browser: Browser, name: str, folder: Path) -> Path:
     """Take a picture of a report."""
     place = folder / name
@@ -279,7 +296,7 @@ def main() -> None:
         with chromium() as browser:
             states(browser, Path(asked[1]), asked[2:])
         return
-    names = [*(shot.name for shot in SHOTS), *REPORTS]
+    names = [*(shot.name for shot in SHOTS), *REPORTS, STANDALONE]
     unknown = [name for name in asked if name not in names]
     if unknown:
         sys.exit(f"there is no picture {', '.join(unknown)}: there are {', '.join(names)}")
@@ -290,6 +307,8 @@ def main() -> None:
         for name in REPORTS:
             if not asked or name in asked:
                 _tell(report(browser, name, Path(folder)))
+        if not asked or STANDALONE in asked:
+            _tell(standalone(browser, Path(folder)))
 
 
 def _tell(path: Path) -> None:

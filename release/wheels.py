@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from types import ModuleType
 
     import lief
 
@@ -144,8 +145,7 @@ def problems(library: Library, target: build.Platform, functions: set[str]) -> I
 
 def declared_functions() -> set[str]:
     """Functions that flinders.h declares."""
-    text = (ROOT / "src/flinders/native/flinders.h").read_text(encoding="utf-8")
-    return set(re.findall(r"^FLINDERS_API .*?(flinders_\w+)\(", text, flags=re.MULTILINE))
+    return set(_build_module().functions())
 
 
 def inspect_wheel(wheel: Path, tag: str, target: build.Platform) -> list[str]:
@@ -153,9 +153,12 @@ def inspect_wheel(wheel: Path, tag: str, target: build.Platform) -> list[str]:
     with zipfile.ZipFile(wheel) as opened, tempfile.TemporaryDirectory() as folder:
         compiled = {Path(name).name: name for name in opened.namelist() if "/native/compiled/" in name}
         licences = {name for name in compiled if name.startswith("LICENSE")}
-        libraries = sorted(set(compiled) - licences)
+        modules = {name for name in compiled if name.endswith(".wasm")}
+        libraries = sorted(set(compiled) - licences - modules)
         wrong = [] if len(libraries) == 1 else [f"it has {len(libraries)} libraries, and has to have one"]
-        wanted = {"LICENSE-zig", *(["LICENSE-mingw-w64"] if target.system == "win32" else [])}
+        wrong += [] if len(modules) == 1 else [f"it has {len(modules)} WebAssembly modules, and has to have one"]
+        own = ["LICENSE-mingw-w64"] if target.system == "win32" else []
+        wanted = {"LICENSE-zig", "LICENSE-wasi-libc", "LICENSE-musl", *own}
         wrong += [f"it lacks {name}, the licence of what zig links" for name in sorted(wanted - licences)]
         wrong += [] if f"-py3-none-{tag}." in wheel.name else [f"its name does not say {tag}"]
         for name in libraries:
@@ -191,15 +194,20 @@ def write_bill_of_materials(out: Path) -> None:
 
 
 def platforms() -> dict[str, build.Platform]:
-    """Platforms that wheels are released for, by tag: from the package's source, which need not be installed."""
+    """Platforms that wheels are released for, by tag."""
+    known: dict[str, build.Platform] = _build_module().PLATFORMS
+    return known
+
+
+def _build_module() -> ModuleType:
+    """`native/build.py` from the package's source, which need not be installed."""
     path = ROOT / "src/flinders/native/build.py"
     spec = importlib.util.spec_from_file_location("flinders_build", path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    known: dict[str, build.Platform] = module.PLATFORMS
-    return known
+    return module
 
 
 def _dotted(version: tuple[int, ...]) -> str:

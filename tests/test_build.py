@@ -9,6 +9,7 @@ import shutil
 import tarfile
 import zipfile
 from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -287,6 +288,15 @@ def test_a_wheel_for_another_platform_takes_no_library_of_this_one(
         assert data["force_include"][str(library)] == f"flinders/native/compiled/{library.name}"
 
 
+def test_with_zig_a_wheel_has_the_engine_of_browsers_as_well(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put_bundle(project)
+    library = put_library(project)
+    module: Path = hatch_build.Engine(project).build.path(library.parent, target=build.WEB)
+    module.write_bytes(b"")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: ModuleSpec(name, None))
+    assert built(project)["force_include"][str(module)] == f"flinders/native/compiled/{module.name}"
+
+
 def test_a_platform_that_is_not_known_is_refused(
     project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -342,7 +352,8 @@ def test_wheel_and_source_archive_carry_the_engine(archives: tuple[Path, Path]) 
         compiled = [name for name in opened.namelist() if "/compiled/flinders-" in name]
         assert opened.read("flinders/native/flinders.h")
         assert any(name.endswith(".dist-info/licenses/LICENSE") for name in opened.namelist())
-    assert compiled == [f"flinders/native/compiled/{build.path(build.COMPILED).name}"]
+    made = [build.THIS, *([build.WEB] if find_spec(build.ZIG_PACKAGE) else [])]
+    assert set(compiled) == {f"flinders/native/compiled/{build.path(build.COMPILED, target=one).name}" for one in made}
     with tarfile.open(source) as archive:
         files = {name.partition("/")[2] for name in archive.getnames()}
     assert {path.relative_to(ROOT).as_posix() for path in (ROOT / NATIVE).glob("*.[ch]")} <= files

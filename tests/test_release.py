@@ -68,14 +68,15 @@ def test_a_wheel_has_one_library_and_the_licences(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(wheels, "read_library", lambda _: GOOD["win_amd64"])
     path = tmp_path / "flinders-1-py3-none-win_amd64.whl"
     with zipfile.ZipFile(path, "w") as wheel:
-        for name in ("a.dll", "LICENSE-zig", "LICENSE-mingw-w64"):
+        for name in ("a.dll", "a.wasm", "LICENSE-zig", "LICENSE-wasi-libc", "LICENSE-musl", "LICENSE-mingw-w64"):
             wheel.writestr(f"flinders/native/compiled/{name}", "")
     assert wheels.inspect_wheel(path, "win_amd64", build.PLATFORMS["win_amd64"]) == []
     with zipfile.ZipFile(path, "w") as wheel:
-        for name in ("a.dll", "b.dll", "LICENSE-zig"):
+        for name in ("a.dll", "b.dll", "LICENSE-zig", "LICENSE-wasi-libc", "LICENSE-musl"):
             wheel.writestr(f"flinders/native/compiled/{name}", "")
     assert wheels.inspect_wheel(path, "win_arm64", build.PLATFORMS["win_amd64"]) == [
         "it has 2 libraries, and has to have one",
+        "it has 0 WebAssembly modules, and has to have one",
         "it lacks LICENSE-mingw-w64, the licence of what zig links",
         "its name does not say win_arm64",
     ]

@@ -271,13 +271,12 @@ class Unmoved(FitError):
     """
 
     code = "unmoved"
+    SAID: ClassVar[str] = "all readings lie within {angle}° of one direction: turn the sensor {how}"
+    EVERY_WAY: ClassVar[str] = "through all directions"
 
-    def __init__(self, angle_deg: float, how: str = "through all directions") -> None:
+    def __init__(self, angle_deg: float, how: str = EVERY_WAY) -> None:
         self.angle_deg = angle_deg
-        super().__init__(
-            f"all readings lie within {_rounded_up(angle_deg)}° of one direction: turn the sensor {how}",
-            angle_deg=angle_deg,
-        )
+        super().__init__(self.SAID.format(angle=_rounded_up(angle_deg), how=how), angle_deg=angle_deg)
 
 
 class NotTurned(FitError):

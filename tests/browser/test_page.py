@@ -452,7 +452,7 @@ def test_what_is_no_log_is_refused_with_words_and_changes_nothing(visitor: Visit
     visitor.forgive(422)
 
 
-def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared(
+def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared_and_renewed(
     visitor: Visitor, program: Program, tmp_path: Path
 ) -> None:
     page = done(visitor.page())
@@ -462,8 +462,12 @@ def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared(
     expect(page.locator("#previous-words")).to_contain_text(
         re.compile("before.json: it agrees with this one", re.IGNORECASE)
     )
+    page.get_by_label("Renew it").check()
+    expect(page.locator("#previous-words")).to_contain_text("before.json: Its soft iron is kept")
+    expect(page.locator("#numbers")).to_contain_text("refresh")
     page.get_by_role("button", name="Compare with none").click()
     expect(page.locator("#previous-words")).not_to_contain_text("before.json")
+    expect(page.get_by_label("Renew it")).to_be_hidden()
     dropped(page, "before.json", b"{}")
     expect(page.locator("#notices [data-severity=error]")).to_contain_text("before.json")
     visitor.forgive(422)

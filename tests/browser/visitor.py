@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import pytest
 
 if TYPE_CHECKING:
-    from benchmarks.stage import Program
+    from benchmarks.stage import Program, Site
     from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, Request, Route, ViewportSize
 
 
@@ -19,7 +19,7 @@ class Visitor:
     Without a graphics card pictures take their time: nothing moves, and no sphere is drawn, unless a test asks for it.
     """
 
-    def __init__(self, browser: Browser, program: Program) -> None:
+    def __init__(self, browser: Browser, program: Program | Site) -> None:
         self.browser, self.program = browser, program
         self.contexts: list[BrowserContext] = []
         self.plain: Page | None = None

@@ -24,6 +24,7 @@ import numpy.testing as npt
 import pytest
 from tests.feeding import UdpBoard, free_port, recorded
 from tests.flight_log import dataflash
+from tests.program import flinders_
 from tests.waiting import PATIENCE_S, Heartbeat, wait_until
 
 import flinders
@@ -182,7 +183,7 @@ def test_a_full_disk_is_said_and_what_came_meanwhile_is_there_when_there_is_room
     until(lambda: len(recorded(path)) > 20)
     resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (path.stat().st_size, resource.RLIM_INFINITY))
     until(lambda: "cannot be written" in program.said)
-    assert program.get("static/app.js")
+    assert program.get("static/live.js")
     resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     until(lambda: "is written again, and nothing is missing" in program.said)
     program.signal(signal.SIGINT)
@@ -359,3 +360,8 @@ def test_another_site_gets_no_socket(start: Start, tmp_path: Path) -> None:
     with pytest.raises(urllib.error.HTTPError, match="403") as refused:
         urllib.request.urlopen(request, timeout=PATIENCE_S)
     refused.value.close()
+
+
+def test_a_refresh_needs_a_calibration_to_renew() -> None:
+    ended = flinders_("live", "--simulate", "--refresh")
+    assert (ended.code, "name its file with --previous" in ended.said) == (2, True)

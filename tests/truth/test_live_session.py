@@ -16,10 +16,10 @@ from flinders import simulate
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
-from flinders.errors import UsageError
+from flinders.errors import UnitError, UsageError
 from flinders.fitting import calibrate
 from flinders.live.buffer import ReadingBuffer, rows_of
-from flinders.live.evaluation import evaluate
+from flinders.live.evaluation import evaluate, finished
 from flinders.live.messages import (
     BackToLive,
     Exclude,
@@ -28,6 +28,7 @@ from flinders.live.messages import (
     SessionState,
     SetGoal,
     SetPlace,
+    SetRefresh,
     SetTarget,
     SourceState,
     Undo,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from flinders.arrays import Floats
+    from flinders.fitting.result import Fit
 
 SENSOR = SourceState("/dev/ttyACM0", "serial", "connected", "")
 
@@ -290,6 +292,62 @@ def test_a_calibration_in_another_unit_is_not_compared_and_says_why() -> None:
     assert shown is not None
     assert shown.change_deg is None
     assert "counts" in shown.words
+
+
+EARLIER = replace(calibrate.fit(simulate.tumble(seed=2).samples), name="monday.json")
+VEHICLE = simulate.tumble(seed=2).sensor
+"""The sensor of it."""
+
+
+def renewed(sensor: simulate.Sensor, earlier: Fit = EARLIER, **changes: object) -> LiveSession:
+    """A session of a wobble in which an earlier calibration is renewed."""
+    session, _ = step(LiveSession(source=SENSOR), GotPrevious(0.0, earlier))
+    session, _ = step(session, Requested(0.0, SetRefresh(refresh=True)))
+    samples = simulate.tumble(seed=3, motion="wobble", n=600, sensor=sensor).samples
+    return after(replace(samples, **changes), session)  # type: ignore[arg-type]
+
+
+def test_the_hard_iron_of_an_earlier_calibration_is_renewed_by_a_wobble() -> None:
+    moved = replace(VEHICLE, offset=VEHICLE.offset + np.array([6.0, 0.0, -8.0]))
+    session, afresh = renewed(moved), after(simulate.tumble(seed=3, motion="wobble", n=600, sensor=moved).samples)
+    shown, fit = session_state(session), session.shown.evaluated.fit
+    assert (shown.phase, shown.refreshing) == ("good", True)
+    assert fit is not None
+    assert session_state(afresh).phase == "collecting"
+    assert (fit.method, finished(session, None, {}).fit.method) == ("refresh", "refresh")
+    assert np.all(np.abs(fit.calibration.offset - moved.offset) < 4.0 * fit.offset_sigma)
+    assert shown.previous is not None
+    assert shown.previous.words.startswith("its soft iron is kept; the offset has moved by 10.0 µT")
+
+
+def test_a_renewed_calibration_whose_soft_iron_no_longer_fits_asks_for_a_tumble() -> None:
+    bent = replace(VEHICLE, matrix=VEHICLE.matrix @ np.diag([1.12, 1.0, 0.9]))
+    samples = simulate.tumble(seed=3, n=3000, sensor=bent).samples
+    session, _ = step(LiveSession(source=SENSOR), GotPrevious(0.0, EARLIER))
+    session, _ = step(session, Requested(0.0, SetRefresh(refresh=True)))
+    shown = session_state(after(samples, session))
+    assert (shown.phase, "soft-iron-changed" in codes(shown)) == ("wrong", True)
+    assert re.search("soft iron of monday.json no longer fits.* tumble the sensor again", shown.words)
+    session, _ = step(session, Requested(61.0, SetRefresh(refresh=False)))
+    assert session_state(after(samples, session)).phase == "good"
+
+
+def test_renewing_needs_an_earlier_calibration_that_can_be_renewed() -> None:
+    asked = Requested(0.0, SetRefresh(refresh=True))
+    with pytest.raises(UsageError, match="choose its file first"):
+        step(LiveSession(source=SENSOR), asked)
+    flat = replace(calibrate.fit(simulate.tumble(seed=1, motion="level").samples), name="flat.json")
+    session, _ = step(LiveSession(source=SENSOR), GotPrevious(0.0, flat))
+    with pytest.raises(UsageError, match=r"flat\.json comes from a level turn"):
+        step(session, asked)
+    other, _ = step(renewed(VEHICLE), GotPrevious(99.0, EARLIER))
+    assert not session_state(other).refreshing
+
+
+def test_a_renewed_calibration_of_another_unit_is_refused_in_words() -> None:
+    counts = replace(EARLIER, calibration=replace(EARLIER.calibration, raw=Unit.of("counts")))
+    with pytest.raises(UnitError, match=r"monday\.json is for readings in counts"):
+        renewed(VEHICLE, counts)
 
 
 def test_a_log_is_shown_in_place_of_the_sensor_which_goes_on() -> None:

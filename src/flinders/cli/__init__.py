@@ -48,6 +48,7 @@ main = Program(
         "record",
         "send",
         "firmware",
+        "page",
         "budget",
         "simulate",
         "evaluate",

@@ -144,6 +144,7 @@ class Live(option.Group):
     previous: str | None = option.member(
         "--previous", metavar="CALIBRATION", help="A calibration file of this sensor to compare with."
     )
+    refresh: bool = option.flag("--refresh", "Keep the soft iron of --previous, and find the hard iron anew.")
     output: str | None = option.output(
         "the recording", "Where to record [default: a new file in the folder flinders-sessions]."
     )
@@ -171,6 +172,8 @@ class Live(option.Group):
         self.source.check()
         if not self.host:
             raise UsageError("--host needs an address: 127.0.0.1 for this machine only, 0.0.0.0 for all")
+        if self.refresh and self.previous is None:
+            raise UsageError("--refresh renews an earlier calibration: name its file with --previous")
         if self.output is not None and Path(self.output).is_file():
             raise OutputError(f"{self.output} exists: give another name, or go on with it with --resume {self.output}")
         if self.output == "-":
@@ -185,7 +188,7 @@ class Live(option.Group):
     common=("port", "udp", "tcp", "mavlink", "replay", "simulate", "unit", "output"),
     headings={
         "Source": ("baud", "compass", "speed"),
-        "Session": ("previous", "resume"),
+        "Session": ("previous", "refresh", "resume"),
         "Page": ("host", "web_port", "opens"),
     },
     short_help="Calibrate on a page, while the sensor is turned.",
@@ -237,7 +240,16 @@ def command(options: Live) -> None:
 def _chosen(options: Live) -> dict[str, Any]:
     """What was typed of a session: it goes before what the file of an earlier one says."""
     previous = None if options.previous is None else load("live --previous", options.previous)
-    chosen = {"target_deg": options.target_deg, "dip_deg": options.dip_deg, "previous": previous}
+    if options.refresh and previous is not None:
+        from flinders.fitting.refreshing import refuse_unfit
+
+        refuse_unfit(previous)
+    chosen = {
+        "target_deg": options.target_deg,
+        "dip_deg": options.dip_deg,
+        "previous": previous,
+        "refreshes": options.refresh or None,
+    }
     return {name: value for name, value in chosen.items() if value is not None}
 
 

@@ -71,6 +71,14 @@ def write_bytes(content: bytes, path: str | os.PathLike[str], *, force: bool = F
         file.write(content.decode("latin-1"))
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, unless it is there; `OutputError` says why it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: no folder can be made there: {reason(error)}") from None
+
+
 def write_all(file: FileIO, content: bytes | memoryview) -> None:
     """Write to a file without a buffer, which would fail again when it is closed; raises OSError.
 

@@ -104,6 +104,7 @@ ROWS: Final = (
         ),
         plain="The soft iron is not as it was at the earlier calibration.",
         remedy="Turn the sensor through all directions again, and calibrate afresh.",
+        alarm=True,
     ),
     CatalogueRow(
         code="poses-contradict",

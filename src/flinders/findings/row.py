@@ -138,6 +138,18 @@ class Rule:
     number: str = ""  #: quantity that a finding states, where it is another one
     limit: Limit | None = None  #: that a finding states, where it is not that of the first grade
 
+    @property
+    def compared(self) -> frozenset[str]:
+        """Names of the quantities that it compares."""
+        graded = (grade.of for grade in self.grades)
+        needed = (name for need in self.needs for name in (need.quantity, need.of))
+        return frozenset({self.quantity, *graded, *needed} - {""})
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Names of the quantities that it compares or states."""
+        return self.compared | {name for name in (self.number, self.limit.of if self.limit else "") if name}
+
     def severity(self, record: Mapping[str, Any]) -> Severity | None:
         """How severe it is for one record; None where it is not found."""
         number, beyond, severity = record[self.quantity], COMPARISONS[self.comparison], None

@@ -16,7 +16,7 @@ from importlib.metadata import distribution, version
 from pathlib import Path
 from typing import Final
 
-from flinders.core.files import reason, write_text
+from flinders.core.files import make_folder, write_text
 from flinders.errors import OutputError, OutputExists
 from flinders.firmware import rules
 from flinders.native.build import HERE as NATIVE
@@ -75,17 +75,9 @@ def write(directory: str | Path, *, force: bool = False) -> list[Path]:
         if path.exists() and not force:
             raise OutputExists(path)
     for path, text in files.items():
-        _make_folder(path.parent)
+        make_folder(path.parent)
         write_text(text, path, force=force)
     return list(files)
-
-
-def _make_folder(folder: Path) -> None:
-    """Make a folder unless it is there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: no folder can be made there: {reason(error)}") from None
 
 
 def contents() -> dict[str, str]:
@@ -100,7 +92,7 @@ def contents() -> dict[str, str]:
         "src/rules.c": rules.source(),
         "library.properties": _properties(),
         "library.json": _manifest(),
-        "LICENSE": _licence(),
+        "LICENSE": licence(),
     }
 
 
@@ -138,7 +130,7 @@ def _manifest() -> str:
     return json.dumps(fields, indent=2) + "\n"
 
 
-def _licence() -> str:
+def licence() -> str:
     """The licence of flinders, which is in its distribution."""
     for file in distribution("flinders").files or ():
         if file.name == "LICENSE" and "licenses" in file.parts:

@@ -50,20 +50,13 @@ MADE: Final = "Made by `flinders firmware` from the library's catalogue of findi
 
 def on_board() -> list[CatalogueRow]:
     """Rows of the catalogue whose rule the board applies."""
-    return [row for row in CATALOGUE.values() if row.rule is not None and _names(row.rule) <= set(QUANTITIES)]
+    return [row for row in CATALOGUE.values() if row.rule is not None and row.rule.compared <= set(QUANTITIES)]
 
 
 def unchecked() -> list[str]:
     """Codes of the findings of one magnetometer that the board does not make."""
     codes = [row.code for row in on_board()]
     return [row.code for row in CATALOGUE.values() if row.subject in SUBJECTS and row.code not in codes]
-
-
-def _names(rule: Rule) -> set[str]:
-    """Quantities that a rule compares."""
-    of_grades = {grade.of for grade in rule.grades if grade.of}
-    of_needs = {name for need in rule.needs for name in (need.quantity, need.of) if name}
-    return {rule.quantity} | of_grades | of_needs
 
 
 def header() -> str:

@@ -319,10 +319,10 @@ def _turn(axis: Floats, frame: Frame) -> str:
     ('roll it to its right', 'about y (x towards z)')
     """
     main = int(np.argmax(np.abs(axis)))
-    return _TURNS[frame][main][int(axis[main] < 0.0)]
+    return TURNS[frame][main][int(axis[main] < 0.0)]
 
 
-_TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
+TURNS: Final[dict[Frame, tuple[tuple[str, str], ...]]] = {
     "vehicle": (
         ("roll it to its right", "roll it to its left"),
         ("raise its nose", "lower its nose"),

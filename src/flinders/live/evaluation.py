@@ -24,22 +24,25 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
+from numpy.linalg import norm
 
 from flinders.comparison.comparison import compare
 from flinders.core.calibration_file import SourceFile
 from flinders.core.samples import CountedRecording, Samples
-from flinders.core.units import EARTH_UT, MICROTESLA
+from flinders.core.units import EARTH_UT, MICROTESLA, label
 from flinders.errors import FitError, FlindersError, UnreadableInput, counted, figures
 from flinders.findings import CATALOGUE
 from flinders.fitting.calibrate import fit as fit_samples
+from flinders.fitting.refreshing import refresh
 from flinders.fitting.result import Refused
 from flinders.heading import path_planning
 from flinders.live.messages import PreviousState, Reason
-from flinders.live.session import Evaluated, used_readings
+from flinders.live.session import FITTED, REFRESHED, Evaluated, used_readings
 from flinders.live.session_file import Edits, TrimmedRecording
 from flinders.readers import open_recording
 from flinders.report.view import GuidanceView, Shown, view
@@ -52,6 +55,7 @@ if TYPE_CHECKING:
 
     from flinders.arrays import Floats
     from flinders.core.samples import Recording
+    from flinders.diagnostics.soft_iron import Refreshed
     from flinders.estimators.outliers import Outlier
     from flinders.fitting.result import Fit
     from flinders.heading.guidance import Frame, Goal
@@ -69,7 +73,7 @@ MOVING: Final = 0.1  # Of their range so far, that the other axes move by meanwh
 CONVERGED: Final = 5.0  # A fit has converged, and its findings are shown, once its error is below so many targets, …
 CONVERGED_FRACTION: Final = 0.7  # … or so much of the sphere has been seen, …
 CONVERGED_S: Final = 30.0  # … or so many seconds of readings are there: more of the same would not help
-AT_ONCE: Final = frozenset({"saturated"})
+AT_ONCE: Final = frozenset({"saturated", "soft-iron-changed"})
 """Alarms that no more turning ends."""
 DISTURBED: Final = frozenset({"field-changed", "outliers"})
 """Alarms that may end where the intervals of most outliers are left out."""
@@ -80,11 +84,28 @@ STILL_DEG: Final = 5.0
 LEAST_DEG: Final = 0.001  # A smaller difference is not shown as a number
 OTHER_UNITS: Final = {"mT": 1e-3, "G": 1e-2, "mG": 10.0, "nT": 1e3}
 """What the earth's field, in microtesla, is multiplied by where readings in another unit are taken for microtesla."""
+SAID: Final = {
+    "stale": (
+        "the last {readings} are all the same: the sensor has stopped measuring, or a loop prints faster than it is "
+        "read; check its wiring and its mode"
+    ),
+    "frozen-axis": (
+        "axis {axis} has been the same for {seconds} s while the others change: turn the sensor another way, and where "
+        "that does not wake it, the sensor or its wiring is at fault; then start again"
+    ),
+    "no-rotation": "it has not been turned for {seconds} s",
+    "wrong-unit": "the field is {radius} µT, and the earth's {low} to {high} µT: {hint}. Headings do not depend on it",
+    "other-unit": "as readings in {unit} would be; try {unit} as their unit",
+    "no-unit": "check unit and scale",
+}
+"""Sentences of reasons, by their codes; the page that needs no program takes them, too (`flinders.standalone`)."""
+INFORMATIVE: Final = ("stale-repeats", "mirrored-axes")
+"""Findings that are told as they come, and warn of nothing."""
 
 
 def evaluate(session: LiveSession) -> Evaluated:
     """Fit what a session shows and look at what came out."""
-    samples, numbers = used_readings(session)
+    samples, numbers = used_readings(session, FITTED if session.renewed is None else REFRESHED)
     fit, refusal, code = _fitted(session, samples)
     page_view = None
     if fit is not None:
@@ -121,9 +142,10 @@ def _beyond_level(page_view: View, fit: Fit) -> View:
 
 
 def _fit(session: LiveSession, recording: Recording) -> Fit:
-    """Fit readings of what is shown, at its site."""
-    site = session.shown.site
-    return fit_samples(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=site)
+    """Fit readings of what is shown, at its site; with the soft iron from before where that is renewed."""
+    renewed = session.renewed
+    fitted = fit_samples if renewed is None else partial(refresh, previous=renewed)
+    return fitted(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=session.shown.site)
 
 
 def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, str]:
@@ -157,7 +179,7 @@ def _of_fit(fit: Fit | None, samples: Samples) -> Iterator[Reason]:
     for finding in fit.findings:
         if CATALOGUE[finding.code].alarm and finding.severity != "note" and (converged or finding.code in AT_ONCE):
             yield Reason(finding.code, finding.advice, spans=spans if finding.code in DISTURBED else ())
-        elif finding.code in ("stale-repeats", "mirrored-axes"):
+        elif finding.code in INFORMATIVE:
             yield Reason(finding.code, finding.advice, "info")
     if converged and not fit.is_flat:
         yield from _of_unit(fit)
@@ -212,12 +234,9 @@ def _of_unit(fit: Fit) -> Iterator[Reason]:
     if calibration.unit != MICROTESLA or low <= radius <= high:
         return
     likely = [unit for unit, factor in OTHER_UNITS.items() if low <= radius / factor <= high]
-    hint = f"as readings in {likely[0]} would be; try {likely[0]} as their unit" if likely else "check unit and scale"
-    yield Reason(
-        "wrong-unit",
-        f"the field is {figures(radius, 3)} µT, and the earth's {low:g} to {high:g} µT: {hint}. Headings do not depend "
-        "on it",
-    )
+    hint = SAID["other-unit"].format(unit=likely[0]) if likely else SAID["no-unit"]
+    words = SAID["wrong-unit"].format(radius=figures(radius, 3), low=f"{low:g}", high=f"{high:g}", hint=hint)
+    yield Reason("wrong-unit", words)
 
 
 def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
@@ -228,22 +247,14 @@ def _of_motion(samples: Samples, fit: Fit | None) -> Iterator[Reason]:
         time = np.arange(float(count))
     same = _equal_at_the_end(samples.field)
     if same >= STALE_ROWS and time[-1] - time[-same] >= STALE_S:
-        yield Reason(
-            "stale",
-            f"the last {counted(same, 'reading')} are all the same: the sensor has stopped measuring, or a loop prints "
-            "faster than it is read; check its wiring and its mode",
-        )
+        yield Reason("stale", SAID["stale"].format(readings=counted(same, "reading")))
     elif frozen := _frozen(samples.field, time):
         axis, seconds = frozen
-        yield Reason(
-            "frozen-axis",
-            f"axis {axis} has been the same for {seconds:.1f} s while the others change: turn the sensor another "
-            "way, and where that does not wake it, the sensor or its wiring is at fault; then start again",
-        )
+        yield Reason("frozen-axis", SAID["frozen-axis"].format(axis=axis, seconds=f"{seconds:.1f}"))
     elif fit is not None and not fit.is_flat and time[-1] - time[0] > STILL_S:
         newest = samples.field[time >= time[-1] - STILL_S]
         if len(newest) > 3 and _widest_deg(fit.calibration.apply(newest)) < STILL_DEG:
-            yield Reason("no-rotation", f"it has not been turned for {STILL_S:.0f} s", "info")
+            yield Reason("no-rotation", SAID["no-rotation"].format(seconds=f"{STILL_S:.0f}"), "info")
 
 
 def _frozen(field: Floats, time: Floats) -> tuple[str, float] | None:
@@ -298,6 +309,8 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
         return None
     if fit is None or fit.verdict == "refused":
         return PreviousState(previous.name, None, "nothing to compare with yet")
+    if fit.refreshed is not None:
+        return _renewed(fit.refreshed, label(fit.calibration.unit))
     try:
         apart = compare(previous, replace(fit, name="this one"), dip_deg=fit.dip_deg, target_deg=session.target_deg)
     except FlindersError as error:
@@ -310,6 +323,14 @@ def _compared(fit: Fit | None, session: LiveSession) -> PreviousState | None:
     }[apart.verdict]
     difference = f"{figures(worst)}°" if worst >= LEAST_DEG else f"less than {LEAST_DEG:g}°"
     return PreviousState(previous.name, worst, f"{meaning} ({difference} of heading at the worst)")
+
+
+def _renewed(refreshed: Refreshed, unit: str) -> PreviousState:
+    """What has changed since the calibration that is renewed."""
+    moved = f"{figures(float(norm(refreshed.offset_change)))} {unit}"
+    worst = f"{figures(refreshed.heading_change_deg)}°"
+    words = f"its soft iron is kept; the offset has moved by {moved}, which turns headings by up to {worst}"
+    return PreviousState(refreshed.previous, refreshed.heading_change_deg, words)
 
 
 KNOWN_DEG: Final = 10.0  # A fit that is farther off than this in some direction is asked for none
@@ -415,16 +436,17 @@ def finished(session: LiveSession, path: Path | None, reading: dict[str, Any]) -
     log, what is in memory is all.
     """
     key, name = session.shown.key, session.opened_name or session.source.name
+    earlier = () if session.renewed is None else session.renewed.files
     if session.opened is not None or path is None:
         samples = used_readings(session, None)[0]
-        return Finished(key, name, samples, _outcome(session, samples))
+        return Finished(key, name, samples, _outcome(session, samples), earlier)
     try:
         file = open_recording(path, **reading)
     except FlindersError as error:
         return Finished(key, path.name, used_readings(session, None)[0], _nothing_yet(error))
     counting = CountedRecording(TrimmedRecording(file, Edits.of(session).left_out))
     outcome = _outcome(session, counting)
-    return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows),))
+    return Finished(key, path.name, counting, outcome, (_source_file(path, counting.rows), *earlier))
 
 
 def _nothing_yet(error: FlindersError) -> FlindersError:

@@ -29,7 +29,7 @@ from flinders.report.view import TilesView, View
 if TYPE_CHECKING:
     from flinders.arrays import Floats
 
-Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "file"]
+Kind = Literal["serial", "udp", "tcp", "mavlink", "replay", "simulated", "phone", "file"]
 Link = Literal["connected", "waiting", "gone", "ended"]
 Phase = Literal["waiting", "collecting", "good", "limited", "wrong"]
 Goal = Literal["heading", "attitude"]
@@ -91,6 +91,8 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
         Every so many readings one is shown.
     recording : str or None
         File that the server writes to.
+    refreshing : bool
+        The calibration keeps the soft iron of `previous`.
     opened : str or None
         Name of the log that is shown in place of the sensor.
     can_send : bool
@@ -120,6 +122,7 @@ class SessionState(Struct, frozen=True, tag_field="type", tag="state"):
     paused: bool
     recording: str | None
     previous: PreviousState | None
+    refreshing: bool
     opened: str | None
     can_send: bool
 
@@ -226,6 +229,12 @@ class PreviousClear(Struct, frozen=True, tag_field="type", tag="previous_clear",
     """Compare with no calibration from before."""
 
 
+class SetRefresh(Struct, frozen=True, tag_field="type", tag="refresh", forbid_unknown_fields=True):
+    """Keep the soft iron of the calibration from before, and find its hard iron anew; or no longer."""
+
+    refresh: bool
+
+
 class BackToLive(Struct, frozen=True, tag_field="type", tag="back_to_live", forbid_unknown_fields=True):
     """Close the log that was opened."""
 
@@ -242,6 +251,7 @@ Command = (
     | Clear
     | Pause
     | PreviousClear
+    | SetRefresh
     | BackToLive
 )
 """What a page may ask for."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 SILENT_S: Final = 3.0  # Seconds without a reading after which that is said; or so many usual steps of a slow sensor
 SILENT_STEPS: Final = 5.0
 FRAME_POINTS: Final = 20_000  # Points in one frame, at most: a page that comes late gets them in two
+TILT: Final = "tilt it by 30° to all sides for ten seconds, or turn it on level ground"
 LEVEL_DEG: Final = 89.0  # A calibration that is good to so much tilt needs no word about tilt
 
 
@@ -55,6 +56,7 @@ def session_state(session: LiveSession) -> SessionState:
         paused=session.live.paused_at is not None,
         recording=session.recording or None,
         previous=None if session.previous is None else evaluated.previous,
+        refreshing=session.renewed is not None,
         opened=session.opened_name or None,
         can_send=session.has_board and session.opened is None and evaluated.is_usable,
     )
@@ -154,10 +156,11 @@ def _before_a_fit(session: LiveSession) -> str:
     """What to say while there are no numbers."""
     if not session.shown.buffer.total:
         return f"{session.source.name} has ended without a reading."
+    turn = "turn the sensor slowly through all directions" if session.renewed is None else TILT
     if any(reason.code == "no-rotation" for reason in session.shown.evaluated.reasons):
-        return "Start turning: turn the sensor slowly through all directions."
+        return f"Start turning: {turn}."
     if not session.shown.evaluated.refusal:
-        return "Looking at the first readings. Turn the sensor slowly through all directions."
+        return f"Looking at the first readings. {_sentence(turn)}"
     return _sentence(session.shown.evaluated.refusal)
 
 

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from flinders.live.evaluation import Finished
 
 STATIC: Final = Path(__file__).resolve().parent.parent / "static"
-SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"app.js": (), "views/scene.js": ("Scene",)}
+SCRIPTS: Final[dict[str, tuple[str, ...]]] = {"live.js": (), "views/scene.js": ("Scene",)}
 """Modules that are sent with all that they import, and what they export: two answers instead of twenty-five."""
 STATE_S: Final = 0.2  # From one state to the next, unless something was asked for
 MOST_PAGES: Final = 20

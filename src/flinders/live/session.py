@@ -37,6 +37,7 @@ from flinders.core.axes import Axes
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UsageError
+from flinders.fitting.refreshing import refuse_unfit
 from flinders.likelihood.site_field import judged_dip
 from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
@@ -53,6 +54,7 @@ from flinders.live.messages import (
     SetDip,
     SetGoal,
     SetPlace,
+    SetRefresh,
     SetTarget,
     SourceState,
     Undo,
@@ -71,6 +73,7 @@ if TYPE_CHECKING:
     from flinders.report.view import View
 
 FITTED: Final = 20_000  # Readings of a live fit, at most; of more, every second one, every third …
+REFRESHED: Final = 2_000  # The same of a refresh, which fits twice and with a prior
 SHARE: Final = 0.03  # Of a core, that fits take
 FASTEST_S: Final = 0.25  # From one fit to the next, at the least
 RATE_S: Final = 2.0
@@ -258,6 +261,10 @@ class LiveSession:
         Where the clock of the sensor has got to.
     dip_deg : float, optional
         As a person gave it.
+    previous : Fit, optional
+        A calibration of this sensor from before.
+    refreshes : bool
+        Its soft iron is kept, and its hard iron found anew.
     unrecorded : str
         Why what arrives cannot be written down; nothing where it can.
     has_board : bool
@@ -283,6 +290,7 @@ class LiveSession:
     dip_deg: float | None = None
     goal: Goal = "heading"
     previous: Fit | None = None
+    refreshes: bool = False
     recording: str = ""
     unrecorded: str = ""
     has_board: bool = False
@@ -304,6 +312,11 @@ class LiveSession:
     def judged_dip(self) -> tuple[float, bool]:
         """Dip that the shown series is judged at, and whether it is assumed."""
         return judged_dip(self.dip_deg, self.shown.site)
+
+    @property
+    def renewed(self) -> Fit | None:
+        """The calibration from before whose soft iron is kept, or None."""
+        return self.previous if self.refreshes else None
 
     @property
     def is_followed(self) -> bool:
@@ -382,7 +395,7 @@ def _unrecorded(session: LiveSession, event: Unrecorded) -> Stepped:
 
 
 def _got_previous(session: LiveSession, event: GotPrevious) -> Stepped:
-    return _refit(_changed(session, previous=event.previous)), []
+    return _refit(_changed(session, previous=event.previous, refreshes=False)), []
 
 
 def _ticked(session: LiveSession, _: Ticked) -> Stepped:
@@ -401,6 +414,15 @@ def _with_goal(session: LiveSession, **wish: object) -> Stepped:
         return session, []
     session = _refit(_changed(session, **wish))
     return _with_shown(session, replace(session.shown, within=())), []
+
+
+def _refreshing(session: LiveSession, *, refresh: bool) -> Stepped:
+    """Renew the calibration from before, or make one afresh; `UsageError` where there is none that can be renewed."""
+    if refresh:
+        if session.previous is None:
+            raise UsageError("there is no earlier calibration to renew: choose its file first")
+        refuse_unfit(session.previous)
+    return _with_goal(session, refreshes=refresh)
 
 
 def _placed(session: LiveSession, place: SetPlace) -> Stepped:
@@ -520,6 +542,7 @@ _ANSWERS: Final[dict[type, Callable[[LiveSession, Any], Stepped]]] = {
     SetPlace: _placed,
     SetGoal: lambda session, command: _with_goal(session, goal=command.goal),
     PreviousClear: lambda session, _: _with_goal(session, previous=None),
+    SetRefresh: lambda session, command: _refreshing(session, refresh=command.refresh),
     Exclude: lambda session, command: _excluded(session, command.start_s, command.end_s),
     Restore: lambda session, command: _edited(
         session, lambda exclusions: exclusions.restoring((command.start_s, command.end_s))

@@ -5,7 +5,8 @@ so that a change makes a new library and nothing is compiled twice. A wheel's bu
 file by its path, before anything is installed: it imports the standard library only, and what compiling needs when it
 compiles, since every start of the program passes here.
 
-``python -m flinders.native.build`` compiles it for this machine.
+``python -m flinders.native.build`` compiles it for this machine; with ``--web`` as the WebAssembly module of the page
+that needs no program (`flinders.standalone`), which imports nothing and exports what flinders.h declares.
 
 >>> [source.name for source in sources()][:3]
 ['axes.c', 'changes.c', 'cloud.c']
@@ -46,8 +47,11 @@ WAYS_OUT: Final = (
     f"install gcc or clang, or run 'pip install {ZIG_PACKAGE}', or name a compiler in the variable CC, then try again"
 )
 
-SUFFIXES: Final = {"win32": ".dll", "darwin": ".dylib"}
+SUFFIXES: Final = {"win32": ".dll", "darwin": ".dylib", "wasi": ".wasm"}
 """Endings of a shared library, by system."""
+
+WEB_STACK: Final = 1 << 20
+"""Bytes of stack of the WebAssembly module."""
 
 
 class NoCompiler(Exception):
@@ -79,14 +83,17 @@ class Platform(NamedTuple):
     @property
     def options(self) -> list[str]:
         """Options of the compiler that belong to the platform."""
-        position = [] if self.system == "win32" else ["-fPIC"]
-        return [*position, *(["-DFL_WITH_AVX2"] if self.machine == "x86_64" else [])]
+        position = [] if self.system in ("win32", "wasi") else ["-fPIC"]
+        wide = {"x86_64": ["-DFL_WITH_AVX2"], "wasm32": ["-msimd128"]}
+        return [*position, *wide.get(self.machine, [])]
 
     def link_options(self, name: str) -> list[str]:
         """Options of the linker that belong to the platform, for a library of this name."""
-        if self.system == "darwin":
-            return [f"-Wl,-install_name,@rpath/{name}"]
-        return [] if self.system == "win32" else ["-lm"]
+        if self.system == "wasi":
+            exports = (f"-Wl,--export={symbol}" for symbol in ("__heap_base", *functions()))
+            return ["-mexec-model=reactor", f"-Wl,-z,stack-size={WEB_STACK}", *exports]
+        own = [f"-Wl,-install_name,@rpath/{name}"] if self.system == "darwin" else ["-lm"]
+        return ["-shared", *([] if self.system == "win32" else own)]
 
 
 THIS: Final = Platform(sys.platform, {"AMD64": "x86_64"}.get(platform.machine(), platform.machine()))
@@ -101,10 +108,21 @@ PLATFORMS: Final = {
 }
 """Platforms that wheels are released for, by the tag of the wheel."""
 
+WEB: Final = Platform("wasi", "wasm32", "wasm32-wasi")
+"""Browsers, for which the engine is a WebAssembly module."""
+
 
 def sources() -> list[Path]:
     """C files of the engine, in order of name."""
     return sorted(HERE.glob("*.c"))
+
+
+def functions() -> list[str]:
+    """Functions that flinders.h declares, in its order."""
+    import re
+
+    text = (HERE / "flinders.h").read_text(encoding="utf-8")
+    return re.findall(r"^FLINDERS_API .*?(flinders_\w+)\(", text, flags=re.MULTILINE)
 
 
 def path(directory: Path | None = None, *, options: Sequence[str] = (), target: Platform = THIS) -> Path:
@@ -226,7 +244,7 @@ def compile_library(
             list(pool.map(lambda job: _run([*compiler, *job[2], "-c", str(job[0]), "-o", str(job[1])]), jobs))
         objects, linked = [str(compiled) for _, compiled, _ in jobs], room / made.name
         stripped = [] if "-g" in options else ["-Wl,-S"]
-        _run([*compiler, "-shared", *options, *stripped, *objects, *target.link_options(made.name), "-o", str(linked)])
+        _run([*compiler, *options, *stripped, *objects, *target.link_options(made.name), "-o", str(linked)])
         linked.replace(made)
 
 
@@ -238,8 +256,15 @@ def _licences(compiler: Sequence[str], target: Platform) -> dict[str, Path]:
     if ZIG_PACKAGE not in compiler or spec is None or spec.origin is None:
         return {}
     package = Path(spec.origin).parent
-    windows = {"LICENSE-mingw-w64": package / "lib" / "libc" / "mingw" / "COPYING"}
-    return {"LICENSE-zig": package / "LICENSE", **(windows if target.system == "win32" else {})}
+    libc = package / "lib" / "libc"
+    linked = {
+        "win32": {"LICENSE-mingw-w64": libc / "mingw" / "COPYING"},
+        "wasi": {
+            "LICENSE-wasi-libc": libc / "wasi" / "LICENSE-MIT",
+            "LICENSE-musl": libc / "wasi" / "libc-top-half" / "musl" / "COPYRIGHT",
+        },
+    }
+    return {"LICENSE-zig": package / "LICENSE", **linked.get(target.system, {})}
 
 
 def _run(command: Sequence[str]) -> None:
@@ -268,6 +293,6 @@ def _digest(options: Sequence[str], target: Platform) -> str:
 
 if __name__ == "__main__":
     try:
-        sys.stdout.write(f"{library()}\n")
+        sys.stdout.write(f"{library(target=WEB if '--web' in sys.argv else THIS)}\n")
     except NoCompiler as error:
         sys.exit(str(error))

@@ -86,6 +86,9 @@ MOST_SENSORS: Final = 8  # Sensors whose number may stand before each reading
 MOST_RANGES: Final = 16  # Columns whose ranges are listed
 _PLAIN: Final = re.compile(r"(?:[-+.,;\s\d]|[eE][-+]\d|nan)*", re.ASCII)
 _GROUPED: Final = re.compile(r"[-+\u2212]?[1-9]\d{0,2}[.,]\d{3}")  # thousands, or three decimals
+_OPENS_JSON: Final = re.compile(r"^\s*[\[{]")
+_CLOCK: Final = re.compile(r"\d:\d\d:\d\d")
+_LETTER: Final = re.compile(r"[^\W\d_]")
 _SENSOR: Final = re.compile(r"[A-Za-z]{0,8}(\d)")
 
 
@@ -230,10 +233,10 @@ class _Row(NamedTuple):
 
 DIALECTS: Final = (
     _Row(marked.SIGN, marked.recognise, None),  # a log may begin with other messages
-    _Row(re.compile(r"^\s*[\[{]"), json_records.recognise),
-    _Row(re.compile(r"\d:\d\d:\d\d"), lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
+    _Row(_OPENS_JSON, json_records.recognise),
+    _Row(_CLOCK, lambda lines: wrapped.stamped(lines, recognise, rows_of_table)),
     _Row(wrapped.LETTERED_WORD, lambda lines: wrapped.hexadecimal(lines, _labelled)),
-    _Row(re.compile(r"[^\W\d_]"), labelled.recognise),
+    _Row(_LETTER, labelled.recognise),
 )
 
 

@@ -150,6 +150,12 @@ _ATTACHED: Final = re.compile(
     r"(mag(?:n|net|netic|netometer|netom|adc|raw|field)?|acc(?:el|l|elero|eleration|elerometer)?|gyro?(?:scope|adc)?"
     r"|compass|[mhbagw])([xyz])"
 )
+_AXIS_BEFORE: Final = re.compile(r"([xyz])(mag|acc|gyro)")
+_SEPARATORS: Final = re.compile(rf"[{_BETWEEN}]+")
+_PIECES: Final = re.compile(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)")  # words, each with what is before it
+_IN_BRACKETS: Final = re.compile(r"[(\[]([^)\]]*)[)\]]?\s*$")  # a unit, or the number of an axis
+_BRACKET: Final = re.compile(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$")
+_OF_A_DIRECTION: Final = re.compile("unit|vec|field|mag|acc")
 # Words and numbers that nothing parts: ``magX1`` has three.
 _PARTS: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\x00-\x7f]+")
 _BROKEN_MICRO: Final = re.compile(r"(?:[^\x00-\x7f]+|i|\?)t")  # µT whose bytes were decoded as something else
@@ -275,16 +281,16 @@ def no_readings(name: str) -> str:
     words = _words_of_sensor(name)
     if "main field" in " ".join(words):  # that of the core of the earth
         return "a reference"
-    if "unit" in words and all(re.match("unit|vec|field|mag|acc", word) for word in words):  # no unit of a device
+    if "unit" in words and all(map(_OF_A_DIRECTION.match, words)):  # no unit of a device
         return "a direction"
     return next((_NO_READINGS[word] for word in words if word in _NO_READINGS), "")
 
 
 def sensor_name(name: str, axis: str, *, whole: bool = False) -> str:
     """Name the sensor of a column: without axis, unit, ``raw`` and the like; if `whole`, without the axis alone."""
-    bare = name.strip() if whole else re.sub(r"\s*[(\[](?!\d+[)\]])[^)\]]*[)\]]?\s*$", "", name.strip())
+    bare = name.strip() if whole else _BRACKET.sub("", name.strip())
     place = _place_of_axis(bare.casefold(), axis)
-    pieces = re.findall(rf"([{_BETWEEN}]*)([^{_BETWEEN}]+)", f"{bare[:place]}{bare[place + 1 :]}")
+    pieces = _PIECES.findall(f"{bare[:place]}{bare[place + 1 :]}")
     own = ""
     for number, (between, piece) in enumerate(pieces):
         folded = piece.casefold()
@@ -313,12 +319,12 @@ def _place_of_axis(folded: str, axis: str) -> int:
 def _words(name: str) -> tuple[list[str], list[str]]:
     """Take a name apart into its words and, in the order of trust, the units it may state."""
     units = []
-    inside = re.search(r"[(\[]([^)\]]*)[)\]]?\s*$", name)
+    inside = _IN_BRACKETS.search(name)
     if inside and not inside[1].strip().isdigit():
         units.append(inside[1].strip())
         name = name[: inside.start()]
     words: list[str] = []
-    for piece in re.split(rf"[{_BETWEEN}]+", name):
+    for piece in _SEPARATORS.split(name):
         if piece.casefold() in _UNITS and (words or piece.casefold() in FACTORS[TIME]):
             units.append(piece)
         else:
@@ -340,8 +346,7 @@ def _without_axis(words: list[str]) -> tuple[list[str], str]:
     for place, word in enumerate(words):
         if attached := _ATTACHED.fullmatch(word):
             return [*words[:place], attached[1], *words[place + 1 :]], attached[2]
-        ahead = re.fullmatch(r"([xyz])(mag|acc|gyro)", word)
-        if ahead:
+        if ahead := _AXIS_BEFORE.fullmatch(word):
             return [*words[:place], ahead[2], *words[place + 1 :]], ahead[1]
     if len(words) > 1 and words[-1] in {"0", "1", "2", "3"}:
         return words[:-1], words[-1]

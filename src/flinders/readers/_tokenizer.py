@@ -104,6 +104,8 @@ _UNIT_AND_AXIS: Final = re.compile(rf"{_KNOWN_UNIT}\s+([xyz])", re.IGNORECASE)  
 _SENSOR_AND_UNIT: Final = re.compile(r"\s*\[(\w{3,})/(\w+)\]")  # ``LSM303AGR [mag/mgauss]``
 _REMARK: Final = re.compile(r"^\s*\([^()]*\)\s+(?=\w)")  # on the number before: ``type=8(magn_x) index=0``
 _EDGE: Final = " \t,;:=|()[{}<>\"'-#*/>→~&$!"  # what stands around the words of a label
+_BEHIND: Final = " )]}§"  # what closes brackets around the number before
+_BEFORE: Final = " \t,;:=|[{<>\"'-#*/→~"  # what stands between a label and its number
 _LABEL: Final = re.compile(r"^[\W\d_]*[^\W\d_][^:=\[({]*[:=\[({]")  # a letter, and behind it the sign that ends a label
 _BETWEEN: Final = re.compile(r"(?:[\s:=|>\"'{,;]|(?<=\s)-(?=\s))+")
 _XYZ: Final = re.compile(r"(?:^|[\s(\[])x[\s,/]*y[\s,/]*z$", re.IGNORECASE)  # a label of all three: ``Mag XYZ``
@@ -499,14 +501,14 @@ def is_labelled(gaps: Sequence[str]) -> bool:
 
 def _unit_and_label(gap: str) -> tuple[str, str]:
     """Cut what stands between two numbers into the unit of the first and the label of the second."""
-    text = gap.lstrip(" )]}§")
+    text = gap.lstrip(_BEHIND)
     unit = _UNIT_AHEAD.match(text)
     return (unit[1], _label(text[unit.end() :])) if unit else ("", _label(text))
 
 
 def _label(text: str) -> str:
     """The words of a label, without the signs around them; brackets around a unit at its end stay."""
-    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", text.rstrip(" \t,;:=|[{<>\"'-#*/→~")))
+    text = _SENSOR_AND_UNIT.sub(r" \1 (\2)", _REMARK.sub("", text.rstrip(_BEFORE)))
     inside = _UNIT_INSIDE.search(text)
     words = _BETWEEN.sub(" ", _UNIT_INSIDE.sub(" ", text).strip(_EDGE)).strip(_EDGE)
     return f"{words} ({inside[1]})".lstrip() if inside else words

@@ -6,8 +6,7 @@
  * numbers four times, the dials and the sphere with each frame.
  */
 
-import { Connection } from "./connection.js";
-import { ask, byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
+import { byId, element, icon, Refusal, remember, remembered, setIcon, setList, setText } from "./dom.js";
 import { Finish } from "./finish.js";
 import { listen, rows, setSingleKeys, singleKeys } from "./keys.js";
 import { legendOf, legendRow } from "./legend.js";
@@ -19,7 +18,8 @@ import { brief, capital, counted, degrees, duration, frequency, ICONS, PHASES, R
 import { drawChanged, lay, markHovered } from "./widgets.js";
 
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
-/** @typedef {import("./messages.d.ts").FromServer} FromServer */
+/** @typedef {import("./connection.js").Link} Link */
+/** @typedef {import("./connection.js").Listener} Listener */
 /** @typedef {import("./messages.d.ts").View} View */
 /** @typedef {import("./messages.d.ts").SessionState} State */
 /** @typedef {import("./views/scene.js").Scene} Scene */
@@ -38,7 +38,7 @@ const SAID_MS = 4000;
 const NOTICE_MS = 9000;
 
 const store = new Store();
-const finish = new Finish(notify);
+const finish = new Finish(notify, (address, options) => link.ask(address, options));
 const panels = lay(byId("strip", HTMLElement), { store, send, notify, hover });
 /** Drawn beside the sphere, and in its place before the first turn. */
 const board = new Board(byId("drawn", HTMLElement));
@@ -53,12 +53,23 @@ let chartsNext = 0;
 let frameAsked = false;
 let wasOpen = false;
 
-// Server ------------------------------------------------------------------------------------------------------------
+// Link --------------------------------------------------------------------------------------------------------------
 
-const address = new URL("socket", window.location.href);
-address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+/** @type {Link} */
+let link;
 
-const connection = new Connection(address.href, {
+/**
+ * Run the page on what a link says.
+ * @param {(listener: Listener) => Link} connect
+ */
+export function start(connect) {
+    link = connect(listener);
+    /** For tests and for those who look: what the page knows. */
+    Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection: link }) });
+}
+
+/** @type {Listener} */
+const listener = {
     onMessage(message) {
         if (message.type === "notice") {
             notify(message.severity, message.words);
@@ -82,28 +93,28 @@ const connection = new Connection(address.href, {
             sceneFrom = Math.min(sceneFrom, store.takeFrame(frame));
         } catch (error) {
             if (!(error instanceof Gap)) throw error;
-            connection.renew();
+            link.renew();
             return;
         }
         dirty.points = true;
         dirty.now = true;
         askFrame();
     },
-    onLink(link, seconds) {
-        if (link === "open") wasOpen = true;
-        byId("lost", HTMLElement).hidden = link === "open" || (!wasOpen && link === "trying");
-        const words = link === "trying" ? "Trying to reach Flinders …" : `Flinders does not answer. Next try in ${seconds} s. The readings are safe where it runs.`;
-        if (link !== "open") setText(byId("lost-words", HTMLElement), words);
-        document.documentElement.dataset.line = link;
+    onLink(state, seconds) {
+        if (state === "open") wasOpen = true;
+        byId("lost", HTMLElement).hidden = state === "open" || (!wasOpen && state === "trying");
+        const words = state === "trying" ? "Trying to reach Flinders …" : `Flinders does not answer. Next try in ${seconds} s. The readings are safe where it runs.`;
+        if (state !== "open") setText(byId("lost-words", HTMLElement), words);
+        document.documentElement.dataset.line = state;
     },
-});
+};
 
 /**
  * Ask the server for something, or say that it cannot hear us.
  * @param {ToServer} message
  */
 function send(message) {
-    if (!connection.send(message)) notify("warning", "There is no connection to Flinders, so nothing was changed.");
+    if (!link.send(message)) notify("warning", "There is no connection to Flinders, so nothing was changed.");
 }
 
 // Drawing -----------------------------------------------------------------------------------------------------------
@@ -574,12 +585,13 @@ onClick("finish", () => finish.open());
 onClick("help", openHelp);
 onClick("theme", toggleTheme);
 onClick("open", chooseLog);
-onClick("retry", () => connection.retry());
+onClick("retry", () => link.retry());
 onClick("back", () => send({ type: "back_to_live" }));
 onClick("advice-words", () => byId("advice", HTMLElement).classList.toggle("whole")); // which a phone shortens
 onClick("reset", () => scene?.resetCamera());
 onClick("previous", () => byId("previous-file", HTMLInputElement).click());
 onClick("previous-clear", () => send({ type: "previous_clear" }));
+onClick("refresh", () => send({ type: "refresh", refresh: byId("refresh", HTMLInputElement).checked }));
 for (const button of document.querySelectorAll("dialog .shut")) {
     button.addEventListener("click", () => button.closest("dialog")?.close());
 }
@@ -606,7 +618,7 @@ async function upload(what, file) {
     }
     const done = what === "open" ? notify("info", `Reading ${file.name} …`) : () => {};
     try {
-        await ask(`${what}?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+        await link.ask(`${what}?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
     } catch (error) {
         if (!(error instanceof Refusal)) throw error;
         notify("error", error.message);
@@ -728,6 +740,3 @@ themed();
 new ResizeObserver(([{ target }]) => {
     document.documentElement.style.setProperty("--foot", `${Math.ceil(target.getBoundingClientRect().height)}px`);
 }).observe(byId("advice", HTMLElement)); // which on a phone lies over the foot of the page
-
-/** For tests and for those who look: what the page knows. */
-Object.defineProperty(window, "flinders", { value: Object.freeze({ store, connection }) });

@@ -5,6 +5,8 @@
  * is no line, it is refused with words, because the state is the server's and may have changed meanwhile.
  */
 
+import { Refusal } from "./dom.js";
+
 /** @typedef {import("./messages.d.ts").FromServer} FromServer */
 /** @typedef {import("./messages.d.ts").ToServer} ToServer */
 
@@ -22,6 +24,17 @@ const SILENCE_MS = 6000;
  *   Lost: `seconds` until the next attempt. Told each second while waiting.
  */
 
+/**
+ * Where the page gets its session from: the server, or the page itself where there is none.
+ * @typedef {object} Link
+ * @property {(message: ToServer) => boolean} send  Whether it was heard.
+ * @property {(address: string, options?: RequestInit) => Promise<Response>} ask
+ *   As over HTTP; throws a `Refusal` with words to show, whatever went wrong.
+ * @property {() => void} retry  Try now, and do not wait.
+ * @property {() => void} renew  Say everything again.
+ */
+
+/** @implements {Link} */
 export class Connection {
     /**
      * @param {string} address
@@ -54,6 +67,25 @@ export class Connection {
         if (!this.isOpen || !this.socket) return false;
         this.socket.send(JSON.stringify(message));
         return true;
+    }
+
+    /**
+     * Ask the server over HTTP.
+     * @param {string} address
+     * @param {RequestInit} [options]
+     * @returns {Promise<Response>}
+     * @throws {Refusal} With words to show, whatever went wrong.
+     */
+    async ask(address, options = {}) {
+        let answer;
+        try {
+            answer = await fetch(address, { cache: "no-store", ...options });
+        } catch {
+            throw new Refusal("The server does not answer. Is flinders live still running?");
+        }
+        if (answer.ok) return answer;
+        const text = (await answer.text()).trim();
+        throw new Refusal(refusalWords(text) || `The server refuses, with status ${answer.status}.`);
     }
 
     /** Try now, and do not wait. */
@@ -120,5 +152,18 @@ export class Connection {
             socket.close();
             this.lost(socket);
         }
+    }
+}
+
+/**
+ * @param {string} text
+ * @returns {string}
+ */
+function refusalWords(text) {
+    try {
+        const { words } = JSON.parse(text);
+        return typeof words === "string" ? words : "";
+    } catch {
+        return text.startsWith("<") ? "" : text.slice(0, 1000);
     }
 }

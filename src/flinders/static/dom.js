@@ -114,37 +114,5 @@ export function save(content, name) {
     window.setTimeout(() => URL.revokeObjectURL(link.href), 60_000);
 }
 
-/** What the server refused, in its words. */
+/** What was asked for and refused, in words to show. */
 export class Refusal extends Error {}
-
-/**
- * Ask the server over HTTP.
- * @param {string} address
- * @param {RequestInit} [options]
- * @returns {Promise<Response>}
- * @throws {Refusal} With words to show, whatever went wrong.
- */
-export async function ask(address, options = {}) {
-    let answer;
-    try {
-        answer = await fetch(address, { cache: "no-store", ...options });
-    } catch {
-        throw new Refusal("The server does not answer. Is flinders live still running?");
-    }
-    if (answer.ok) return answer;
-    const text = (await answer.text()).trim();
-    throw new Refusal(refusalWords(text) || `The server refuses, with status ${answer.status}.`);
-}
-
-/**
- * @param {string} text
- * @returns {string}
- */
-function refusalWords(text) {
-    try {
-        const { words } = JSON.parse(text);
-        return typeof words === "string" ? words : "";
-    } catch {
-        return text.startsWith("<") ? "" : text.slice(0, 1000);
-    }
-}

@@ -1,7 +1,7 @@
 /** The finish panel: verdict, numbers, export, what to keep, and the calibration from before. */
 
 import { errors } from "./store.js";
-import { ask, byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
+import { byId, element, icon, Refusal, remember, remembered, save, setIcon, setList, setText } from "./dom.js";
 import { table } from "./views/table.js";
 import { counted, degrees, ICONS, measured, PHASES, sentence, significant, VERDICTS } from "./views/words.js";
 
@@ -28,9 +28,13 @@ const NOT_OF_READINGS = ["gone", "nothing-arrives", "not-recorded"];
 const PREVIEW_MS = 1000;
 
 export class Finish {
-    /** @param {(severity: "info" | "warning" | "error", words: string) => void} notify */
-    constructor(notify) {
+    /**
+     * @param {(severity: "info" | "warning" | "error", words: string) => void} notify
+     * @param {import("./connection.js").Link["ask"]} ask
+     */
+    constructor(notify, ask) {
         this.notify = notify;
+        this.ask = ask;
         this.dialog = byId("finish-panel", HTMLDialogElement);
         this.targets = byId("export-target", HTMLSelectElement);
         this.answer = byId("answer", HTMLElement);
@@ -137,6 +141,8 @@ export class Finish {
                 : "A calibration file of this sensor: how many degrees have headings changed since?",
         );
         byId("previous-clear", HTMLElement).hidden = !previous;
+        byId("refresh-choice", HTMLElement).hidden = !previous;
+        byId("refresh", HTMLInputElement).checked = state?.refreshing ?? false;
         this.allow();
         if (this.isOpen && this.key !== this.previewed) this.refreshSoon();
     }
@@ -219,7 +225,7 @@ export class Finish {
         }
         this.waiting = true;
         try {
-            const answer = await ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
+            const answer = await this.ask(`export/${encodeURIComponent(target)}`, { headers: { Accept: "application/json" } });
             const preview = /** @type {Preview} */ (await answer.json());
             if (turn !== this.asked) return;
             if (preview.refusal) this.showPreview(null, sentence(preview.refusal));
@@ -277,14 +283,14 @@ export class Finish {
      * @param {string} name Where the server gives none.
      */
     async fetchFile(address, name) {
-        const answer = await ask(address);
+        const answer = await this.ask(address);
         const named = /filename="([^"/\\]+)"/.exec(answer.headers.get("Content-Disposition") ?? "")?.[1];
         save(await answer.blob(), named ?? name);
     }
 
     async send() {
         setText(this.answer, "Sending …");
-        const answer = await ask("send", { method: "POST" });
+        const answer = await this.ask("send", { method: "POST" });
         const { words } = await answer.json().catch(() => ({}));
         setText(this.answer, typeof words === "string" ? sentence(words) : "Sent.");
     }

@@ -21,7 +21,7 @@ export interface Limits {
 /** Where readings come from, and whether they do. */
 export interface SourceState {
   name: string;
-  kind: "serial" | "udp" | "tcp" | "mavlink" | "replay" | "simulated" | "file";
+  kind: "serial" | "udp" | "tcp" | "mavlink" | "replay" | "simulated" | "phone" | "file";
   link: "connected" | "waiting" | "gone" | "ended";
   words: string;
 }
@@ -67,6 +67,7 @@ export interface SessionState {
   paused: boolean;
   recording: string | null;
   previous: PreviousState | null;
+  refreshing: boolean;
   opened: string | null;
   can_send: boolean;
 }
@@ -247,6 +248,12 @@ export interface PreviousClear {
   type: "previous_clear";
 }
 
+/** Keep the soft iron of the calibration from before, and find its hard iron anew; or no longer. */
+export interface SetRefresh {
+  type: "refresh";
+  refresh: boolean;
+}
+
 /** Close the log that was opened. */
 export interface BackToLive {
   type: "back_to_live";
@@ -254,4 +261,4 @@ export interface BackToLive {
 
 export type FromServer = Hello | SessionState | FitMessage | Notice;
 
-export type ToServer = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | BackToLive;
+export type ToServer = SetTarget | SetDip | SetPlace | SetGoal | Exclude | Restore | Undo | Redo | Clear | Pause | PreviousClear | SetRefresh | BackToLive;

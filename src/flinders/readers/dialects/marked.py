@@ -69,6 +69,7 @@ class Marked(Dialect):
     mark: str = ""  # of the magnetometer's lines
     auxiliary: str = ""  # mark of lines whose values belong to the reading after them
     counts: tuple[float, ...] = ()  # in one unit, for each number of a reading
+    share: float = 0.0  # of the lines that have to be of this kind
     _latest: list[str] = field(default_factory=list, init=False)  # values of `auxiliary`
 
     def row(self, line: str) -> Sequence[str] | None:
@@ -107,7 +108,7 @@ _MAGCC: Final = Marked(
     ("t_s", *_names("accel_*", "gyro_*_radps", "mag_*"), "roll_rad", "pitch_rad", "yaw_rad"),
     line=MAGCC,
 )
-_PAPARAZZI: Final = Marked("messages of Paparazzi", ("time (s)", *_names("mag_*")), line=PAPARAZZI)
+_PAPARAZZI: Final = Marked("messages of Paparazzi", ("time (s)", *_names("mag_*")), line=PAPARAZZI, share=0.6)
 _REPLAY: Final = Marked(
     "replay of PX4's estimator",
     ("time (us)", *_names("mag_* (G)", "acc_*", "gyro_* (rad/s)")),
@@ -115,8 +116,8 @@ _REPLAY: Final = Marked(
     line=REPLAY,
     mark="mag",
     auxiliary="imu",
+    share=0.9,
 )
-SHARES: Final = {PAPARAZZI: 0.6, REPLAY: 0.9}  # Share of lines that have to be of this kind
 
 
 def recognise(lines: list[str]) -> Marked | None:
@@ -132,7 +133,7 @@ def recognise(lines: list[str]) -> Marked | None:
     filled = [line.strip() for line in lines if line.strip()]
     for dialect in (_PAPARAZZI, _REPLAY):
         matches = [match for line in filled if (match := dialect.line.fullmatch(line))]
-        if matches and len(matches) >= SHARES[dialect.line] * len(filled):
+        if matches and len(matches) >= dialect.share * len(filled):
             return replace(dialect) if dialect is _REPLAY else _paparazzi([match["mark"] for match in matches])
     return None
 

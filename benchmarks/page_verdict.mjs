@@ -1,0 +1,31 @@
+/** Evaluates recordings as the page that needs no program does: JSON on standard input, an answer for each on output. */
+
+import { readFileSync } from "node:fs";
+import { pathToFileURL } from "node:url";
+
+const { modules, wasm, data, recordings, turns } = JSON.parse(readFileSync(0, "utf-8"));
+const load = (name) => import(pathToFileURL(`${modules}/${name}`));
+const [{ loadEngine }, { evaluate }, { NAMES }] = await Promise.all(["engine.js", "evaluate.js", "verdict.js"].map(load));
+const engine = await loadEngine(readFileSync(wasm), data.layouts);
+
+const floats = (text) => text && new Float64Array(Uint8Array.from(Buffer.from(text, "base64")).buffer);
+const milliseconds = (work) => {
+    const taken = Array.from({ length: turns }, () => {
+        const begin = process.cpuUsage();
+        work();
+        const { user, system } = process.cpuUsage(begin);
+        return (user + system) / 1000;
+    });
+    return taken.sort((one, other) => one - other)[turns >> 1] ?? 0;
+};
+const answers = recordings.map((asked) => {
+    const readings = { ...asked, field: floats(asked.field), time: floats(asked.time) };
+    const { field, time, dipDeg } = readings;
+    return {
+        ...evaluate(engine, data, readings),
+        engine: engine.fit(field, time, { dipDeg }),
+        fit_ms: milliseconds(() => engine.fit(field, time, { dipDeg })),
+        evaluate_ms: milliseconds(() => evaluate(engine, data, readings)),
+    };
+});
+process.stdout.write(JSON.stringify({ names: NAMES, answers }));

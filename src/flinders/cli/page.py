@@ -1,0 +1,42 @@
+"""``flinders page``: the live page as files that need no program."""
+
+from __future__ import annotations
+
+from flinders.cli import _options as option
+from flinders.cli._output import print_json, say
+
+
+class Page(option.Group):
+    """Where the page goes."""
+
+    folder: str = option.member("--out", required=True, metavar="DIR", help="Folder of the page; it is made.")
+    force: bool = option.force("Write it among other files, and over those of the same names.")
+    as_json: bool = option.as_json()
+
+
+@option.command_of(
+    "page",
+    Page,
+    common=("folder", "force", "as_json"),
+    short_help="Write a page that calibrates without a program.",
+    epilog="""\b
+Example:
+  flinders page --out calibrate
+  python -m http.server --directory calibrate
+""",
+)
+def command(options: Page) -> None:
+    """Write a folder of static files that calibrates a magnetometer in a browser, from any web server and offline.
+
+    It takes a board on a serial port (Chrome, Edge), a log that is dropped or pasted, the sensor of a phone, or a
+    simulated one, and gives the verdict, the exports and the calibration file of the live page. Nothing is sent
+    anywhere. Put it on a server with https, or on this machine's own: browsers give pages from elsewhere no ports.
+    """
+    from flinders.standalone import package
+
+    files = package.write(options.folder, force=options.force)
+    if options.as_json:
+        print_json({"folder": options.folder, "version": package.VERSION, "files": list(map(str, files))})
+        return
+    size = sum(path.stat().st_size for path in files)
+    say(f"{len(files)} files in {options.folder}, {size / 1e6:.1f} MB: put them on any web server")

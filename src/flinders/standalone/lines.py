@@ -1,0 +1,130 @@
+r"""How boards print and tables are written, as data for ``static/standalone/``: patterns, words, units and limits.
+
+All constants of the modules that read text are handed over by their names, so that a change of a row there changes
+both languages. Patterns are written as JavaScript has them.
+
+>>> in_javascript(re.compile(r"(?P<axis>[xyz])\s*\W?(?=[^\W\d_])", re.IGNORECASE))
+{'pattern': '(?<axis>[xyz])\\s*[^\\p{L}\\p{N}_]?(?=\\p{L})', 'flags': 'iu'}
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from typing import TYPE_CHECKING, Any, Final
+
+from flinders.core import units
+from flinders.live import transcript
+from flinders.readers import READERS, _columns, _layout, _names, _source, _tokenizer
+from flinders.readers.dialects import json_records, labelled, marked, wrapped
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+MODULES: Final = {
+    "units": units,
+    "names": _names,
+    "tokenizer": _tokenizer,
+    "columns": _columns,
+    "layout": _layout,
+    "marked": marked,
+    "json": json_records,
+    "wrapped": wrapped,
+    "labelled": labelled,
+    "transcript": transcript,
+}
+"""Whose constants are handed over, by the key of each."""
+
+_WORD: Final = r"\p{L}\p{N}_"
+_EDGE: Final = rf"(?:(?<=[{_WORD}])(?![{_WORD}])|(?<![{_WORD}])(?=[{_WORD}]))"
+_TOKENS: Final = re.compile(
+    r"\(\?(?P<flags>[a-z]+)\)|\(\?P<(?P<name>\w+)>|\[\^\\W\\d_\](?P<letter>)|\[\\W\\d_\](?P<no_letter>)"
+    r"|\[(?P<inside>\^?(?:\\.|[^\\\]])+)\]|\\(?P<escaped>.)|(?P<closing>[\]}])|(?P<count>\{\d+(?:,\d*)?\})",
+    re.DOTALL,
+)
+"""What is written differently in JavaScript with the flag ``u``."""
+_ESCAPE: Final = re.compile(r"\\(.)")
+_KINDS: Final = {"w": f"[{_WORD}]", "W": f"[^{_WORD}]", "b": _EDGE, "A": "^", "Z": "$"}
+_SYNTAX: Final = frozenset(r"^$\.*+?()[]{}|/")
+
+
+def data() -> dict[str, Any]:
+    """All that ``standalone/lines.js`` reads lines by."""
+    return {**{key: constants(module) for key, module in MODULES.items()}, "files": _files()}
+
+
+def constants(module: ModuleType) -> dict[str, Any]:
+    """The constants of a module that JSON can hold, by their names."""
+    named = {name: value for name, value in vars(module).items() if name.isupper() and _is_portable(value)}
+    return {name: _portable(value) for name, value in named.items()}
+
+
+def in_javascript(pattern: re.Pattern[str]) -> dict[str, str]:
+    """Write a pattern as JavaScript has it: letters and digits of words are those of Unicode there too."""
+    known = {"i": re.IGNORECASE, "m": re.MULTILINE, "s": re.DOTALL}
+    flags = "".join(letter for letter, flag in known.items() if pattern.flags & flag)
+    return {"pattern": _TOKENS.sub(_token, pattern.pattern), "flags": f"{flags}u"}
+
+
+def _token(match: re.Match[str]) -> str:
+    """One token of a pattern, as JavaScript has it."""
+    token, kind = match[0], match.lastgroup
+    if kind == "flags":
+        return ""
+    if kind == "name":
+        return f"(?<{match['name']}>"
+    if kind in ("letter", "no_letter"):
+        return r"\p{L}" if kind == "letter" else r"\P{L}"
+    if kind == "inside":
+        return f"[{_ESCAPE.sub(_inside, match['inside'])}]"
+    if kind == "escaped":
+        return _KINDS.get(match["escaped"]) or _unescaped(token, _SYNTAX)
+    return f"\\{token}" if kind == "closing" else token
+
+
+def _inside(match: re.Match[str]) -> str:
+    """An escape in a set of characters."""
+    return _WORD if match[1] == "w" else _unescaped(match[0], _SYNTAX | {"-"})
+
+
+def _unescaped(token: str, syntax: frozenset[str]) -> str:
+    """An escape that JavaScript allows: of syntax, or of a letter or digit with a meaning."""
+    return token if token[1] in syntax or token[1].isalnum() else token[1]
+
+
+def _is_portable(value: object) -> bool:
+    """Tell whether JSON can hold a value, with patterns and rows of dialects as objects."""
+    if isinstance(value, dict):
+        return all(isinstance(key, str | int) for key in value) and all(map(_is_portable, value.values()))
+    if isinstance(value, tuple | frozenset):
+        return all(map(_is_portable, value))
+    if isinstance(value, re.Pattern):
+        return isinstance(value.pattern, str)
+    return isinstance(value, str | int | float | marked.Marked) and not isinstance(value, bool)
+
+
+def _portable(value: Any) -> Any:  # noqa: ANN401 - as JSON
+    """A value as JSON has it."""
+    if isinstance(value, re.Pattern):
+        return in_javascript(value)
+    if isinstance(value, marked.Marked):
+        own = {each.name: getattr(value, each.name) for each in dataclasses.fields(value) if each.init}
+        return _portable(own)
+    if isinstance(value, dict):
+        return {key: _portable(member) for key, member in value.items()}
+    if isinstance(value, frozenset):
+        return sorted(map(_portable, value))
+    return list(map(_portable, value)) if isinstance(value, tuple) else value
+
+
+def _files() -> dict[str, Any]:
+    """What files are by their endings and first bytes: recordings that a program reads, and other files."""
+    rows = [row for row in READERS if row.name != "text"]
+    return {
+        "suffixes": {suffix: row.title for row in rows for suffix in row.suffixes if suffix not in (".log", ".zip")},
+        "starts": {start.hex(): row.title for row in rows for start in row.starts if len(start) > 1},
+        "others": {start.hex(): list(kind) for start, kind in _source.MAGIC.items()},
+        "controls": list(_source.CONTROLS),
+        "most_controls": _source.MOST_CONTROLS,
+        "pages": {start.decode(): name for start, name in _source.PAGES.items()},
+    }

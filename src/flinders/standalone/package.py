@@ -1,0 +1,154 @@
+"""Writes the folder of the page that needs no program: static files that any host serves under any path.
+
+>>> sorted(name for name in contents() if "." in name and "/" not in name)
+['flinders.wasm', 'index.html', 'page.json', 'sw.js']
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from flinders.core.files import make_folder, reason, write_bytes
+from flinders.errors import NoEngine, OutputError
+from flinders.firmware.package import licence
+from flinders.native import build
+from flinders.report.html_file import asset, joined
+from flinders.standalone import engine, lines, targets
+from flinders.standalone.index_page import index_page
+from flinders.standalone.rules import session_rules
+from flinders.standalone.simulated import simulated_sensor
+
+VERSION: Final = version("flinders")
+DATA: Final = "page.json"
+SCENE: Final = "static/views/scene.js"
+"""The 3-D view, without which the page works."""
+SCRIPTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
+    "static/standalone.js": ("standalone/main.js", ()),
+    "static/worker.js": ("standalone/worker.js", ()),
+    SCENE: ("views/scene.js", ("Scene",)),
+}
+"""Scripts of the folder: the module that each is joined from, and what it exports."""
+ASSETS: Final = {
+    "static/page.css": "page.css",
+    "static/standalone.css": "standalone/standalone.css",
+    "static/theme.js": "theme.js",
+    "static/compass.svg": "compass.svg",
+}
+
+
+def write(directory: str | Path, *, force: bool = False) -> list[Path]:
+    """Write the page.
+
+    Parameters
+    ----------
+    directory : str or Path
+        The folder, which is made. One that has an older page is written anew.
+    force : bool
+        Write beside files that are not of such a page, and over those of the same names.
+
+    Returns
+    -------
+    list of Path
+        The files, in order of name.
+
+    Raises
+    ------
+    OutputError
+        Where the folder has other files and `force` is not given; where a file cannot be written.
+    NoEngine
+        Where the engine has to be compiled for browsers, and cannot be.
+    """
+    folder = Path(directory)
+    _refuse_others(folder, force=force)
+    files = {folder / name: content for name, content in sorted(contents().items())}
+    for path, content in files.items():
+        make_folder(path.parent)
+        write_bytes(content, path, force=True)
+    return list(files)
+
+
+def _refuse_others(folder: Path, *, force: bool) -> None:
+    """Raise where a folder has files, and they are not of a page."""
+    try:
+        is_free = force or not folder.is_dir() or not any(folder.iterdir())
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be read: {reason(error)}") from None
+    if not is_free and not _is_page(folder / DATA):
+        raise OutputError(f"{folder} has other files: give a folder of its own, or write it among them with force=True")
+
+
+def _is_page(path: Path) -> bool:
+    """Whether a file is the data of a page."""
+    try:
+        data = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(data, dict) and "flinders_page" in data
+
+
+def contents() -> dict[str, bytes]:
+    """Every file of the folder by its name."""
+    files = {
+        "index.html": index_page().encode(),
+        DATA: json.dumps(page_data(), separators=(",", ":"), ensure_ascii=False).encode(),
+        **_engine(),
+        "LICENSE": licence().encode(),
+        **_of_others(),
+        **{name: asset(path).encode() for name, path in ASSETS.items()},
+        **{name: text for name, entry in SCRIPTS.items() if (text := _script(*entry)) is not None},
+    }
+    return {**files, "sw.js": service_worker(files).encode()}
+
+
+def _engine() -> dict[str, bytes]:
+    """The engine for browsers, compiled where it is not there, and the licences of what was linked with it."""
+    try:
+        module = build.library(target=build.WEB)
+    except build.NoCompiler as error:
+        raise NoEngine(str(error)) from error
+    licences = {path.name: path.read_bytes() for path in module.parent.glob("LICENSE-*")}
+    return {"flinders.wasm": module.read_bytes(), **licences}
+
+
+def _of_others() -> dict[str, bytes]:
+    """The licence of three.js, where the 3-D view is there."""
+    try:
+        return {"LICENSE-three": asset("vendor/LICENSE").encode()}
+    except FileNotFoundError:
+        return {}
+
+
+def _script(entry: str, exported: tuple[str, ...]) -> bytes | None:
+    """A module with all that it imports; None where Flinders was installed without the 3-D view."""
+    try:
+        return joined(entry, exported=exported).encode()
+    except FileNotFoundError:
+        return None
+
+
+def page_data() -> dict[str, Any]:
+    """All that both languages need, as rows of Python have it."""
+    return {
+        "flinders_page": 1,
+        "version": VERSION,
+        "session": session_rules(),
+        "simulated": simulated_sensor(),
+        "engine": engine.data(),
+        "lines": lines.data(),
+        "targets": targets.data(),
+    }
+
+
+def service_worker(files: dict[str, bytes]) -> str:
+    """The script that makes the page work offline, with the files of this version."""
+    digest = hashlib.sha256()
+    for name in sorted(files):
+        digest.update(name.encode() + b"\0" + files[name] + b"\0")
+    left_out = (SCENE, "index.html")
+    names = ["./", *sorted(name for name in files if name not in left_out and not name.startswith("LICENSE"))]
+    page = {"version": f"{VERSION} {digest.hexdigest()[:16]}", "files": names, "scene": SCENE}
+    return f"const PAGE = {json.dumps(page)};\n{asset('standalone/sw.js')}"

@@ -1,0 +1,239 @@
+r"""Targets as templates: what each writer of `flinders.targets` makes of placeholders, cut where these are.
+
+The writers remain the only source: a calibration whose numbers occur nowhere else goes through them, and each number in
+the text is looked up among the quantities and the formats that a target may use. A template is a list of texts and of
+numbers of slots, and a slot says which quantity is written there, and how.
+
+>>> px4 = next(row for row in data()["rows"] if row["name"] == "px4")
+>>> template = px4["variants"]["uT known"]
+>>> [piece for piece in template["body"] if isinstance(piece, str)][0], data()["slots"][template["body"][1]]
+('1\t1\tCAL_MAG0_XOFF\t', {'of': 'offset', 'at': 0, 'over': 100.0, 'sign': 1, 'format': 'general'})
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from dataclasses import asdict
+from functools import cache
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from flinders.core.calibration import Calibration
+from flinders.core.calibration_file import VERSION
+from flinders.core.units import COUNTS, MICROTESLA, PER_UNIT, Unit
+from flinders.errors import FlindersError, figures
+from flinders.targets import ardupilot, motioncal, px4, registry
+from flinders.targets._target import ASCII, COARSEST_DEG, DIRECTIONS, NEXT_TO_NOTHING
+from flinders.targets.code import digits
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from flinders.arrays import Floats
+    from flinders.core.calibration_file import Rotation
+    from flinders.targets import Export, Target
+
+NAMES: Final = (
+    "c", "arduino", "micropython", "motioncal", "adafruit-eeprom", "sensorlab", "ardupilot", "px4", "px4-shell",
+    "fusion", "fusion-python", "esphome", "zscilib", "matlab", "json", "yaml",
+)  # fmt: skip
+"""Targets whose numbers are those of the calibration, in some unit; others choose, round or count."""
+OWN: Final = {"ardupilot": "general", "px4": "general", "matlab": "seventeen"}
+"""The format of families whose numbers another format may write the same way."""
+
+RECORDED: Final = "\N{CURRENCY SIGN}"
+"""Stands for the name of the recorded unit, and as `over` for its size."""
+MATRIX: Final = np.array(
+    [[1.0837465291, 0.0213876541, -0.0342918763], [0.0213876541, 0.9471829354, 0.0158273649],
+     [-0.0342918763, 0.0158273649, 0.9912837465]]
+)  # fmt: skip
+SKEW: Final = 1e-5 * np.array([[0.0, 0.0, 0.0], [3.1728394, 0.0, 0.0], [-5.9182736, 7.1928374, 0.0]])
+"""Added where a target holds any matrix, so that rows and columns are told apart."""
+OFFSET: Final = np.array([12.345678912, -23.192837465, 34.564738291])
+STRENGTH: Final = 47.123584967
+SCALE: Final = 0.7310585786
+"""Of the recorded unit that stands for any. All of these are placeholders."""
+OVERS: Final = (1.0, RECORDED, PER_UNIT["mG"], PER_UNIT["G"])
+FORMATS: Final[dict[str, Callable[[float], str]]] = {
+    "general": lambda value: f"{np.float32(value) + np.float32(0):.9g}",
+    "digits": digits,
+    "shortest": json.dumps,
+    "nine": lambda value: json.dumps(float(f"{value:.9g}")),
+    "exponent": lambda value: f"{value:.17e}",
+    "seventeen": lambda value: f"{value:.17g}",
+    "figures": lambda value: figures(value, 4),
+}
+"""How numbers are written: the first two are rounded to single precision, and only the first has no point."""
+NUMBER: Final = re.compile(r"[-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?")
+ERROR: Final = re.compile(r"(?:less than|at most) \S+ (\S+) and \S+°")
+
+
+@cache
+def data() -> dict[str, Any]:
+    """All that ``standalone/targets.js`` writes targets and calibration files by."""
+    slots = _Slots()
+    return {
+        "rows": [_row(registry()[name], slots) for name in NAMES],
+        "slots": slots.rows,
+        "ascii": {chr(code): text for code, text in ASCII.items()},
+        "schema": VERSION,
+        "units": PER_UNIT,
+        "recorded": RECORDED,
+        "directions": DIRECTIONS,
+        "negligible": NEXT_TO_NOTHING,
+        "coarsest_deg": COARSEST_DEG,
+    }
+
+
+class _Slots:
+    """Slots by what is written in them."""
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, Any]] = []
+        self._places: dict[str, int] = {}
+
+    def place(self, slot: dict[str, Any]) -> int:
+        """The number of a slot, which is new or known."""
+        key = json.dumps(slot)
+        if key not in self._places:
+            self._places[key] = len(self.rows)
+            self.rows.append(slot)
+        return self._places[key]
+
+    def pieces(self, text: str, written: dict[str, dict[str, Any]]) -> list[str | int]:
+        """Cut a text at the numbers that are `written` of the placeholders, and at errors."""
+        made: list[str | int] = []
+        end = 0
+        for match in sorted([*NUMBER.finditer(text), *ERROR.finditer(text)], key=lambda match: match.start()):
+            is_error = match.re is ERROR
+            slot = {"format": "error", "unit": match[1]} if is_error else written.get(match[0])
+            if slot is not None and match.start() >= end:
+                made += [text[end : match.start()], self.place(slot)]
+                end = match.end()
+        return [*made, text[end:]]
+
+
+def _row(target: Target, slots: _Slots) -> dict[str, Any]:
+    """One target."""
+    return {
+        "name": target.name,
+        "use": target.use,
+        "title": target.title,
+        "suffix": target.suffix,
+        "comment": target.comment and asdict(target.comment),
+        "relative": bool(target.lengths),
+        "limits": _limits(target.family, slots),
+        "variants": {name: _variant(target, calibration, slots) for name, calibration in _variants(target)},
+    }
+
+
+def _variants(target: Target) -> Iterator[tuple[str, Calibration]]:
+    """Calibrations that are written differently: by their unit, and by whether the field strength is known."""
+    is_any = target.keeps == "all"
+    matrix: Floats = MATRIX + SKEW if is_any else MATRIX
+    rotation: Rotation = "composed" if is_any else "symmetric"
+    units = {MICROTESLA: Unit(RECORDED, SCALE, MICROTESLA), COUNTS: Unit.of(COUNTS)}
+    for (name, raw), known in product(units.items(), (False, True)):
+        words = "known" if known else "relative"
+        yield f"{name} {words}", Calibration(matrix, OFFSET, STRENGTH, known, rotation, raw=raw)
+
+
+def _variant(target: Target, calibration: Calibration, slots: _Slots) -> dict[str, Any]:
+    """What a target makes of a calibration, as a template; or why it cannot be written."""
+    try:
+        export = target.render(calibration)
+    except FlindersError as error:
+        return {"refusal": str(error)}
+    written = _written(calibration, OWN.get(target.family, "digits"))
+    remarks = _remarks(target, export)
+    head = target.comment.lines(remarks) if target.comment else []
+    body = export.text.removeprefix("\n".join([*head, ""]) if head else "")
+    packet = None if export.data is None else _packet(export.data, calibration, slots)
+    return {
+        "remarks": [slots.pieces(remark, written) for remark in remarks],
+        "warnings": list(export.warnings),
+        "body": [] if packet else slots.pieces(body, written),
+        "guarded": _is_guarded(body),
+        "packet": packet,
+    }
+
+
+def _remarks(target: Target, export: Export) -> list[str]:
+    """The remarks that the head of a file has; what it is from comes after the first."""
+    first = f"{target.title}: {target.formula}, in {export.fields['unit']}"
+    return [first, *export.fields["notes"], *export.warnings, export.checked]
+
+
+def _is_guarded(body: str) -> bool:
+    """Tell whether the first lines hold a checksum of what is between them and the last four."""
+    lines = body.splitlines()
+    return lines[1:2] == [f"{lines[1].rpartition(' ')[0]} 0x{zlib.crc32(chr(10).join(lines[3:-4]).encode()):08x}u"]
+
+
+def _quantities(calibration: Calibration) -> Iterator[tuple[dict[str, Any], float]]:
+    """Each quantity that may be written, and its value; a matrix in the recorded unit is multiplied by its size."""
+    matrix, scale = calibration.matrix, float(np.trace(calibration.matrix) / 3)
+    size = float(np.exp(np.linalg.slogdet(matrix)[1] / 3))
+    matrices: dict[str, Floats] = {"matrix": matrix, "iron": matrix / scale, "unimodular": matrix / size}
+    single: dict[str, Floats] = {"scale": np.array([scale]), "radius": np.array([calibration.field_strength / size])}
+    for name, values in {**matrices, **single}.items():
+        for at, value in enumerate(values.ravel().tolist()):
+            yield {"of": name, "at": at, "over": 1.0}, value
+    for at, value in enumerate((matrix * calibration.raw.scale).ravel().tolist()):
+        yield {"of": "matrix", "at": at, "over": RECORDED}, value
+    for over in OVERS:
+        unit = calibration.raw.scale if isinstance(over, str) else over
+        yield {"of": "strength", "at": 0, "over": over}, calibration.field_strength / unit
+        for at, value in enumerate((calibration.offset / unit).tolist()):
+            yield {"of": "offset", "at": at, "over": over}, value
+
+
+def _written(calibration: Calibration, own: str) -> dict[str, dict[str, Any]]:
+    """The slot of each text that a number of the calibration may be written as, in the `own` format first."""
+    written: dict[str, dict[str, Any]] = {}
+    for (slot, value), sign, name in product(list(_quantities(calibration)), (1, -1), sorted(FORMATS, key=own.__ne__)):
+        written.setdefault(FORMATS[name](sign * value), {**slot, "sign": sign, "format": name})
+    return written
+
+
+def _packet(content: bytes, calibration: Calibration, slots: _Slots) -> dict[str, Any]:
+    """The numbers of MotionCal's packet; None stands for 0."""
+    single = {
+        float(np.float32(value)): {**slot, "sign": 1, "format": "digits"} for slot, value in _quantities(calibration)
+    }
+    _, *values, _ = motioncal.LAYOUT.unpack(content)
+    return {
+        "signature": motioncal.SIGNATURE.hex(),
+        "values": [slots.place(single[value]) if value else None for value in values],
+        "polynomial": motioncal.POLYNOMIAL,
+    }
+
+
+def _limits(family: str, slots: _Slots) -> list[dict[str, Any]]:
+    """Parameters that an autopilot takes between two values only; several slots are the axes of a length."""
+
+    def limit(name: str, of: str, places: tuple[int, ...], over: float, low: float, high: float) -> dict[str, Any]:
+        each = [slots.place({"of": of, "at": at, "over": over, "sign": 1, "format": "general"}) for at in places]
+        return {"name": name, "slots": each, "low": low, "high": high}
+
+    diagonal, others = zip("XYZ", (0, 4, 8), strict=True), zip("XYZ", (1, 2, 5), strict=True)
+    if family == "px4":
+        bounds = (px4.LEAST_SCALE, px4.MOST_SCALE)
+        return [limit(f"CAL_MAG0_{axis}SCALE", "matrix", (at,), 1.0, *bounds) for axis, at in diagonal]
+    if family != "ardupilot":
+        return []
+    own = ardupilot
+    edges = (-own.MOST_OFF_DIAGONAL, own.MOST_OFF_DIAGONAL)
+    return [
+        limit("COMPASS_OFS", "offset", (0, 1, 2), own.MG, 0.0, own.MOST_OFFSET),
+        *(
+            limit(f"COMPASS_DIA_{axis}", "iron", (at,), 1.0, own.LEAST_DIAGONAL, own.MOST_DIAGONAL)
+            for axis, at in diagonal
+        ),
+        *(limit(f"COMPASS_ODI_{axis}", "iron", (at,), 1.0, *edges) for axis, at in others),
+        limit("COMPASS_SCALE", "scale", (0,), 1.0, 1 / own.MOST_SCALE, own.MOST_SCALE),
+    ]

@@ -1,0 +1,255 @@
+/**
+ * Readings that grow, and the stretches of time that a person has taken out of them: `flinders.live.buffer` for a page
+ * without a server. Memory is bounded in the same way, and which readings stay depends on their count only.
+ */
+
+/** @typedef {[number, number]} Span */
+
+/**
+ * Readings that came together.
+ * @typedef {object} Rows
+ * @property {ArrayLike<number>} time  N, in s; NaN where there is none.
+ * @property {ArrayLike<number>} field  3 N
+ */
+
+const FIRST_ROOM = 4096;
+/** Steps that can be undone, and stretches, at most. */
+const REMEMBERED = 200;
+const MOST_SPANS = 1000;
+
+/**
+ * The smallest power of two such that of `total` readings, counted from the first, no more than `most` are taken.
+ * @param {number} total
+ * @param {number} most
+ * @returns {number}
+ */
+export function strideFor(total, most) {
+    let stride = 1;
+    while (stride * most < total) stride *= 2;
+    return stride;
+}
+
+/** Puts the times of a source onto the timeline of a session, which never goes back. */
+export class Timeline {
+    constructor() {
+        this.last = NaN;
+        this.shift = 0;
+        this.at = -Infinity;
+    }
+
+    /**
+     * A clock that was set back goes on from where it was; a time that is not there is that of the reading before.
+     * @param {ArrayLike<number>} times
+     * @returns {Float64Array}
+     */
+    take(times) {
+        if (times.length > 0 && Number.isNaN(this.last)) this.last = Number.isFinite(times[0]) ? times[0] : 0;
+        return Float64Array.from(times, (time) => {
+            const known = Number.isFinite(time) ? time : this.last;
+            this.shift += Math.max(this.last - known, 0);
+            this.last = known;
+            this.at = Math.max(this.at, known + this.shift);
+            return this.at;
+        });
+    }
+}
+
+export class ReadingBuffer {
+    /** @param {number} most  Readings in memory; of more, every second one is dropped. */
+    constructor(most) {
+        this.most = most;
+        this.total = 0;
+        this.stride = 1;
+        this.count = 0;
+        this.times = new Float64Array(FIRST_ROOM);
+        this.fields = new Float64Array(3 * FIRST_ROOM);
+        /** @type {[number, number, number]} the newest, also where it is not in memory */
+        this.latest = [NaN, NaN, NaN];
+        /** Time of the newest; 0 before the first. */
+        this.seconds = 0;
+    }
+
+    /** Times in memory, ascending; reading j is number j · `stride`. */
+    get time() {
+        return this.times.subarray(0, this.count);
+    }
+
+    /** Readings in memory, three numbers each. */
+    get field() {
+        return this.fields.subarray(0, 3 * this.count);
+    }
+
+    /** @param {Rows} rows */
+    extend({ time, field }) {
+        const { length } = time;
+        if (length === 0) return;
+        const before = this.total;
+        this.total += length;
+        this.#thin(strideFor(this.total, this.most));
+        this.#reserve(this.count + Math.ceil(length / this.stride));
+        for (let j = (this.stride - (before % this.stride)) % this.stride; j < length; j += this.stride) {
+            this.#put(time[j], field[3 * j], field[3 * j + 1], field[3 * j + 2]);
+        }
+        const last = 3 * (length - 1);
+        this.latest = [field[last], field[last + 1], field[last + 2]];
+        this.seconds = time[length - 1];
+    }
+
+    /** @param {number} time @param {number} x @param {number} y @param {number} z */
+    #put(time, x, y, z) {
+        this.times[this.count] = time;
+        this.fields.set([x, y, z], 3 * this.count);
+        this.count += 1;
+    }
+
+    /** @param {number} stride */
+    #thin(stride) {
+        const every = stride / this.stride;
+        if (every === 1) return;
+        const left = Math.ceil(this.count / every);
+        for (let j = 1; j < left; j++) {
+            this.times[j] = this.times[j * every];
+            this.fields.copyWithin(3 * j, 3 * j * every, 3 * j * every + 3);
+        }
+        this.count = left;
+        this.stride = stride;
+    }
+
+    /** @param {number} count */
+    #reserve(count) {
+        if (count <= this.times.length) return;
+        const room = Math.max(count, Math.min(2 * this.times.length, this.most));
+        this.times = grown(this.times, room);
+        this.fields = grown(this.fields, 3 * room);
+    }
+
+    /**
+     * Which readings in memory lie within stretches, ends included.
+     * @param {readonly Span[]} spans
+     * @returns {[number, number][]}  first, and the one after the last
+     */
+    places(spans) {
+        return spans.map(([start, end]) => [firstFrom(this.time, start, false), firstFrom(this.time, end, true)]);
+    }
+
+    /**
+     * Readings within stretches that lie apart; of a long session to within a stride.
+     * @param {readonly Span[]} spans
+     * @returns {number}
+     */
+    countWithin(spans) {
+        const count = this.places(spans).reduce((sum, [first, last]) => sum + last - first, 0);
+        return Math.min(count * this.stride, this.total);
+    }
+
+    /**
+     * Places of the readings in memory that lie outside of stretches.
+     * @param {readonly Span[]} spans  ascending, apart from each other
+     * @returns {Uint32Array}
+     */
+    outside(spans) {
+        const places = this.places(spans);
+        const left = new Uint32Array(this.count - places.reduce((sum, [first, last]) => sum + last - first, 0));
+        let at = 0;
+        let from = 0;
+        for (const [first, last] of [...places, [this.count, this.count]]) {
+            for (let j = from; j < first; j++) left[at++] = j;
+            from = Math.max(from, last);
+        }
+        return left;
+    }
+}
+
+/**
+ * @param {Float64Array} numbers
+ * @param {number} length
+ */
+function grown(numbers, length) {
+    const larger = new Float64Array(length);
+    larger.set(numbers);
+    return larger;
+}
+
+/**
+ * The first place of ascending numbers that are not below a value, or above it.
+ * @param {Float64Array} numbers
+ * @param {number} value
+ * @param {boolean} above
+ * @returns {number}
+ */
+function firstFrom(numbers, value, above) {
+    let [low, high] = [0, numbers.length];
+    while (low < high) {
+        const middle = (low + high) >> 1;
+        if (numbers[middle] < value || (above && numbers[middle] === value)) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
+
+/**
+ * Put stretches in order, and those that touch together.
+ * @param {readonly Span[]} spans
+ * @returns {Span[]}
+ */
+export function merged(spans) {
+    /** @type {Span[]} */
+    const united = [];
+    for (const [start, end] of [...spans].sort(([a, b], [c, d]) => a - c || b - d)) {
+        const last = united.at(-1);
+        if (last && start <= last[1]) last[1] = Math.max(last[1], end);
+        else united.push([start, end]);
+    }
+    return united;
+}
+
+/**
+ * @param {readonly Span[]} spans
+ * @param {Span} hole
+ * @returns {Span[]}
+ */
+function without(spans, hole) {
+    /** @type {(span: Span) => Span[]} */
+    const around = ([start, end]) => [[start, Math.min(end, hole[0])], [Math.max(start, hole[1]), end]];
+    return spans.flatMap(around).filter(([start, end]) => start < end);
+}
+
+/** Excluded stretches, ascending and disjoint, with the steps that led there. Each step is a new value. */
+export class Exclusions {
+    /**
+     * @param {Span[]} spans
+     * @param {Span[][]} past  the last is the nearest
+     * @param {Span[][]} future  the last is the nearest
+     */
+    constructor(spans = [], past = [], future = []) {
+        this.spans = spans;
+        this.past = past;
+        this.future = future;
+    }
+
+    /** @param {Span} span */
+    excluding(span) {
+        return this.#then(merged([...this.spans, span]));
+    }
+
+    /** @param {Span} span */
+    restoring(span) {
+        return this.#then(without(this.spans, span));
+    }
+
+    undone() {
+        const before = this.past.at(-1);
+        return before ? new Exclusions(before, this.past.slice(0, -1), [...this.future, this.spans]) : this;
+    }
+
+    redone() {
+        const after = this.future.at(-1);
+        return after ? new Exclusions(after, [...this.past, this.spans], this.future.slice(0, -1)) : this;
+    }
+
+    /** @param {Span[]} spans @returns {Exclusions} */
+    #then(spans) {
+        if (JSON.stringify(spans) === JSON.stringify(this.spans) || spans.length > MOST_SPANS) return this;
+        return new Exclusions(spans, [...this.past, this.spans].slice(-REMEMBERED));
+    }
+}

@@ -1,0 +1,106 @@
+/** Directions of corrected readings: a hundred cells of equal area, and the tiles that are drawn. */
+
+import { apply } from "./linear.js";
+
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
+/** @typedef {import("./heading.js").Surface} Surface */
+
+/**
+ * Readings after correction, three numbers each, in units of the field.
+ * @param {Float64Array} field
+ * @param {Surface} surface
+ * @returns {Float64Array}
+ */
+export function corrected(field, { centre, inverse }) {
+    const out = new Float64Array(field.length);
+    for (let i = 0; i < field.length; i += 3) {
+        const [x, y, z] = apply(inverse, [field[i] - centre[0], field[i + 1] - centre[1], field[i + 2] - centre[2]]);
+        out[i] = x;
+        out[i + 1] = y;
+        out[i + 2] = z;
+    }
+    return out;
+}
+
+/**
+ * Readings in each of the hundred cells.
+ * @param {Float64Array} vectors Of any length.
+ * @param {EngineData} data
+ * @returns {Float64Array}
+ */
+export function cellCounts(vectors, { bands }) {
+    const counts = new Float64Array(100);
+    for (let i = 0; i < vectors.length; i += 3) counts[cellOf(vectors[i], vectors[i + 1], vectors[i + 2], bands)]++;
+    return counts;
+}
+
+/**
+ * @param {number} x
+ * @param {number} y
+ * @param {number} z
+ * @param {number[]} bands Cells of each band, from the north.
+ * @returns {number}
+ */
+function cellOf(x, y, z, bands) {
+    const height = z / (Math.hypot(x, y, z) || 1);
+    let [band, start] = [0, 0];
+    while (band < bands.length - 1 && height < 1 - 0.02 * (start + bands[band])) start += bands[band++];
+    const turn = Math.atan2(y, x) / (2 * Math.PI);
+    return start + Math.min(Math.floor((turn - Math.floor(turn)) * bands[band]), bands[band] - 1);
+}
+
+/**
+ * Readings in each tile: that with the nearest centre.
+ * @param {Float64Array} vectors
+ * @param {number[]} centres Three numbers a tile.
+ * @returns {number[]}
+ */
+export function tileCounts(vectors, centres) {
+    const order = Array.from({ length: centres.length / 3 }, (_, tile) => tile);
+    order.sort((one, other) => centres[3 * one + 2] - centres[3 * other + 2]);
+    const ascending = Float64Array.from(order.flatMap((tile) => centres.slice(3 * tile, 3 * tile + 3)));
+    const counts = new Array(order.length).fill(0);
+    for (let i = 0; i < vectors.length; i += 3) {
+        counts[order[nearestOf(vectors[i], vectors[i + 1], vectors[i + 2], ascending)]]++;
+    }
+    return counts;
+}
+
+/** Farther off in height than this is no centre of the tile that a direction is in. */
+const TILE_HEIGHT = 0.15;
+
+/**
+ * Place of the centre that is nearest to a direction.
+ * @param {number} x
+ * @param {number} y
+ * @param {number} z
+ * @param {Float64Array} centres By height.
+ * @returns {number}
+ */
+function nearestOf(x, y, z, centres) {
+    const height = z / (Math.sqrt(x * x + y * y + z * z) || 1);
+    let low = 0;
+    for (let high = centres.length / 3; low < high; ) {
+        const middle = (low + high) >> 1;
+        if (centres[3 * middle + 2] < height - TILE_HEIGHT) low = middle + 1;
+        else high = middle;
+    }
+    let nearest = low;
+    let largest = -Infinity;
+    for (let at = 3 * low; at < centres.length && centres[at + 2] <= height + TILE_HEIGHT; at += 3) {
+        const cosine = x * centres[at] + y * centres[at + 1] + z * centres[at + 2];
+        if (cosine <= largest) continue;
+        largest = cosine;
+        nearest = at / 3;
+    }
+    return nearest;
+}
+
+/**
+ * Numbers in threes.
+ * @param {ArrayLike<number>} numbers
+ * @returns {number[][]}
+ */
+export function threes(numbers) {
+    return Array.from({ length: numbers.length / 3 }, (_, i) => [numbers[3 * i], numbers[3 * i + 1], numbers[3 * i + 2]]);
+}

@@ -1,0 +1,652 @@
+/**
+ * Lines that are no table, and how each becomes a row of one. The rows are those of `readers/dialects/`.
+ *
+ * A dialect is recognised by the first lines, and takes one line at a time then.
+ */
+
+import { ahead, counted, every, largest, median, whole } from "./patterns.js";
+
+/** @typedef {import("./names.js").Names} Names */
+/** @typedef {import("./patterns.js").Constants} Constants */
+/** @typedef {import("./patterns.js").Rules} Rules */
+/** @typedef {import("./printed.js").Prints} Prints */
+
+/**
+ * How lines become rows.
+ * @typedef {object} Dialect
+ * @property {string} words What the lines are, for people.
+ * @property {string[]} names Of the columns; empty where the lines do not state them.
+ * @property {(line: string) => string[] | null} row The cells of a reading, none for a part of one, null for another line.
+ * @property {() => Dialect} fresh The same before its first line.
+ */
+
+/** @typedef {(lines: string[]) => Dialect | null} Recognise */
+
+/**
+ * A line with labels, cut.
+ * @typedef {object} Printed
+ * @property {string} kind Names of its numbers, one a line; lines of one kind have the same.
+ * @property {string[]} names
+ * @property {string[]} numbers
+ * @property {string[]} gaps
+ * @property {boolean} isLabelled
+ * @property {boolean} isPlain
+ * @property {boolean} isSetting
+ */
+
+// Lines whose beginning says what is in them
+
+class Marked {
+    /**
+     * @param {Prints} prints
+     * @param {Constants} form A row of `marked.py`.
+     */
+    constructor(prints, form) {
+        this.prints = prints;
+        this.form = form;
+        /** @type {string} */
+        this.words = form.words;
+        /** @type {string[]} */
+        this.names = form.names;
+        /** @type {string[] | null} */
+        this.latest = null;
+    }
+
+    fresh() {
+        return new Marked(this.prints, this.form);
+    }
+
+    /** @param {string} line */
+    row(line) {
+        const { mark, auxiliary } = this.form;
+        const match = whole(this.form.line, line.trim())?.groups;
+        if (!match) return null;
+        const values = match.values.trim().split(/\s*,\s*|\s+/);
+        if (auxiliary && match.mark === auxiliary) this.latest = values;
+        if (match.mark.toLowerCase() !== mark.toLowerCase()) return [];
+        const cells = [...(match.time ? [match.time] : []), ...this.inUnits(values)];
+        const others = auxiliary ? this.latest ?? Array(6).fill("") : [];
+        const isWhole = cells.length + others.length === this.names.length;
+        return isWhole && cells.every((cell) => this.prints.number(cell) !== null) ? [...cells, ...others] : null;
+    }
+
+    /** @param {string[]} values */
+    inUnits(values) {
+        const { counts } = this.form;
+        if (counts.length !== values.length) return values;
+        return values.map((value, place) => {
+            const number = this.prints.number(value);
+            return number === null ? "" : String(Number((number / counts[place]).toPrecision(9)));
+        });
+    }
+}
+
+/**
+ * Lines of one of the programs, among others.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @returns {Dialect | null}
+ */
+export function marked(prints, rules, lines) {
+    for (const form of [rules._RAW, rules._UNI, rules._MAGCC]) {
+        const counts = new Marked(prints, { ...form, counts: [] });
+        const rows = lines.map((line) => counts.row(line)).filter((row) => row?.length);
+        if (!rows.length) continue;
+        const isInUnits = form === rules._RAW && areUnits(rules, /** @type {string[][]} */ (rows));
+        return new Marked(prints, isInUnits ? { ...rules._UNI, words: form.words, mark: "raw" } : form);
+    }
+    const filled = lines.map((line) => line.trim()).filter(Boolean);
+    for (const form of [rules._PAPARAZZI, rules._REPLAY]) {
+        const marks = filled.flatMap((line) => whole(form.line, line)?.groups?.mark ?? []);
+        if (!marks.length || marks.length < form.share * filled.length) continue;
+        return form === rules._REPLAY ? new Marked(prints, form) : paparazzi(prints, form, marks);
+    }
+    return null;
+}
+
+/**
+ * Whether `Raw:` lines hold decimals and a gravity of 10 or 1, and not of 8192.
+ * @param {Constants} rules
+ * @param {string[][]} rows
+ */
+function areUnits(rules, rows) {
+    const gravity = rows.map((cells) => Math.hypot(...cells.slice(0, 3).map((cell) => (cell ? Number(cell) : NaN))));
+    const hasPoint = rows.some((cells) => cells.slice(0, 3).some((cell) => cell.includes(".")));
+    return hasPoint && Math.min(...gravity) > 0 && Math.max(...gravity) < rules.MOST_IN_UNITS;
+}
+
+/**
+ * @param {Prints} prints
+ * @param {Constants} form
+ * @param {string[]} marks
+ */
+function paparazzi(prints, form, marks) {
+    const raw = marks.find((mark) => mark.includes(" IMU_MAG_RAW"));
+    if (raw) return new Marked(prints, { ...form, mark: raw });
+    const mark = marks.find((each) => each.endsWith("IMU_MAG_CURRENT_CALIBRATION"));
+    return mark ? new Marked(prints, { ...form, mark, names: [...form.names, "current (A)"] }) : null;
+}
+
+// JSON, a record in each line
+
+class JsonLines {
+    /**
+     * @param {Prints} prints
+     * @param {string[]} names
+     */
+    constructor(prints, names) {
+        this.prints = prints;
+        this.words = "JSON";
+        this.names = names;
+    }
+
+    fresh() {
+        return this;
+    }
+
+    /** @param {string} line */
+    row(line) {
+        const record = recordOf(line);
+        if (record === null || Array.isArray(record) !== !this.names.length) return null;
+        if (Array.isArray(record)) return record.length ? record.map(written) : null;
+        const leaves = flat(record);
+        return this.names.some((name) => leaves.has(name)) ? this.names.map((name) => written(leaves.get(name))) : null;
+    }
+}
+
+/**
+ * Records with three numbers; of those with different keys, the most frequent that have a magnetometer's.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @returns {Dialect | null}
+ */
+export function jsonLines(prints, rules, lines) {
+    const keys = [];
+    for (const record of lines.map(recordOf)) {
+        if (record === null) continue;
+        const values = Array.isArray(record) ? record : [...flat(record).values()];
+        const isNumber = (/** @type {any} */ value) =>
+            typeof value === "number" || (typeof value === "string" && value !== "" && prints.number(value) !== null);
+        const numbers = values.filter(isNumber);
+        if (numbers.length >= rules.LEAST) keys.push(Array.isArray(record) ? "" : [...flat(record).keys()].join("\n"));
+    }
+    const counts = counted(keys);
+    const split = (/** @type {string} */ key) => (key ? key.split("\n") : []);
+    const best = largest([...counts.keys()], (key) => [Boolean(prints.names.magnetometer(split(key))), counts.get(key) ?? 0]);
+    return best === undefined ? null : new JsonLines(prints, split(best));
+}
+
+/**
+ * @param {string} line
+ * @returns {any[] | Record<string, any> | null} An object, or a list of plain values.
+ */
+function recordOf(line) {
+    if (!/^\s*[[{]/.test(line)) return null;
+    const record = parsed(line);
+    const isPlain = Array.isArray(record) && record.every((value) => value === null || typeof value !== "object");
+    return isPlain || (record && !Array.isArray(record)) ? record : null;
+}
+
+/**
+ * @param {string} text
+ * @returns {any} null where it is broken.
+ */
+export function parsed(text) {
+    try {
+        return JSON.parse(text);
+    } catch {
+        return null;
+    }
+}
+
+/**
+ * What is inside objects and lists, with dots in its name: `mag.x`, `mag.y.0`.
+ * @param {object} record
+ * @param {string} before
+ * @returns {Map<string, any>}
+ */
+function flat(record, before = "") {
+    /** @type {Map<string, any>} */
+    const leaves = new Map();
+    for (const [key, value] of Object.entries(record)) {
+        if (value === null || typeof value !== "object") leaves.set(before + key, value);
+        else for (const [name, leaf] of flat(value, `${before}${key}.`)) leaves.set(name, leaf);
+    }
+    return leaves;
+}
+
+/** @param {any} value */
+function written(value) {
+    return value === null || value === undefined ? "" : String(value);
+}
+
+// Lines behind a time stamp, and hexadecimal words
+
+class Stamped {
+    /**
+     * @param {Constants} rules
+     * @param {Dialect} inner
+     */
+    constructor(rules, inner) {
+        this.rules = rules;
+        this.inner = inner;
+        this.words = `time stamps before ${inner.words}`;
+        this.names = ["time (s)", ...inner.names];
+        this.midnights = 0;
+        this.last = -1;
+    }
+
+    fresh() {
+        return new Stamped(this.rules, this.inner.fresh());
+    }
+
+    /** @param {string} line */
+    row(line) {
+        const stamp = ahead(this.rules.STAMP, line);
+        const seconds = stamp && secondsOf(stamp.groups ?? {});
+        if (!stamp || seconds === null) return null;
+        const cells = this.inner.row(line.slice(stamp[0].length));
+        if (!cells?.length) return cells;
+        if (seconds + this.midnights < this.last - this.rules.DAY_S / 2) this.midnights += this.rules.DAY_S;
+        this.last = seconds + this.midnights;
+        return [this.last.toFixed(6), ...cells];
+    }
+}
+
+/**
+ * Seconds of a stamp: since 1970 where it has a date, else since midnight; null where there is no such day.
+ * @param {Record<string, string | undefined>} stamp
+ */
+function secondsOf({ date, hour, minute, second, fraction, zone }) {
+    const time = 3600 * Number(hour) + 60 * Number(minute) + Number(second) + Number((fraction ?? ".0").replace(",", "."));
+    if (!date) return time;
+    const offset = (zone ?? "Z").replace(/^([+-]\d\d):?(\d\d)$/, "$1:$2");
+    const day = Date.parse(`${date}T00:00:00${offset}`);
+    return Number.isNaN(day) ? null : day / 1000 + time;
+}
+
+/**
+ * Stamps before most lines; if `isMarked`, before a table only with a sign such as `->` behind them.
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @param {Recognise} behind
+ * @param {Recognise} table
+ * @param {boolean} isMarked
+ * @returns {Dialect | null}
+ */
+export function stamped(rules, lines, behind, table, isMarked) {
+    const filled = lines.filter((line) => line.trim());
+    const stamps = filled.map((line) => ahead(rules.STAMP, line)).filter((stamp) => stamp !== null);
+    if (!stamps.length || stamps.length < rules.MOST * filled.length) return null;
+    const marks = stamps.map((stamp) => stamp.groups?.mark ?? "");
+    if (isMarked && marks.some((mark) => [",", ";", "\t"].includes(mark))) return null;
+    const rest = stamps.map((stamp) => stamp.input.slice(stamp[0].length));
+    const inner = behind(rest) ?? (marks.every(Boolean) || !isMarked ? table(rest) : null);
+    return inner && new Stamped(rules, inner);
+}
+
+class Hexadecimal {
+    /**
+     * @param {RegExp} word
+     * @param {number} count Words of a line that are hexadecimal, its last.
+     * @param {Dialect} inner
+     */
+    constructor(word, count, inner) {
+        this.word = word;
+        this.count = count;
+        this.inner = inner;
+        this.words = `hexadecimal words in ${inner.words}`;
+        this.names = inner.names;
+    }
+
+    /** @returns {Dialect} */
+    fresh() {
+        return new Hexadecimal(this.word, this.count, this.inner.fresh());
+    }
+
+    /** @param {string} line */
+    row(line) {
+        return this.inner.row(withPrefixes(line, this.word, this.count));
+    }
+}
+
+/**
+ * Lines of three words of one length that only hexadecimal digits explain.
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @param {Recognise} behind
+ * @returns {Dialect | null}
+ */
+export function hexadecimal(rules, lines, behind) {
+    for (const word of /** @type {RegExp[]} */ (Object.values(rules.WORDS))) {
+        const wordsOf = (/** @type {string} */ line) => every(word, line).map((match) => match[0]);
+        const rows = lines.map(wordsOf).filter((words) => words.length >= rules.LEAST);
+        const lettered = rows.filter((words) => !words.every((each) => /^\d+$/.test(each)));
+        if (!lettered.length || lettered.length < rules.LETTERED * rows.length) continue;
+        const count = hexadecimalWords(rules, rows);
+        const inner = behind(lines.map((line) => withPrefixes(line, word, count)));
+        return inner && new Hexadecimal(word, count, inner);
+    }
+    return null;
+}
+
+/**
+ * Words of each line that are hexadecimal: before them a decimal time may have as many digits.
+ * @param {Constants} rules
+ * @param {string[][]} rows
+ */
+function hexadecimalWords(rules, rows) {
+    let count = Math.min(...rows.map((words) => words.length));
+    while (count > rules.LEAST && rows.every((words) => /^\d+$/.test(words[words.length - count]))) {
+        const times = rows.filter((words) => words.length === rows[0].length).map((words) => Number(words[words.length - count]));
+        if (times.some((time, i) => i > 0 && time < times[i - 1]) || times[0] === times[times.length - 1]) break;
+        count--;
+    }
+    return count;
+}
+
+/**
+ * A line with `0x` before its last words of so many digits.
+ * @param {string} line
+ * @param {RegExp} word
+ * @param {number} count
+ */
+function withPrefixes(line, word, count) {
+    const words = every(word, line);
+    const last = words.length >= count ? words.slice(-count).reverse() : [];
+    return last.reduce((text, { index }) => `${text.slice(0, index)}0x${text.slice(index)}`, line);
+}
+
+// Lines in which labels say what the numbers are
+
+class Heading {
+    /**
+     * A label in a line of its own: of the numbers in the next line, or of the lines below with an axis each.
+     * @param {Prints} prints
+     * @param {Constants} rules
+     */
+    constructor(prints, rules) {
+        this.prints = prints;
+        this.rules = rules;
+        this.label = "";
+        this.isTaken = false;
+    }
+
+    /**
+     * A line with the label that it belongs to in front; nothing for a line that is a label itself.
+     * @param {string} line
+     */
+    joined(line) {
+        if (this.isHeading(line)) {
+            this.label = line;
+            this.isTaken = false;
+            return "";
+        }
+        const isAxis = Boolean(this.label) && whole(this.rules._AXIS_ALONE, line) !== null;
+        const joined = this.label && (isAxis || !this.isTaken) ? `${this.label} ${line}` : line;
+        this.label = isAxis ? this.label : "";
+        this.isTaken = isAxis;
+        return joined;
+    }
+
+    /** @param {string} line */
+    isHeading(line) {
+        return line.length <= this.rules.LONGEST && line.trimEnd().endsWith(":") && !this.prints.cut(line).numbers.length;
+    }
+}
+
+class Labelled {
+    /**
+     * @param {Prints} prints
+     * @param {Constants} rules
+     * @param {object} form
+     * @param {string} form.words
+     * @param {string[]} form.names
+     * @param {Map<string, number>} form.kinds Those that are read, and where the numbers of each are in the row.
+     * @param {string} form.closing The one that ends a reading.
+     * @param {number[]} form.needed
+     * @param {boolean} [form.hasHeadings]
+     * @param {string[]} [form.signs] What is before and between the numbers, where that alone is known.
+     */
+    constructor(prints, rules, form) {
+        this.prints = prints;
+        this.rules = rules;
+        this.form = form;
+        this.words = form.words;
+        this.names = form.names;
+        this.heading = new Heading(prints, rules);
+        this.cells = this.names.map(() => "");
+    }
+
+    fresh() {
+        return new Labelled(this.prints, this.rules, this.form);
+    }
+
+    /** @param {string} line */
+    row(line) {
+        const { kinds, closing, needed, hasHeadings, signs } = this.form;
+        line = this.heading.joined(line);
+        if (!line) return hasHeadings ? [] : null;
+        const { numbers, gaps } = line.length <= this.rules.LONGEST ? this.prints.cut(line) : { numbers: [], gaps: [] };
+        const kind = gaps.length > 1 ? this.prints.namesOf(gaps).join("\n") : "";
+        const start = numbers.length ? kinds.get(kind) : undefined;
+        if (start === undefined || (signs && signs.join("\n") !== gaps.slice(0, -1).join("\n"))) return null;
+        this.cells.splice(start, numbers.length, ...numbers);
+        if (kind !== closing) return [];
+        const cells = this.cells;
+        this.cells = this.names.map(() => "");
+        return needed.every((place) => cells[place]) ? cells : [];
+    }
+}
+
+/**
+ * Lines whose labels name a magnetometer; unless `isMarked`, also three numbers between any words.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} lines
+ * @param {boolean} isMarked
+ * @returns {Dialect | null}
+ */
+export function labelled(prints, rules, lines, isMarked) {
+    const { OFTEN, LEAST_SHARE, LONGEST, PLAIN } = rules;
+    const filled = lines.filter((line) => line.trim() && !prints.isComment(line) && line.length <= LONGEST);
+    const heading = new Heading(prints, rules);
+    const all = filled.map((line) => heading.joined(line)).filter(Boolean).map((line) => printedOf(prints, rules, line));
+    const ofThree = counted(all.filter(({ numbers }) => numbers.length >= PLAIN.length).map(({ kind }) => kind));
+    const enough = OFTEN * Math.max(0, ...ofThree.values());
+    const read = all.filter(({ numbers, isSetting, isPlain }) => numbers.length && !isSetting && !(isPlain && !isMarked));
+    const counts = counted(read.map(({ kind }) => kind));
+    const kinds = [...new Set(read.filter(({ isLabelled }) => isLabelled || !isMarked).map(({ kind }) => kind))];
+    const often = (/** @type {number} */ least) => kinds.filter((kind) => (counts.get(kind) ?? 0) >= least);
+    const closing = magnetometerKind(prints, rules, often(enough), counts);
+    const total = [...ofThree.values()].reduce((sum, count) => sum + count, 0);
+    if (closing !== null && (counts.get(closing) ?? 0) < LEAST_SHARE * total) return null;
+    const most = Math.max(0, ...kinds.filter((kind) => kind.trim()).map((kind) => counts.get(kind) ?? 0));
+    const form =
+        closing === null
+            ? axisByAxis(prints, rules, often(Math.max(OFTEN * most, enough)))
+            : lineByLine(prints, rules, closing, counts, read);
+    if (!form) return isMarked ? null : byPlace(prints, rules, read, Math.max(enough, OFTEN * filled.length));
+    const headings = filled.filter((line) => heading.isHeading(line)).length;
+    return new Labelled(prints, rules, { ...form, hasHeadings: 2 * headings > (counts.get(form.closing) ?? 0) });
+}
+
+/**
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string} line
+ * @returns {Printed}
+ */
+function printedOf(prints, rules, line) {
+    const { numbers, gaps } = prints.cut(line);
+    const names = numbers.length ? prints.namesOf(gaps) : [];
+    return {
+        kind: names.join("\n"),
+        names,
+        numbers,
+        gaps,
+        isLabelled: prints.isLabelled(gaps),
+        isPlain: gaps.every((gap) => rules.DELIMITERS.includes(gap)) && !line.toLowerCase().includes("0x"),
+        isSetting: rules._SETTING.test(gaps[0]),
+    };
+}
+
+/**
+ * The kind that names a magnetometer: the rawest, of those one that states its unit, then the most frequent.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} kinds
+ * @param {Map<string, number>} counts
+ * @returns {string | null}
+ */
+function magnetometerKind({ names }, rules, kinds, counts) {
+    const sensors = kinds.filter((kind) => names.magnetometer(kind.split("\n")));
+    const most = Math.max(...sensors.map((kind) => counts.get(kind) ?? 0));
+    const often = sensors.filter((kind) => (counts.get(kind) ?? 0) >= rules.OFTEN * most);
+    const quality = (/** @type {string} */ kind) => {
+        const columns = kind.split("\n");
+        const best = names.magnetometer(columns);
+        const unit = best ? names.meaning(columns[best.cells[0]]).unit : "";
+        return [-(best?.rank ?? Infinity), !["", rules.COUNTS].includes(unit), counts.get(kind) ?? 0];
+    };
+    return largest(often, quality) ?? null;
+}
+
+/**
+ * The magnetometer's numbers first in the row, then those of lines with a time that come before.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string} closing
+ * @param {Map<string, number>} counts
+ * @param {Printed[]} read
+ */
+function lineByLine(prints, rules, closing, counts, read) {
+    const own = closing.split("\n");
+    const rows = read.filter(({ kind }) => kind === closing).map(({ numbers }) => numbers);
+    const names = timed(prints, own, rows);
+    const kinds = new Map([[closing, 0]]);
+    for (const [kind, count] of counts) {
+        const columns = kind.split("\n");
+        const hasTime = columns.some((name) => prints.names.meaning(name).kind === rules.TIME);
+        if (kind === closing || count < rules.SELDOM * (counts.get(closing) ?? 0) || !hasTime) continue;
+        kinds.set(kind, names.length);
+        names.push(...columns);
+    }
+    return { words: rules.WORDS, names, kinds, closing, needed: own.map((_, place) => place) };
+}
+
+/**
+ * Lines that have an axis each; that of z ends the reading.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} kinds
+ */
+function axisByAxis(prints, rules, kinds) {
+    const names = kinds.flatMap((kind) => kind.split("\n"));
+    const field = prints.names.magnetometer(names);
+    if (!kinds.length || !field) return null;
+    /** @type {Map<string, number>} */
+    const starts = new Map();
+    let [start, closing] = [0, ""];
+    for (const kind of kinds) {
+        starts.set(kind, start);
+        const end = start + kind.split("\n").length;
+        if (start <= field.cells[2] && field.cells[2] < end) closing = kind;
+        start = end;
+    }
+    return { words: rules.WORDS, names, kinds: starts, closing, needed: field.cells };
+}
+
+/**
+ * Lines of three numbers, or of four of which the first is the time, whatever is between them.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {Printed[]} read
+ * @param {number} enough
+ * @returns {Dialect | null}
+ */
+function byPlace(prints, rules, read, enough) {
+    const keyOf = (/** @type {Printed} */ { kind, gaps }) => [kind, ...gaps.slice(0, -1)].join("\n\n");
+    const silent = read.filter(({ names }) => saysNothing(prints, rules, names));
+    const alike = counted(silent.map(keyOf));
+    const best = largest([...alike.keys()], (key) => [alike.get(key) ?? 0]);
+    const count = best === undefined ? 0 : alike.get(best) ?? 0;
+    if (!count || count < enough || [...alike.values()].filter((other) => other > rules.OFTEN * count).length > 1) return null;
+    const lines = silent.filter((line) => keyOf(line) === best);
+    const rows = lines.map(({ numbers }) => numbers);
+    if (alternates(rules, rows.map((row) => row.map(Number)))) return null;
+    const { names: kind, gaps } = lines[0];
+    const isOfThree = kind.length === rules.PLAIN.length;
+    const names = timed(prints, kind, rows);
+    if (!isOfThree && prints.names.meaning(names[0]).kind !== rules.TIME) return null;
+    const unit = unitAlone(rules, kind);
+    return new Labelled(prints, rules, {
+        words: isOfThree ? "lines of three numbers" : "lines of time and three numbers",
+        names: [...names.slice(0, -3), ...rules.PLAIN.map((/** @type {string} */ axis) => `${axis}${unit}`)],
+        kinds: new Map([[lines[0].kind, 0]]),
+        closing: lines[0].kind,
+        needed: kind.map((_, place) => place),
+        signs: gaps.slice(0, -1),
+    });
+}
+
+/**
+ * Whether the numbers of a line, three or four, are of no other quantity.
+ * @param {Prints} prints
+ * @param {Constants} rules
+ * @param {string[]} kind
+ */
+function saysNothing(prints, rules, kind) {
+    const names = kind.slice(-3);
+    if (kind.length !== 3 && kind.length !== 4) return false;
+    if (kind.length === 4 && kind[0] && prints.names.meaning(kind[0]).kind !== rules.TIME) return false;
+    if (!names.some(Boolean) || unitAlone(rules, kind)) return true;
+    const parts = names.map((name) => [name.slice(0, Math.max(name.lastIndexOf(" "), 0)), name.slice(name.lastIndexOf(" ") + 1)]);
+    const isOfAxes = parts.map(([, axis]) => axis).join("") === "xyz" && new Set(parts.map(([stem]) => stem)).size === 1;
+    return isOfAxes && !prints.names.meaning(names[0]).kind && !rules.QUANTITY.test(names[0]);
+}
+
+/**
+ * The unit behind the last three numbers, where no label is before them: `1 2 3 mT`.
+ * @param {Constants} rules
+ * @param {string[]} kind
+ */
+function unitAlone(rules, kind) {
+    const units = new Set(kind.slice(-rules.PLAIN.length));
+    const [unit] = units;
+    return units.size === 1 && unit.startsWith(" (") ? unit : "";
+}
+
+/**
+ * Whether lines are of two or three sensors in turn: each is like the next of its own, or as strong.
+ * @param {Constants} rules
+ * @param {number[][]} rows
+ */
+function alternates(rules, rows) {
+    if (rows.length < rules.LEAST_TURNS) return false;
+    const step = (/** @type {number} */ after) =>
+        median(rows.slice(after).map((row, i) => row.reduce((sum, value, axis) => sum + Math.abs(value - rows[i][axis]), 0)));
+    const [next, second, third] = [1, 2, 3].map(step);
+    const strengths = rows.map((row) => Math.hypot(...row));
+    const isUneven = [2, 3].some((count) => {
+        const each = Array.from({ length: count }, (_, start) => median(strengths.filter((_, i) => i % count === start)));
+        return Math.max(...each) > rules.UNEVEN * Math.min(...each);
+    });
+    return (rows.length >= rules.MANY_TURNS && isUneven) || Math.min(second, third) < rules.ALIKE * next;
+}
+
+/**
+ * Names of numbers, of which a first without a label is the time where it ascends and does not just count.
+ * @param {Prints} prints
+ * @param {string[]} kind
+ * @param {string[][]} rows
+ */
+function timed(prints, kind, rows) {
+    if (kind[0]) return [...kind];
+    const first = rows.map((row) => Number(row[0]));
+    const steps = new Set(first.slice(1).map((value, i) => value - first[i]));
+    const isTime = steps.size > 0 && Math.min(...steps) > 0 && !(steps.size === 1 && steps.has(1));
+    return isTime ? ["time", ...kind.slice(1)] : [...kind];
+}

@@ -1,0 +1,198 @@
+/**
+ * The C engine in the browser: readings in, the record of a fit out, the same numbers as those of the library.
+ *
+ * The module imports nothing. What it works on lies in its memory behind `__heap_base`: options, a record, and for each
+ * call readings, times and a workspace. Where fields of a struct lie is data, taken from flinders.h when the page is made.
+ */
+
+/**
+ * Where the fields of a struct lie: its bytes, and of each field the offset, the kind (i4, i8, f8) and the count.
+ * @typedef {{size: number, fields: Record<string, [number, "i4" | "i8" | "f8", number]>}} Layout
+ */
+
+/**
+ * A record of the engine by the names of `flinders_record`; arrays where a field has several numbers.
+ * @typedef {Record<string, number> & Record<ArrayField, number[]>} Fitted
+ * @typedef {"end_counts" | "swaps" | "first_swap" | "centre" | "shape" | "covariance" | "textbook" | "majority_centre" |
+ *     "majority_shape" | "mean" | "principal_variances" | "lowest" | "highest" | "hole" | "drift_offset" |
+ *     "nonlinearity" | "axis_lag" | "sums" | "sums_origin"} ArrayField
+ */
+
+/**
+ * Options of a fit that differ from their defaults.
+ * @typedef {object} FitOptions
+ * @property {number} [dipDeg] Inclination of the field, -89 to 89.
+ * @property {number} [robust] Reject outliers: 0 never, 1 where residuals ask for it, 2 always.
+ * @property {boolean} [hasStatistics] Look at the recording as a whole, too.
+ */
+
+const ALIGNED = 16;
+const PAGE = 65_536;
+
+/** @type {Record<string, (view: DataView, at: number) => number>} */
+const READ = {
+    i4: (view, at) => view.getInt32(at, true),
+    i8: (view, at) => Number(view.getBigInt64(at, true)),
+    f8: (view, at) => view.getFloat64(at, true),
+};
+
+/**
+ * Load the engine.
+ * @param {URL | ArrayBuffer | Uint8Array<ArrayBuffer>} source Address of the module, or its bytes.
+ * @param {{record: Layout, options: Layout}} layouts
+ * @returns {Promise<Engine>}
+ */
+export async function loadEngine(source, layouts) {
+    const bytes = source instanceof URL ? await fetched(source) : source;
+    const { instance } = await WebAssembly.instantiate(bytes, {});
+    return new Engine(instance, layouts);
+}
+
+/**
+ * @param {URL} address
+ * @returns {Promise<ArrayBuffer>}
+ */
+async function fetched(address) {
+    const answer = await fetch(address);
+    if (!answer.ok) throw new Error(`the engine cannot be loaded: ${address.pathname} gave ${answer.status}`);
+    return answer.arrayBuffer();
+}
+
+export class Engine {
+    /**
+     * @param {WebAssembly.Instance} instance
+     * @param {{record: Layout, options: Layout}} layouts
+     */
+    constructor(instance, layouts) {
+        const exports = /** @type {any} */ (instance.exports);
+        exports._initialize();
+        /** @type {Record<string, (...numbers: number[]) => number>} */
+        this.call = exports;
+        /** @type {WebAssembly.Memory} */
+        this.memory = exports.memory;
+        this.layouts = layouts;
+        if (exports.flinders_record_size() !== layouts.record.size) {
+            throw new Error("the engine is of another release than the page: load the page anew");
+        }
+        this.options = aligned(exports.__heap_base.value);
+        this.record = aligned(this.options + layouts.options.size);
+        this.free = aligned(this.record + layouts.record.size);
+    }
+
+    /**
+     * Fit one recording.
+     * @param {Float64Array} field Three numbers a reading.
+     * @param {Float64Array | null} time Seconds, or null.
+     * @param {FitOptions} [options]
+     * @returns {Fitted} With `status` 0, or why there is none: see `message`.
+     */
+    fit(field, time, options = {}) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [fieldAt, timeAt, workspace] = this.#placed([field.byteLength, time?.byteLength ?? 0, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        if (time) new Float64Array(this.memory.buffer, timeAt, rows).set(time);
+        this.#choose(options);
+        this.call.flinders_fit(fieldAt, time ? timeAt : 0, rows, this.options, workspace, size, this.record);
+        return this.#decoded();
+    }
+
+    /**
+     * A steady change about a known ellipsoid: fills `drift_...` of a record.
+     * @param {Float64Array} field
+     * @param {number[]} centre
+     * @param {number[]} shape
+     * @param {number} dipDeg
+     * @returns {Fitted}
+     */
+    drift(field, centre, shape, dipDeg) {
+        const rows = field.length / 3;
+        const size = this.call.flinders_workspace_size(rows);
+        const [fieldAt, surface, workspace] = this.#placed([field.byteLength, 72, size]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        new Float64Array(this.memory.buffer, surface, 9).set([...centre, ...shape]);
+        this.call.flinders_drift(fieldAt, rows, surface, surface + 24, dipDeg, workspace, size, this.record);
+        return this.#decoded();
+    }
+
+    /**
+     * Distances of readings from an ellipsoid, outside positive.
+     * @param {Float64Array} field
+     * @param {number[]} centre
+     * @param {number[]} shape
+     * @returns {Float64Array}
+     */
+    distances(field, centre, shape) {
+        const rows = field.length / 3;
+        const [fieldAt, out] = this.#placed([field.byteLength, 8 * rows]);
+        new Float64Array(this.memory.buffer, fieldAt, field.length).set(field);
+        this.#put("centre", centre);
+        this.#put("shape", shape);
+        this.call.flinders_distances(fieldAt, rows, this.record, out);
+        return new Float64Array(this.memory.buffer, out, rows).slice();
+    }
+
+    /**
+     * A status in words.
+     * @param {number} status
+     * @returns {string}
+     */
+    message(status) {
+        const bytes = new Uint8Array(this.memory.buffer, this.call.flinders_message(status));
+        return new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
+    }
+
+    /**
+     * Addresses of parts of memory of so many bytes each, which are there then.
+     * @param {number[]} sizes
+     * @returns {number[]}
+     */
+    #placed(sizes) {
+        let end = this.free;
+        const places = sizes.map((size) => {
+            const at = end;
+            end = aligned(at + size);
+            return at;
+        });
+        const missing = end - this.memory.buffer.byteLength;
+        if (missing > 0) this.memory.grow(Math.ceil(missing / PAGE));
+        return places;
+    }
+
+    /** @param {FitOptions} options */
+    #choose({ dipDeg, robust, hasStatistics }) {
+        this.call.flinders_default_options(this.options);
+        const { fields } = this.layouts.options;
+        const view = new DataView(this.memory.buffer, this.options);
+        if (dipDeg !== undefined) view.setFloat64(fields.dip_deg[0], dipDeg, true);
+        if (robust !== undefined) view.setInt32(fields.robust[0], robust, true);
+        if (hasStatistics !== undefined) view.setInt32(fields.statistics[0], Number(hasStatistics), true);
+    }
+
+    /**
+     * @param {string} name
+     * @param {number[]} numbers
+     */
+    #put(name, numbers) {
+        new Float64Array(this.memory.buffer, this.record + this.layouts.record.fields[name][0], numbers.length).set(numbers);
+    }
+
+    /** @returns {Fitted} */
+    #decoded() {
+        const view = new DataView(this.memory.buffer, this.record);
+        const fields = Object.entries(this.layouts.record.fields).map(([name, [offset, kind, count]]) => {
+            const width = kind === "i4" ? 4 : 8;
+            const numbers = Array.from({ length: count || 1 }, (_, i) => READ[kind](view, offset + i * width));
+            return [name, count ? numbers : numbers[0]];
+        });
+        return Object.fromEntries(fields);
+    }
+}
+
+/**
+ * @param {number} address
+ * @returns {number}
+ */
+function aligned(address) {
+    return Math.ceil(address / ALIGNED) * ALIGNED;
+}

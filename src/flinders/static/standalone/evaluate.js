@@ -1,0 +1,105 @@
+/** A fit of what the page shows, its verdict and what speaks against it: `flinders.live.evaluation.evaluate`. */
+
+import { Fit, fitOf } from "./fit.js";
+import { guided } from "./path.js";
+import { ofFit, ofMotion, ofRefusal } from "./reasons.js";
+import { judge, verdictOf } from "./verdict.js";
+import { viewOf } from "./view.js";
+
+/** @typedef {import("../messages.d.ts").Reason} Reason */
+/** @typedef {import("../messages.d.ts").View} View */
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
+/** @typedef {import("./engine.js").Engine} Engine */
+/** @typedef {import("./verdict.js").Finding} Finding */
+
+/**
+ * What a person asks of a fit.
+ * @typedef {object} Wish
+ * @property {import("./guidance.js").Goal} goal
+ * @property {ArrayLike<number> | null} [numbers] Which reading of the session each of them is.
+ * @property {boolean} [isFollowed] Somebody turns the sensor just now, and may be led.
+ */
+
+/**
+ * The readings that are not excluded, and what a person asks of them.
+ * @typedef {import("./fit.js").Request & Wish} Asked
+ */
+
+/**
+ * What came of it.
+ * @typedef {object} Evaluated
+ * @property {View | null} view
+ * @property {Reason[]} reasons Warnings first.
+ * @property {string} refusal Why there is no fit.
+ * @property {string[]} alarms Codes of warnings that more turning may end.
+ * @property {number} used
+ * @property {number} rejected
+ * @property {number} coverage Share of the sphere that has been seen.
+ * @property {object | null} record The part `fit` of a calibration file; null where there is no calibration to use.
+ */
+
+/**
+ * @param {Engine} engine
+ * @param {EngineData} data
+ * @param {Asked} asked
+ * @returns {Evaluated}
+ */
+export function evaluate(engine, data, asked) {
+    const { field, goal, numbers = null, isFollowed = false } = asked;
+    const time = asked.time ?? Float64Array.from({ length: field.length / 3 }, (_, i) => i);
+    const fit = fitOf(engine, data, asked);
+    const readings = { field, time };
+    if (!(fit instanceof Fit)) {
+        const reasons = ofRefusal(fit).concat(ofMotion(readings, null, false, data));
+        return { view: null, reasons: ordered(reasons), refusal: fit.words, alarms: [], used: 0, rejected: 0, coverage: 0, record: null };
+    }
+    const findings = judge(fit);
+    const view = viewOf(fit, findings, { field, numbers, goal });
+    const isFlat = findings.some(({ code }) => code === "one-plane");
+    const found = ofFit(fit, findings, readings);
+    const alarms = found.filter(({ severity, code }) => severity === "warning" && !data.at_once.includes(code));
+    const used = view.tiles_seen.reduce((sum, count) => sum + count, 0) || time.length;
+    return {
+        view: isFollowed ? guided(view, fit, readings, isFlat, goal) : view,
+        reasons: ordered([...ofMotion(readings, fit, isFlat, data), ...found]),
+        refusal: "",
+        alarms: alarms.map(({ code }) => code),
+        used,
+        rejected: time.length - used,
+        coverage: fit.record.coverage,
+        record: view.verdict === "refused" ? null : recordOf(fit, findings, view),
+    };
+}
+
+/**
+ * @param {Reason[]} reasons
+ * @returns {Reason[]}
+ */
+function ordered(reasons) {
+    return reasons.sort((one, other) => Number(one.severity !== "warning") - Number(other.severity !== "warning"));
+}
+
+/**
+ * What a calibration file says of a fit, as `flinders.core.calibration_file.Fitted`.
+ * @param {Fit} fit
+ * @param {Finding[]} findings
+ * @param {View} view
+ * @returns {object}
+ */
+function recordOf(fit, findings, view) {
+    const { covariance, data, record } = fit;
+    const known = (/** @type {number} */ number) => (Number.isFinite(number) ? number : null);
+    const [x, y, z] = record.hole.map((part) => Number(part.toFixed(4)));
+    return {
+        method: fit.method,
+        samples: fit.samples,
+        noise: known(fit.noise),
+        covariance_of: data.parameters,
+        covariance: data.parameters.map((_, i) => Array.from(covariance.slice(9 * i, 9 * i + 9))),
+        verdict: verdictOf(findings),
+        heading_error_deg: view.heading_error_deg,
+        coverage: { fraction: record.coverage, hole_deg: Number(record.hole_deg.toFixed(3)), hole_x: x, hole_y: y, hole_z: z },
+        findings: findings.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),
+        ...(view.condition ? { conditions: data.conditions } : {}),
+    };
+}

@@ -1,0 +1,67 @@
+/** Fits in a worker of their own, so that none blocks drawing. */
+
+/** @typedef {import("./session.js").Evaluated} Evaluated */
+/** @typedef {import("./session.js").Task} Task */
+/** @typedef {{evaluated: Evaluated, seconds: number}} Timed */
+
+export class Fitter {
+    /**
+     * @param {string} script  address of the worker
+     * @param {string} address  of the engine
+     * @param {import("./data.d.ts").EngineData} data
+     */
+    constructor(script, address, data) {
+        /** @type {Map<number, {task: Task, done: (timed: Timed) => void}>} */
+        this.running = new Map();
+        this.asked = 0;
+        this.failure = "";
+        this.worker = new Worker(script, { type: "module" });
+        this.worker.addEventListener("message", ({ data }) => this.#answered(data));
+        this.worker.addEventListener("error", (event) => this.#fail(event.message || "its script cannot be loaded"));
+        this.worker.postMessage({ address, data });
+    }
+
+    /**
+     * Fit, and say how long that took. A fault of ours is a refusal that says so.
+     * @param {Task} task
+     * @returns {Promise<Timed>}
+     */
+    fit(task) {
+        if (this.failure) return Promise.resolve(refused(task, this.failure));
+        const number = ++this.asked;
+        return new Promise((done) => {
+            this.running.set(number, { task, done });
+            this.worker.postMessage({ number, task });
+        });
+    }
+
+    /** @param {{number: number, fault?: string} & Timed} answer */
+    #answered({ number, fault, evaluated, seconds }) {
+        const asked = this.running.get(number);
+        if (!asked) return;
+        this.running.delete(number);
+        asked.done(fault === undefined ? { evaluated, seconds } : refused(asked.task, faultOf(fault)));
+    }
+
+    /** @param {string} words  why the worker cannot run */
+    #fail(words) {
+        this.failure = faultOf(words);
+        for (const { task, done } of this.running.values()) done(refused(task, this.failure));
+        this.running.clear();
+    }
+}
+
+/** @param {string} words @returns {string} What to say of a fault that is none of the readings. */
+function faultOf(words) {
+    return `these readings could not be fitted in this browser (${words}): save them, and use flinders calibrate`;
+}
+
+/**
+ * @param {Task} task
+ * @param {string} refusal
+ * @returns {Timed}
+ */
+function refused({ key }, refusal) {
+    const evaluated = { key, view: null, refusal, reasons: [], used: 0, rejected: 0, coverage: 0, alarms: [], record: null, previous: null };
+    return { evaluated, seconds: 1 };
+}

@@ -1,0 +1,136 @@
+/**
+ * Readings of a board in the browser's database, so that loading the page again, or a crash, loses none.
+ *
+ * One page of an address has them at a time; another one that is open beside it keeps nothing.
+ */
+
+/** @typedef {import("./buffer.js").ReadingBuffer} ReadingBuffer */
+/** @typedef {import("../messages.d.ts").SourceState["kind"]} Kind */
+/** @typedef {{name: string, kind: Kind, unit: import("./session.js").Unit}} Of */
+/** @typedef {Of & {time: Float64Array, field: Float64Array}} Kept */
+
+const NAME = "flinders-readings";
+const WRITE_MS = 1000;
+
+export class Keeper {
+    /** @param {IDBDatabase | null} database  Null where the browser has none for us. */
+    constructor(database) {
+        this.database = database;
+        /** @type {Kept[]} */
+        this.waiting = [];
+        this.timer = 0;
+        /** Called where the browser has no more room. */
+        this.onFull = () => {};
+    }
+
+    /** @returns {Promise<Keeper>} */
+    static async open() {
+        try {
+            const isFirst = await locked(NAME);
+            return new Keeper(isFirst ? await opened(NAME) : null);
+        } catch {
+            return new Keeper(null); // storage may be switched off
+        }
+    }
+
+    get isOpen() {
+        return this.database !== null;
+    }
+
+    /**
+     * Keep the readings of a buffer from a number on; within a second they are in the database.
+     * @param {Of} of  the source
+     * @param {ReadingBuffer} buffer
+     * @param {number} before
+     */
+    add(of, buffer, before) {
+        if (!this.database) return;
+        const from = Math.ceil(before / buffer.stride);
+        this.waiting.push({ ...of, time: buffer.time.slice(from), field: buffer.field.slice(3 * from) });
+        this.timer ||= window.setTimeout(() => this.write(), WRITE_MS);
+    }
+
+    /** Write what waits. */
+    write() {
+        window.clearTimeout(this.timer);
+        this.timer = 0;
+        const { waiting } = this;
+        this.waiting = [];
+        if (!this.database || waiting.length === 0) return;
+        const transaction = this.database.transaction(NAME, "readwrite");
+        transaction.objectStore(NAME).add(united(waiting));
+        transaction.addEventListener("abort", () => {
+            this.database = null;
+            this.onFull();
+        });
+    }
+
+    /** Forget all of them. */
+    clear() {
+        this.waiting = [];
+        this.database?.transaction(NAME, "readwrite").objectStore(NAME).clear();
+    }
+
+    /** @returns {Promise<Kept | null>} All that are here; null where there are none. */
+    async readings() {
+        if (!this.database) return null;
+        const parts = /** @type {Kept[]} */ (await answer(this.database.transaction(NAME).objectStore(NAME).getAll()));
+        return parts.length > 0 ? united(parts) : null;
+    }
+}
+
+/** @param {Kept[]} parts @returns {Kept} */
+function united(parts) {
+    return { ...parts[0], time: joined(parts.map(({ time }) => time)), field: joined(parts.map(({ field }) => field)) };
+}
+
+/**
+ * @param {Float64Array[]} parts
+ * @returns {Float64Array}
+ */
+function joined(parts) {
+    const all = new Float64Array(parts.reduce((sum, { length }) => sum + length, 0));
+    let at = 0;
+    for (const part of parts) {
+        all.set(part, at);
+        at += part.length;
+    }
+    return all;
+}
+
+/**
+ * Lock a name until the page is closed.
+ * @param {string} name
+ * @returns {Promise<boolean>}  False where another page has it.
+ */
+function locked(name) {
+    return new Promise((done, failed) => {
+        const whileOpen = (/** @type {Lock | null} */ lock) => {
+            done(lock !== null);
+            return lock === null ? Promise.resolve() : new Promise(() => {});
+        };
+        navigator.locks.request(name, { ifAvailable: true }, whileOpen).catch(failed);
+    });
+}
+
+/**
+ * @param {string} name
+ * @returns {Promise<IDBDatabase>}
+ */
+function opened(name) {
+    const request = indexedDB.open(name, 1);
+    request.addEventListener("upgradeneeded", () => request.result.createObjectStore(name, { autoIncrement: true }));
+    return answer(request);
+}
+
+/**
+ * @template T
+ * @param {IDBRequest<T>} request
+ * @returns {Promise<T>}
+ */
+function answer(request) {
+    return new Promise((done, failed) => {
+        request.addEventListener("success", () => done(request.result));
+        request.addEventListener("error", () => failed(request.error));
+    });
+}

@@ -1,0 +1,526 @@
+/**
+ * What boards print and what text logs hold, as readings.
+ *
+ * The first lines decide how all are read, as in `flinders.live.transcript` and `flinders.readers.text`, whose rows are in
+ * `page.json` under `lines`.
+ */
+
+import { hexadecimal, jsonLines, labelled, marked, parsed, stamped } from "./dialects.js";
+import { Names } from "./names.js";
+import { revived, whole } from "./patterns.js";
+import { Prints } from "./printed.js";
+import { Tables, Unreadable } from "./tables.js";
+
+/** @typedef {import("./dialects.js").Dialect} Dialect */
+/** @typedef {import("./patterns.js").Rules} Rules */
+/** @typedef {import("./tables.js").Columns} Columns */
+
+/**
+ * A reading: seconds, null where the line has no time, and the field in the unit of the reader.
+ * @typedef {{time: number | null, field: [number, number, number]}} Reading
+ */
+
+/**
+ * A log: (3N) field in `unit`, (N) times in s or null, and what was recognised.
+ * @typedef {{field: Float64Array, time: Float64Array | null, unit: "uT" | "counts", raw: Form["raw"],
+ *     words: string[]}} Log
+ */
+
+/** Bytes of a log; a larger one takes the command line. */
+const LARGEST = 64 << 20;
+/** Lines by which a log is recognised: a block of them. */
+const OPENING = 8192;
+/** Lines that a wire has brought, by which they are recognised. */
+const REMEMBERED = 20;
+
+/**
+ * How lines become readings.
+ * @typedef {object} Form
+ * @property {string} words
+ * @property {"uT" | "counts"} unit
+ * @property {{unit: string, scale: number}} raw The recorded unit, and what one of it is in `unit`.
+ * @property {boolean} isTimed
+ * @property {(line: string) => Reading | null | undefined} reading Null for another line, undefined for one without a reading.
+ */
+
+/** @type {WeakMap<object, Language>} */
+const languages = new WeakMap();
+
+/**
+ * The language of lines; made once of the data of a page.
+ * @param {{lines: object}} data
+ * @returns {Language}
+ */
+function languageOf(data) {
+    let language = languages.get(data);
+    if (!language) languages.set(data, (language = new Language(revived(data.lines))));
+    return language;
+}
+
+class Language {
+    /** @param {Rules} rules */
+    constructor(rules) {
+        this.rules = rules;
+        this.prints = new Prints(rules, new Names(rules));
+        this.tables = new Tables(rules, this.prints);
+    }
+
+    /**
+     * How lines are written.
+     * @param {string[]} lines
+     * @returns {Form}
+     * @throws {Unreadable}
+     */
+    form(lines) {
+        const dialect = this.recognised(lines);
+        try {
+            return dialect ? this.ofDialect(dialect, lines) : this.ofTable(lines);
+        } catch (error) {
+            const guess = error instanceof Unreadable && !dialect ? this.guessed(lines) : null;
+            if (!guess) throw error;
+            return this.ofDialect(guess, lines);
+        }
+    }
+
+    /**
+     * The dialect whose signs lines bear; null for a table.
+     * @param {string[]} lines
+     * @returns {Dialect | null}
+     */
+    recognised(lines) {
+        const { layout, marked: programs, json, wrapped } = this.rules;
+        const tried = lines.slice(0, layout.TRIED);
+        const below = lines.slice(layout.HEADING, layout.TRIED);
+        if (below.length && below.every((line) => whole(layout._PLAIN, line))) return null;
+        const has = (/** @type {RegExp} */ sign) => tried.some((line) => sign.test(line));
+        const behind = (/** @type {string[]} */ rest) => this.recognised(rest);
+        const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
+        return (
+            (lines.some((line) => programs.SIGN.test(line)) && marked(this.prints, programs, lines)) ||
+            (has(layout._OPENS_JSON) && jsonLines(this.prints, json, tried)) ||
+            (has(layout._CLOCK) && stamped(wrapped, tried, behind, table, true)) ||
+            (has(wrapped.LETTERED_WORD) && hexadecimal(wrapped, tried, (rest) => this.labelled(rest))) ||
+            (has(layout._LETTER) && labelled(this.prints, this.rules.labelled, tried, true)) ||
+            null
+        );
+    }
+
+    /**
+     * A dialect of lines that are no table either.
+     * @param {string[]} lines
+     */
+    guessed(lines) {
+        const table = (/** @type {string[]} */ rest) => this.tableRows(rest);
+        return (
+            stamped(this.rules.wrapped, lines, (rest) => this.recognised(rest), table, false) ??
+            stamped(this.rules.wrapped, lines, (rest) => this.labelled(rest), table, false) ??
+            labelled(this.prints, this.rules.labelled, lines, false)
+        );
+    }
+
+    /** @param {string[]} lines */
+    labelled(lines) {
+        const rules = this.rules.labelled;
+        return labelled(this.prints, rules, lines, true) ?? labelled(this.prints, rules, lines, false);
+    }
+
+    /**
+     * Rows of a table, as behind time stamps.
+     * @param {string[]} lines
+     * @returns {Dialect | null}
+     */
+    tableRows(lines) {
+        let layout;
+        try {
+            layout = this.tables.laidOut(lines);
+        } catch (error) {
+            if (error instanceof Unreadable) return null;
+            throw error;
+        }
+        const { delimiter, decimal, width, header } = layout;
+        const nameless = width === 3 ? ["x", "y", "z"] : Array.from({ length: width }, (_, i) => `${i + 1}`);
+        /** @type {Dialect} */
+        const rows = {
+            words: `${this.rules.layout.SPOKEN[delimiter]}-separated numbers`,
+            names: header.length ? header : nameless,
+            row: (line) => {
+                const cells = this.cells(line, layout) && this.prints.split(line, delimiter).slice(0, width || undefined);
+                return cells && cells.map((cell) => cell.trim().replace(decimal, "."));
+            },
+            fresh: () => rows,
+        };
+        return rows;
+    }
+
+    /**
+     * @param {Dialect} dialect
+     * @param {string[]} lines
+     * @returns {Form}
+     */
+    ofDialect(dialect, lines) {
+        const trial = dialect.fresh();
+        const rows = lines.map((line) => trial.row(line) ?? []).filter((row) => row.length).slice(0, this.rules.layout.SAMPLED);
+        if (!rows.length) throw new Unreadable(`they are ${dialect.words} without a line of a magnetometer`);
+        const columns = this.tables.columns(dialect.names, rows.map((row) => row.map((cell) => this.prints.number(cell) ?? NaN)));
+        this.tables.refuseOthers(dialect.names, rows, columns, ".");
+        const own = dialect.fresh();
+        return this.formOf(dialect.words, columns, (line) => {
+            const row = own.row(line);
+            return row?.length ? row.map((cell) => this.prints.number(cell) ?? NaN) : row && undefined;
+        });
+    }
+
+    /**
+     * @param {string[]} lines
+     * @returns {Form}
+     */
+    ofTable(lines) {
+        const layout = this.tables.laidOut(lines);
+        const separated = `${this.rules.layout.SPOKEN[layout.delimiter]}-separated`;
+        return this.formOf(`lines of numbers, ${separated}`, layout.columns, (line) => {
+            if (!line.trim() || this.prints.isComment(line) || line === layout.headerText) return undefined;
+            return this.cells(line, layout);
+        });
+    }
+
+    /**
+     * The numbers of a row of a table; null for another line.
+     * @param {string} line
+     * @param {import("./tables.js").Layout} layout
+     * @returns {number[] | null}
+     */
+    cells(line, { delimiter, decimal, width, columns }) {
+        const cells = this.prints.split(line, delimiter);
+        if (width ? !this.prints.fits(cells, width) : cells.length <= Math.max(...columns.field)) return null;
+        if (columns.field.some((cell) => this.prints.number(cells[cell], decimal) === null)) return null;
+        return cells.map((cell) => this.prints.number(cell, decimal) ?? NaN);
+    }
+
+    /**
+     * @param {string} words
+     * @param {Columns} columns
+     * @param {(line: string) => number[] | null | undefined} numbers
+     * @returns {Form}
+     */
+    formOf(words, columns, numbers) {
+        const { PER_UNIT, COUNTS } = this.rules.units;
+        const { field, time, unit, names } = columns;
+        const scale = PER_UNIT[unit] ?? 1;
+        const timed = time ? `, time in ${time.name}` : "";
+        return {
+            words: `${words}: columns ${names.join(", ")} in ${unit}${timed}`,
+            unit: unit === COUNTS ? "counts" : "uT",
+            raw: { unit, scale },
+            isTimed: time !== null,
+            reading: (line) => {
+                const row = numbers(line);
+                if (!row) return row;
+                const [x, y, z] = field.map((cell) => row[cell] * scale);
+                return Number.isFinite(x + y + z) ? { time: secondsOf(time, row), field: [x, y, z] } : undefined;
+            },
+        };
+    }
+}
+
+/**
+ * @param {Columns["time"]} time
+ * @param {number[]} row
+ * @returns {number | null}
+ */
+function secondsOf(time, row) {
+    if (!time) return null;
+    const seconds = (row[time.cell] - time.start) * time.factor;
+    const all = time.fraction === null ? seconds : seconds + 1e-9 * row[time.fraction];
+    return Number.isFinite(all) ? all : null;
+}
+
+/**
+ * Readings of what a board prints, piece by piece.
+ *
+ * Lines wait until it can be recognised how they are written: twenty of them, or those of the first second.
+ */
+export class LineReader {
+    /** @param {{lines: object}} data `page.json`. */
+    constructor(data) {
+        this.language = languageOf(data);
+        this.rules = this.language.rules.transcript;
+        /** @type {Form | null} */
+        this.form = null;
+        this.isTimed = false;
+        this.rest = "";
+        this.isCut = true;
+        this.isDropping = false;
+        /** @type {{line: string, at: number | null}[]} */
+        this.waiting = [];
+        /** @type {string[]} */
+        this.before = [];
+        /** @type {number | null} */
+        this.last = null;
+        this.readings = 0;
+        this.unknown = 0;
+        this.unlike = 0;
+        this.example = "";
+        this.heard = false;
+    }
+
+    /** Unit of the readings; empty while it is not known. */
+    get unit() {
+        return this.form?.unit ?? "";
+    }
+
+    /** The recorded unit, and what one of it is in `unit`. */
+    get raw() {
+        return this.form?.raw ?? { unit: this.unit, scale: 1 };
+    }
+
+    /** How lines are written, for people; empty while that is not known. */
+    get words() {
+        return this.form?.words ?? "";
+    }
+
+    /**
+     * What to do where readings do not come, or no longer; empty where there is nothing to say.
+     * @returns {string}
+     */
+    get advice() {
+        if (this.unlike >= this.rules.UNLIKE) {
+            return `the last ${this.unlike} lines are not like the first ones: the latest is '${this.example}'; connect again`;
+        }
+        if (this.readings) return "";
+        if (!this.heard) {
+            return "nothing arrives: see that the sensor is on and prints its readings, and that the baud rate is right";
+        }
+        if (!this.example) {
+            return "what arrives has no line end: check the baud rate, and that the sketch prints each reading on a line (println)";
+        }
+        const what = `no line of three numbers that can be read ('${this.example}')`;
+        return `what arrives has ${what}: check the baud rate, and what the sketch prints`;
+    }
+
+    /**
+     * Take what has arrived, also nothing, so that waiting lines are read in time.
+     * @param {string} text
+     * @param {number | null} [at] Seconds since the start; the time of readings whose lines have none.
+     * @returns {{rows: Reading[], unit: "uT" | "counts" | ""}}
+     */
+    take(text, at = null) {
+        this.heard ||= text.length > 0;
+        const lines = (this.rest + text).split(/[\r\n]+/);
+        this.rest = lines.pop() ?? "";
+        for (const line of lines) this.queue(line, at);
+        if (this.rest.length > this.rules.LONGEST) {
+            this.isDropping = true;
+            this.rest = "";
+        }
+        if (!this.form && this.isEnough(at)) this.settle();
+        /** @type {Reading[]} */
+        const rows = [];
+        if (!this.form) return { rows, unit: "" };
+        for (const { line, at: arrived } of this.waiting.splice(0)) {
+            const reading = this.read(line, arrived);
+            if (reading) rows.push(reading);
+        }
+        return { rows, unit: this.form.unit };
+    }
+
+    /**
+     * @param {string} line
+     * @param {number | null} at
+     */
+    queue(line, at) {
+        const isWhole = !this.isDropping && line.length <= this.rules.LONGEST;
+        const bare = line.replace(/^[\ufeff\0]+|[\ufeff\0]+$/g, "");
+        const isCut = this.isCut && isUnmarked(this.language, bare);
+        this.isDropping = false;
+        if (!bare.trim()) return;
+        this.isCut = false;
+        if (isWhole && !isCut) this.waiting.push({ line: bare, at });
+        else if (!isWhole) this.note(bare);
+    }
+
+    /** @param {number | null} at */
+    isEnough(at) {
+        const first = this.waiting[0]?.at ?? null;
+        const isLate = at !== null && first !== null && at - first >= this.rules.SETTLE_S;
+        return this.waiting.length >= this.rules.ENOUGH || isLate;
+    }
+
+    settle() {
+        const lines = this.waiting.map(({ line }) => line);
+        const all = [...this.before, ...lines];
+        try {
+            const trial = this.language.form(all);
+            const times = all.flatMap((line) => trial.reading(line) ?? []).map(({ time }) => time ?? NaN);
+            if (!times.length) throw new Unreadable("no line has a reading");
+            this.isTimed = trial.isTimed && ascend(times);
+            this.form = this.language.form(all); // its trial remembers parts of a reading
+        } catch (error) {
+            if (!(error instanceof Unreadable)) throw error;
+            lines.forEach((line) => this.note(line));
+            this.before = [...this.before, ...lines].slice(-REMEMBERED);
+            this.waiting = [];
+        }
+    }
+
+    /**
+     * @param {string} line
+     * @param {number | null} at
+     * @returns {Reading | null}
+     */
+    read(line, at) {
+        const reading = this.form?.reading(line);
+        if (!reading) {
+            if (reading === null && !this.language.prints.isComment(line)) this.note(line);
+            return null;
+        }
+        this.unlike = 0;
+        this.readings++;
+        return this.isTimed ? reading : { field: reading.field, time: this.arrival(at) };
+    }
+
+    /**
+     * The time of a reading whose line has none; those that arrive together differ by a step.
+     * @param {number | null} at
+     */
+    arrival(at) {
+        if (at === null) return null;
+        this.last = this.last === null ? at : Math.max(at, this.last + this.rules.STEP_S);
+        return Number(this.last.toFixed(4));
+    }
+
+    /** @param {string} line */
+    note(line) {
+        this.unknown++;
+        this.unlike += Number(this.form !== null);
+        this.example = line.trim().slice(0, this.language.rules.tokenizer.CUT);
+    }
+}
+
+/**
+ * Whether times do what a clock does; `T_C` may be a temperature.
+ * @param {number[]} times
+ */
+function ascend(times) {
+    const isOrdered = times.every((time, i) => i === 0 || !(time < times[i - 1]));
+    return isOrdered && (times.length < 2 || times[times.length - 1] > times[0]);
+}
+
+/**
+ * Whether the start of a line may be missing: it is all numbers, and `17,4,-586` may have been 217.
+ * @param {Language} language
+ * @param {string} line
+ */
+function isUnmarked(language, line) {
+    return line.trim().split(/[\s,;]+/).every((cell) => language.prints.number(cell) !== null);
+}
+
+/**
+ * The readings of a text log.
+ * @param {{lines: object}} data `page.json`.
+ * @param {string} name Of the file.
+ * @param {Uint8Array} bytes
+ * @returns {Log}
+ * @throws {Unreadable} For what is no text log with a magnetometer; says what to do.
+ */
+export function readLog(data, name, bytes) {
+    const language = languageOf(data);
+    refuseForeign(language.rules.files, name, bytes);
+    const lines = linesOf(language, decoded(bytes));
+    const form = language.form(lines.slice(0, OPENING));
+    const readings = [];
+    let [unknown, example] = [0, ""];
+    for (const [place, line] of lines.entries()) {
+        const reading = form.reading(line);
+        if (reading) readings.push(reading);
+        if (reading !== null || !line.trim()) continue;
+        example ||= `line ${place + 1}: '${line.trim().slice(0, language.rules.tokenizer.CUT)}'`;
+        unknown++;
+    }
+    if (!readings.length) {
+        throw new Unreadable(`no usable reading in ${name}: need finite x, y and z; check the sensor and its wiring`);
+    }
+    const hasTimes = readings.every(({ time }) => time !== null);
+    const others = unknown ? [`${unknown} other ${unknown === 1 ? "line" : "lines"} (${example})`] : [];
+    return {
+        field: Float64Array.from(readings.flatMap(({ field }) => field)),
+        time: hasTimes ? Float64Array.from(readings, ({ time }) => time ?? NaN) : null,
+        unit: form.unit,
+        raw: form.raw,
+        words: [`${name}: ${form.words}`, `${readings.length.toLocaleString("en")} readings`, ...others],
+    };
+}
+
+/**
+ * @param {Uint8Array} bytes
+ * @returns {string}
+ */
+function decoded(bytes) {
+    if (isWide(bytes)) return new TextDecoder(bytes[0] === 0xff ? "utf-16le" : "utf-16be").decode(bytes);
+    try {
+        return new TextDecoder("utf-8", { fatal: true }).decode(bytes);
+    } catch {
+        return new TextDecoder("latin1").decode(bytes);
+    }
+}
+
+/**
+ * Whether bytes begin with the mark of UTF-16.
+ * @param {Uint8Array} bytes
+ */
+function isWide([first, second]) {
+    return (first === 0xff && second === 0xfe) || (first === 0xfe && second === 0xff);
+}
+
+/**
+ * Lines of a text; records of a JSON document, and datagrams without line ends, have one each.
+ * @param {Language} language
+ * @param {string} text
+ * @returns {string[]}
+ */
+function linesOf({ rules }, text) {
+    if (rules.marked.GLUED.test(text)) return text.replaceAll("*", "*\n").split(/\r\n|\n|\r/);
+    const document = /^\s*[[{]/.test(text) ? parsed(text) : null;
+    if (document === null) return text.split(/\r\n|\n|\r/);
+    const kind = document[rules.json.MARK];
+    if (kind) throw new Unreadable(`it is a ${kind} file of Flinders and not a recording: give the recording`);
+    const isOneRecord = !Array.isArray(document) || document.every((each) => each === null || typeof each !== "object");
+    return isOneRecord ? text.split(/\r\n|\n|\r/) : document.map((record) => JSON.stringify(record));
+}
+
+/**
+ * Refuse what is no text, and say what it is and which program reads it.
+ * @param {import("./patterns.js").Constants} files
+ * @param {string} name
+ * @param {Uint8Array} bytes
+ */
+function refuseForeign(files, name, bytes) {
+    if (!bytes.length) throw new Unreadable(`${name} is empty: record again, or check what was saved`);
+    if (bytes.length > LARGEST) {
+        throw new Unreadable(`${name} is larger than ${LARGEST >> 20} MB: calibrate it with \`flinders calibrate\``);
+    }
+    const head = Array.from(bytes.subarray(0, 64), (byte) => byte.toString(16).padStart(2, "0")).join("");
+    const kindOf = (/** @type {Record<string, any>} */ starts) => Object.keys(starts).find((start) => head.startsWith(start));
+    const suffix = (/\.[^.]+$/.exec(name)?.[0] ?? "").toLowerCase();
+    const isText = !isBinary(files, bytes);
+    const log = (isText ? undefined : files.suffixes[suffix]) ?? files.starts[kindOf(files.starts) ?? ""];
+    if (log) {
+        throw new Unreadable(`${name} is a recording of another kind (${log}): calibrate it with \`flinders calibrate ${name}\``);
+    }
+    const other = files.others[kindOf(files.others) ?? ""];
+    if (other && !isText) throw new Unreadable(`${name} is ${other[0]}: ${other[1]}`);
+    const start = new TextDecoder().decode(bytes.subarray(0, 64)).trimStart().toLowerCase();
+    const page = Object.keys(files.pages).find((each) => start.startsWith(each));
+    if (page) throw new Unreadable(`${name} is ${files.pages[page]}: download the raw file that it shows`);
+    if (!isText) throw new Unreadable(`${name} is a binary file: give a text log, or calibrate it with \`flinders calibrate\``);
+}
+
+/**
+ * Whether bytes hold what text does not.
+ * @param {import("./patterns.js").Constants} files
+ * @param {Uint8Array} bytes
+ */
+function isBinary(files, bytes) {
+    const head = bytes.subarray(0, 1 << 16);
+    const controls = head.filter((byte) => files.controls.includes(byte)).length;
+    return !isWide(bytes) && controls > files.most_controls * head.length;
+}

@@ -1,0 +1,417 @@
+/**
+ * A link to a session in the page itself: what the server is to the live page, for the page that needs no program.
+ *
+ * Readings of a source wait in a queue, which goes into the session some twenty times a second. Fits run in a worker,
+ * one at a time, always of the newest readings. It answers the same messages and the same addresses as the server.
+ */
+
+import { Refusal } from "../dom.js";
+import { degrees } from "../views/words.js";
+import { notice, seriesOf, Session } from "./session.js";
+import { Cursor, sessionState } from "./state.js";
+import { readLog } from "./lines.js";
+import { unitOf } from "./sources.js";
+import { Unreadable } from "./tables.js";
+import { calibrationFile, exported, NotExportable, readCalibration, targetsOf } from "./targets.js";
+
+/** @typedef {import("../connection.js").Link} Link */
+/** @typedef {import("../connection.js").Listener} Listener */
+/** @typedef {import("../messages.d.ts").Notice} Notice */
+/** @typedef {import("../messages.d.ts").SourceState} SourceState */
+/** @typedef {import("../messages.d.ts").ToServer} ToServer */
+/** @typedef {import("./fitter.js").Fitter} Fitter */
+/** @typedef {import("./keeper.js").Keeper} Keeper */
+/** @typedef {import("./session.js").Rules} Rules */
+/** @typedef {import("./session.js").Unit} Unit */
+/** @typedef {import("./sources.js").Source} Source */
+
+/**
+ * What Python wrote for the page: `flinders.standalone.package.page_data`.
+ * @typedef {object} PageData
+ * @property {string} version
+ * @property {Rules} session
+ * @property {import("./sources.js").Simulation} simulated
+ * @property {import("./data.d.ts").EngineData} engine
+ * @property {object} lines
+ * @property {any} targets
+ */
+
+const TICK_MS = 50;
+const STATE_S = 0.2;
+const SILENT_STATE_S = 1;
+const UPLOAD_BYTES = 64 << 20;
+const IN_BROWSER = "this browser";
+/** Kinds of sources whose readings cannot be had again. */
+const ONCE = ["serial", "phone"];
+/** @type {SourceState} */
+const NO_SOURCE = { name: "no source", kind: "simulated", link: "waiting", words: "" };
+const NOT_HERE = {
+    "report.html": "This page makes no report: save the readings, and run flinders report.",
+    send: "This page sends nothing to boards: save the calibration, and run flinders send.",
+};
+
+/** @implements {Link} */
+export class OwnLink {
+    /**
+     * @param {Listener} listener
+     * @param {PageData} data
+     * @param {Fitter} fitter
+     * @param {Keeper} keeper
+     */
+    constructor(listener, data, fitter, keeper) {
+        this.listener = listener;
+        this.data = data;
+        this.fitter = fitter;
+        this.keeper = keeper;
+        this.session = new Session(data.session);
+        this.cursor = new Cursor();
+        /** @type {import("../messages.d.ts").View | null} that was said */
+        this.view = null;
+        /** @type {Source | null} */
+        this.source = null;
+        /** @type {{time: number[], field: number[], unit: Unit}} */
+        this.queue = { time: [], field: [], unit: this.session.live.unit };
+        this.begun = performance.now();
+        this.statedAt = -1;
+        this.statedRevision = -1;
+        this.isUrgent = false;
+        /** @type {import("./session.js").Evaluated | null}  of all readings */
+        this.finished = null;
+        /** Readings that somebody has saved. */
+        this.saved = 0;
+        /** Called where the source is another, or a log was opened. */
+        this.onChange = () => {};
+        keeper.onFull = () => {
+            this.session.recording = "";
+            this.tell("This browser has no room to keep more readings: save them with Finish, Readings.", "error");
+        };
+        queueMicrotask(() => this.renew());
+        window.setInterval(() => this.step(), TICK_MS);
+    }
+
+    /** Seconds since the page was loaded. */
+    get now() {
+        return (performance.now() - this.begun) / 1000;
+    }
+
+    /** Whether readings of a sensor would be lost with the page. */
+    get isUnsaved() {
+        return ONCE.includes(this.session.source.kind) && this.session.live.buffer.total > this.saved;
+    }
+
+    /** Whether there is a source, or something to show. */
+    get isUsed() {
+        return this.source !== null || this.session.shown.buffer.total > 0;
+    }
+
+    // As the server ----------------------------------------------------------------------------------------------------
+
+    retry() {}
+
+    /** Say everything again. */
+    renew() {
+        const { version, engine: { tiles } } = this.data;
+        const state = sessionState(this.session);
+        this.cursor = new Cursor();
+        this.view = this.session.shown.evaluated.view;
+        this.listener.onLink("open", 0);
+        const limits = { upload_bytes: UPLOAD_BYTES };
+        this.listener.onMessage({ type: "hello", version, session: "page", tiles, targets: targetsOf(this.data), limits, state, view: this.view });
+    }
+
+    /**
+     * @param {ToServer} message
+     * @returns {boolean}
+     */
+    send(message) {
+        for (const words of this.session.requested(this.now, message)) this.listener.onMessage(words);
+        if (message.type === "clear" && this.session.opened === null) this.forget();
+        if (message.type === "back_to_live") this.onChange();
+        this.isUrgent = true;
+        this.step();
+        return true;
+    }
+
+    /**
+     * @param {string} address
+     * @param {RequestInit} [options]
+     * @returns {Promise<Response>}
+     */
+    async ask(address, { body } = {}) {
+        const [path, query] = address.split("?");
+        if (path === "open" && body instanceof File) return this.open(new URLSearchParams(query).get("name") ?? body.name, body);
+        if (path === "previous" && body instanceof File) return this.previous(body);
+        if (path.startsWith("export/")) return this.export(path.slice("export/".length));
+        if (path === "calibration.json") return this.calibration();
+        if (path === "session.csv") return this.readings();
+        throw new Refusal(NOT_HERE[/** @type {keyof typeof NOT_HERE} */ (path)] ?? `This page has no ${path}.`);
+    }
+
+    /**
+     * Open a log in place of the sensor.
+     * @param {string} name
+     * @param {Blob} content
+     */
+    async open(name, content) {
+        const bytes = new Uint8Array(await content.arrayBuffer());
+        const log = readable(() => readLog(this.data, name, bytes));
+        const series = seriesOf(this.data.session, { ...log, unit: unitOf(log) });
+        this.session.openedLog(this.now, name, series);
+        this.isUrgent = true;
+        this.tell(log.words.join("; "));
+        this.step();
+        this.onChange();
+        return new Response();
+    }
+
+    /**
+     * Take a calibration file to compare with.
+     * @param {File} file
+     */
+    async previous(file) {
+        const text = await file.text();
+        const calibration = readable(() => readCalibration(text, this.data), `${file.name}: `);
+        this.session.gotPrevious(this.now, { name: file.name, calibration });
+        this.isUrgent = true;
+        this.step();
+        return new Response();
+    }
+
+    /** @param {string} target */
+    async export(target) {
+        const { calibration } = await this.final();
+        try {
+            return Response.json(exported(this.data, target, calibration));
+        } catch (error) {
+            if (error instanceof NotExportable) return Response.json({ refusal: error.message });
+            throw error;
+        }
+    }
+
+    async calibration() {
+        const { calibration, fit } = await this.final();
+        const provenance = { flinders: this.data.version, date: new Date().toISOString().replace(/\.\d+Z$/, "Z"), files: [] };
+        return download(calibrationFile(this.data, calibration, { fit, provenance }), "calibration.json");
+    }
+
+    /** The readings that are in memory, as a table in the recorded unit. */
+    async readings() {
+        const { shown, opened } = this.session;
+        if (opened === null) this.saved = shown.buffer.total;
+        return download(tableOf(shown), "readings.csv");
+    }
+
+    /** The calibration of all readings that are shown and not left out, and what is known of it. */
+    async final() {
+        const { shown, openedName, source } = this.session;
+        if (this.finished?.key !== shown.key) this.finished = (await this.fitter.fit(this.session.task(Infinity))).evaluated;
+        const { view, refusal, record } = this.finished;
+        const calibration = calibrationOf(view, shown.unit, openedName || source.name);
+        if (calibration === null) throw new Refusal(refusal || "There is no calibration yet.");
+        return { calibration, fit: record };
+    }
+
+    // Sources ----------------------------------------------------------------------------------------------------------
+
+    /**
+     * Take readings of a source from now on. Those of another kind of source leave the page.
+     * @param {Source} source
+     * @throws {Refusal} Where readings would be lost.
+     */
+    async use(source) {
+        const { session } = this;
+        this.drain();
+        const isOther = source.kind !== session.source.kind || source.name !== session.source.name;
+        if (isOther && this.isUnsaved) {
+            throw new Refusal(`There are readings of ${session.source.name}: save them with Finish, Readings, and press Start again first.`);
+        }
+        if (this.source) {
+            await this.source.stop();
+            this.linked("ended", "");
+        }
+        if (session.opened) session.requested(this.now, { type: "back_to_live" });
+        if (isOther) this.empty();
+        await this.start(source);
+        this.show({ name: source.name, kind: source.kind, link: "waiting", words: "" });
+    }
+
+    /**
+     * Start a source, which is heard as long as no other is used.
+     * @param {Source} source
+     */
+    async start(source) {
+        this.source = source;
+        const isNow = () => this.source === source;
+        try {
+            await source.start({
+                take: (rows, unit) => isNow() && this.take(rows, unit),
+                link: (link, words) => isNow() && this.linked(link, words),
+                tell: (words, severity) => isNow() && this.tell(words, severity),
+            });
+        } catch (error) {
+            this.source = null;
+            throw error;
+        }
+    }
+
+    /** @param {SourceState} source  what the page says of it */
+    show(source) {
+        this.session.source = source;
+        this.session.recording = ONCE.includes(source.kind) && this.keeper.isOpen ? IN_BROWSER : "";
+        this.isUrgent = true;
+        this.step();
+        this.onChange();
+    }
+
+    /**
+     * Show the readings that were here before the page was loaded again.
+     * @returns {Promise<void>}
+     */
+    async restore() {
+        const kept = await this.keeper.readings();
+        if (kept === null) return;
+        const { name, kind, unit } = kept;
+        this.session.arrived(this.now, kept, unit);
+        const words = `these are the readings of ${name} from before this page was loaded again: choose it as source to go on`;
+        this.show({ name, kind, link: "ended", words });
+        this.tell(words);
+    }
+
+    /** @param {{time: ArrayLike<number>, field: ArrayLike<number>}} rows @param {Unit} unit */
+    take({ time, field }, unit) {
+        this.queue.time.push(...Array.from(time));
+        this.queue.field.push(...Array.from(field));
+        this.queue.unit = unit;
+    }
+
+    /** @param {SourceState["link"]} link @param {string} words */
+    linked(link, words) {
+        this.drain();
+        for (const said of this.session.linked(this.now, link, words)) this.listener.onMessage(said);
+        this.isUrgent = true;
+    }
+
+    /** @param {string} words @param {Notice["severity"]} severity */
+    tell(words, severity = "info") {
+        this.listener.onMessage(notice(words, severity));
+    }
+
+    /** Begin anew without readings. */
+    empty() {
+        this.session.requested(this.now, { type: "clear" });
+        this.forget();
+    }
+
+    /** Forget what was kept of the readings that have left the page. */
+    forget() {
+        this.saved = 0;
+        this.keeper.clear();
+        if (this.source === null) this.show(NO_SOURCE);
+    }
+
+    // Time -------------------------------------------------------------------------------------------------------------
+
+    /** Take in what came, fit where that is due, and say what is new. */
+    step() {
+        this.drain();
+        this.session.ticked(this.now);
+        if (this.session.wantsFit(this.now)) this.fit();
+        this.say();
+    }
+
+    /** Put what waits into the session. */
+    drain() {
+        const { time, field, unit } = this.queue;
+        if (time.length === 0) return;
+        this.queue = { time: [], field: [], unit };
+        const { source, live } = this.session;
+        const before = live.buffer.total;
+        this.session.arrived(this.now, { time, field }, unit);
+        if (ONCE.includes(source.kind)) this.keeper.add({ name: source.name, kind: source.kind, unit }, live.buffer, before);
+    }
+
+    async fit() {
+        const { evaluated, seconds } = await this.fitter.fit(this.session.beginFit());
+        this.session.fitDone(this.now, evaluated, seconds);
+        this.say();
+    }
+
+    /** Say what is new: fit, state and points. */
+    say() {
+        const { session, listener, now } = this;
+        const { view } = session.shown.evaluated;
+        if (view !== this.view) {
+            this.view = view;
+            listener.onMessage({ type: "fit", revision: session.revision, view });
+        }
+        const since = now - this.statedAt;
+        if (this.isUrgent || since >= SILENT_STATE_S || (since >= STATE_S && session.revision !== this.statedRevision)) {
+            this.isUrgent = false;
+            this.statedAt = now;
+            this.statedRevision = session.revision;
+            listener.onMessage(sessionState(session));
+        }
+        const frame = this.cursor.frame(session);
+        if (frame) listener.onFrame(frame);
+    }
+}
+
+/**
+ * What a file has; a file that cannot be read is refused in words.
+ * @template T
+ * @param {() => T} read
+ * @param {string} before  the words
+ * @returns {T}
+ */
+function readable(read, before = "") {
+    try {
+        return read();
+    } catch (error) {
+        throw error instanceof Unreadable ? new Refusal(before + error.message) : error;
+    }
+}
+
+/**
+ * What is exported of a fit; null where it gives no calibration.
+ * @param {import("../messages.d.ts").View | null} view
+ * @param {Unit} unit
+ * @param {string} name  of the recording
+ * @returns {import("./targets.js").Calibration | null}
+ */
+function calibrationOf(view, unit, name) {
+    if (!view?.offset || !view.matrix || view.field_strength === null) return null;
+    const { verdict, findings, heading_error_deg: error } = view;
+    const limits = findings.filter(({ severity }) => severity === "limits").map(({ advice }) => `limited: ${advice}`);
+    return {
+        matrix: view.matrix,
+        offset: view.offset,
+        fieldStrength: view.field_strength,
+        fieldStrengthKnown: view.field_strength_known,
+        unit: unit.inside === "uT" ? "uT" : "counts",
+        raw: { unit: unit.recorded, scale: unit.scale },
+        about: [`from ${name}`, `the calibration is ${verdict}: headings good to ${degrees(error?.worst)} (1 σ)`, ...limits],
+    };
+}
+
+/**
+ * @param {import("./session.js").Series} series
+ * @returns {string}
+ */
+function tableOf({ buffer, unit: { inside, recorded, scale } }) {
+    const { time, field } = buffer;
+    const suffix = inside === "uT" ? `_${recorded}` : "";
+    const rows = [`t_s,mag_x${suffix},mag_y${suffix},mag_z${suffix}`];
+    time.forEach((at, j) => {
+        const [x, y, z] = [0, 1, 2].map((axis) => Number((field[3 * j + axis] / scale).toPrecision(12)));
+        rows.push(`${at.toFixed(4)},${x},${y},${z}`);
+    });
+    return `${rows.join("\n")}\n`;
+}
+
+/**
+ * @param {string} content
+ * @param {string} filename
+ */
+function download(content, filename) {
+    return new Response(content, { headers: { "Content-Disposition": `attachment; filename="${filename}"` } });
+}

@@ -1,0 +1,398 @@
+/** What names of columns say: which sensor, axis and unit. The rows are those of `readers/_names.py`. */
+
+import { ahead, every, largest, replaced, strippedStart, whole } from "./patterns.js";
+
+/** @typedef {import("./patterns.js").Constants} Constants */
+/** @typedef {import("./patterns.js").Rules} Rules */
+
+/**
+ * What a name says; `kind` is empty where nothing is recognised.
+ * @typedef {{kind: string, axis: string, unit: string, rank: number}} Meaning
+ */
+
+/**
+ * Three columns of one sensor: their places, and how good a source of raw readings they are.
+ * @typedef {{cells: number[], rank: number, words: string[], name: string, isReadings: boolean}} Vector
+ */
+
+/** Names whose meaning is remembered: garbage on a wire has new ones without end. */
+const REMEMBERED = 4096;
+const NOTHING = { kind: "", axis: "", unit: "", rank: 0 };
+const LETTERS = /^\p{L}+$/u;
+const DIGITS = /^\d+$/;
+
+export class Names {
+    /** @param {Rules} rules */
+    constructor(rules) {
+        /** @type {Constants} */
+        this.rules = rules.names;
+        this.spellings = rules.units.SPELLINGS;
+        this.units = new Set(this.rules._UNITS);
+        /** @type {Map<string, Meaning>} */
+        this.known = new Map();
+        /** @type {[string, RegExp][]} */
+        this.chips = Object.entries(this.rules._CHIPS).map(([kind, chips]) => [kind, new RegExp(`^(?:${chips})$`)]);
+    }
+
+    /**
+     * Meaning of the name of a column.
+     * @param {string} name
+     * @returns {Meaning}
+     */
+    meaning(name) {
+        let meaning = this.known.get(name);
+        if (!meaning) {
+            if (this.known.size >= REMEMBERED) this.known.clear();
+            this.known.set(name, (meaning = this.understood(name)));
+        }
+        return meaning;
+    }
+
+    /**
+     * @param {string} name
+     * @returns {Meaning}
+     */
+    understood(name) {
+        const { _WRITTEN_HERE, _OF_MOTOR, _OTHERS, _DERIVED, CALIBRATED, FIELD, STRENGTH } = this.rules;
+        const folded = name.trim().toLowerCase();
+        if (Object.hasOwn(_WRITTEN_HERE, folded)) {
+            const [kind, axis] = _WRITTEN_HERE[folded];
+            return { ...NOTHING, kind, axis };
+        }
+        for (const kind of Object.keys(_OF_MOTOR)) {
+            const match = whole(_OF_MOTOR[kind], folded);
+            if (match) return { ...NOTHING, kind, axis: match[1] || match[2] };
+        }
+        const { words, units } = this.parted(name);
+        const lower = words.map((word) => word.toLowerCase());
+        if (!words.length && !units.length) return NOTHING;
+        if (this.isStrength(lower, units)) return { ...NOTHING, kind: STRENGTH, unit: this.unit(STRENGTH, units) };
+        const { sensor, axis } = this.withoutAxis(lower);
+        if (sensor.some((word) => ahead(_OTHERS, word))) return NOTHING;
+        const isJoined = sensor.length === lower.length;
+        let [kind, rank] = axis ? this.vector(sensor, units, isJoined) : this.scalar(sensor, units);
+        const isDerived = [...sensor, ...units].some((word) => ahead(_DERIVED, word.toLowerCase()));
+        if (kind === FIELD && axis && isDerived) rank += CALIBRATED;
+        return { kind, axis, unit: this.unit(kind, units), rank };
+    }
+
+    /**
+     * How plainly a name says that it is a magnetometer's.
+     * @param {number} rank
+     */
+    clearness(rank) {
+        return Math.floor((rank % this.rules.CALIBRATED) / 2);
+    }
+
+    /**
+     * Whether a name is an axis and nothing else.
+     * @param {string} name
+     */
+    isBare(name) {
+        const { kind, unit, rank } = this.meaning(name);
+        return kind === this.rules.FIELD && !unit && this.clearness(rank) >= this.rules.BARE;
+    }
+
+    /**
+     * Whether a text is a unit and nothing else.
+     * @param {string} text
+     */
+    isUnit(text) {
+        return this.units.has(text.toLowerCase());
+    }
+
+    /**
+     * The columns of a kind that make three axes, in the order of the first.
+     * @param {readonly string[]} names
+     * @param {string} kind
+     * @param {readonly Meaning[]} [meanings]
+     * @returns {Vector[]}
+     */
+    vectors(names, kind, meanings = names.map((name) => this.meaning(name))) {
+        /** @type {Map<string, Record<string, number>>} */
+        const sensors = new Map();
+        /** @type {Map<string, number>} */
+        const times = new Map();
+        meanings.forEach(({ kind: own, axis }, place) => {
+            if (own !== kind || !axis) return;
+            const name = names[place].trim().toLowerCase();
+            const time = (times.get(name) ?? 0) + 1;
+            times.set(name, time);
+            const at = placeOfAxis(name, axis);
+            const stem = `${name.slice(0, at)}*${name.slice(at + 1)} ${time}`;
+            sensors.set(stem, { ...sensors.get(stem), [axis]: place });
+        });
+        const made = [];
+        for (const axes of sensors.values()) {
+            const letters = ["xyz", "012", "123"].find((all) => [...all].every((axis) => axis in axes));
+            if (letters) made.push(this.vectorOf(names, meanings, [...letters].map((axis) => axes[axis]), letters[0]));
+        }
+        return made.sort((one, other) => Math.min(...one.cells) - Math.min(...other.cells));
+    }
+
+    /**
+     * @param {readonly string[]} names
+     * @param {readonly Meaning[]} meanings
+     * @param {number[]} cells
+     * @param {string} axis Of the first.
+     * @returns {Vector}
+     */
+    vectorOf(names, meanings, cells, axis) {
+        const first = names[cells[0]];
+        const isReadings = !this.isNoReadings(first);
+        return { cells, rank: meanings[cells[0]].rank, words: this.label(first), name: this.sensorName(first, axis), isReadings };
+    }
+
+    /**
+     * The magnetometer that is read: the rawest, of equals the one with the plainest name.
+     * @param {readonly string[]} names
+     * @param {readonly Meaning[]} [meanings]
+     * @returns {Vector | undefined}
+     */
+    magnetometer(names, meanings) {
+        const { FIELD, BARE } = this.rules;
+        const readings = this.vectors(names, FIELD, meanings).filter(({ isReadings }) => isReadings);
+        const plain = readings.filter(({ rank }) => this.clearness(rank) < BARE);
+        return largest(plain.length ? plain : readings, (vector) => this.quality(vector).map((value) => -value));
+    }
+
+    /**
+     * @param {Vector} vector
+     * @returns {number[]} Smallest of the best.
+     */
+    quality({ rank, name, words, cells }) {
+        const foreign = words.filter((word) => !DIGITS.test(word) && !this.tellsApart(word)).length;
+        return [rank, Number(["b", "h"].includes(name.toLowerCase())), foreign, words.length, Math.min(...cells)];
+    }
+
+    /**
+     * Words of a name that distinguish a sensor from others of its kind.
+     * @param {string} name
+     */
+    label(name) {
+        const { _MEASURES, _COMMON, _RAW, _DERIVED, _LETTERS, _DEVICES } = this.rules;
+        const words = this.wordsOfSensor(name);
+        const hasKind = words.some((word) => this.kindOfWord(word) || this.kindOfChip(word));
+        const measured = replaced(_MEASURES, (match) => match.replaceAll(" ", ""), words.join(" ")).split(" ");
+        const plain = [_COMMON, _RAW, _DERIVED];
+        const apart = measured.filter((word) => word && (this.isChip(word) || !plain.some((pattern) => ahead(pattern, word))));
+        const own = apart.filter((word) => hasKind || !(word in _LETTERS));
+        return own.length ? own : words.filter((word) => _DEVICES.includes(word));
+    }
+
+    /** @param {string} word */
+    isChip(word) {
+        return whole(this.rules._CHIP, word)?.[1] === word;
+    }
+
+    /** @param {string} word */
+    kindOfChip(word) {
+        return this.chips.find(([, pattern]) => pattern.test(word))?.[0] ?? "";
+    }
+
+    /** @param {string} word */
+    tellsApart(word) {
+        return this.rules.PLACES.includes(word) || this.rules._DEVICES.includes(word) || this.isChip(word);
+    }
+
+    /**
+     * Whether three columns are no readings of a sensor, such as a reference.
+     * @param {string} name
+     */
+    isNoReadings(name) {
+        const words = this.wordsOfSensor(name);
+        const isDirection = words.includes("unit") && words.every((word) => ahead(this.rules._OF_A_DIRECTION, word));
+        const isOther = words.some((word) => Object.hasOwn(this.rules._NO_READINGS, word));
+        return isDirection || isOther || words.join(" ").includes("main field");
+    }
+
+    /**
+     * The name of a sensor: that of a column without axis, unit, `raw` and the like.
+     * @param {string} name
+     * @param {string} axis
+     */
+    sensorName(name, axis) {
+        const { _BRACKET, _PIECES, _RAW, _DERIVED, _UNITS_OF_AXES } = this.rules;
+        const bare = replaced(_BRACKET, "", name.trim());
+        const place = placeOfAxis(bare.toLowerCase(), axis);
+        let own = "";
+        every(_PIECES, bare.slice(0, place) + bare.slice(place + 1)).forEach(([, between, piece], number) => {
+            const folded = piece.toLowerCase();
+            const isCommon = (number && _UNITS_OF_AXES.includes(folded)) || ahead(_RAW, folded) || ahead(_DERIVED, folded);
+            if (!isCommon) own += (between && " _.-".includes(between.slice(-1)) ? between.slice(-1) : "_") + piece;
+        });
+        return strippedStart(own, " _.-");
+    }
+
+    /**
+     * A name in words, and the units that it may state in the order of trust.
+     * @param {string} name
+     */
+    parted(name) {
+        const { _IN_BRACKETS, _SEPARATORS, _CHIP, _PARTS, _GLUED, FACTORS, TIME } = this.rules;
+        const times = FACTORS[TIME];
+        /** @type {string[]} */
+        const units = [];
+        const inside = _IN_BRACKETS.exec(name);
+        if (inside && !DIGITS.test(inside[1].trim())) {
+            units.push(inside[1].trim());
+            name = name.slice(0, inside.index);
+        }
+        /** @type {string[]} */
+        const words = [];
+        for (const piece of name.split(_SEPARATORS)) {
+            const folded = piece.toLowerCase();
+            if (this.units.has(folded) && (words.length || folded in times)) {
+                units.push(piece);
+                continue;
+            }
+            const chip = whole(_CHIP, folded);
+            const parts = chip ? [chip[1], chip[2], chip[3] + chip[4]] : every(_PARTS, piece).map((match) => match[0]);
+            if (parts.length > 1 && parts[0].toLowerCase() === "time" && parts[parts.length - 1].toLowerCase() in times) {
+                units.push(/** @type {string} */ (parts.pop()));
+            }
+            for (const part of parts) {
+                const glued = whole(_GLUED, part.toLowerCase());
+                words.push(...(glued ? glued.slice(1) : [part]).filter(Boolean));
+            }
+        }
+        return { words, units };
+    }
+
+    /** @param {string} name */
+    wordsOfSensor(name) {
+        const { words, units } = this.parted(name);
+        const foreign = units.filter((unit) => !this.rules._UNITS_OF_AXES.includes(unit.toLowerCase()));
+        return this.withoutAxis([...words, ...foreign].map((word) => word.toLowerCase())).sensor;
+    }
+
+    /**
+     * The axis in the words of a name, and the words without it.
+     * @param {string[]} words
+     */
+    withoutAxis(words) {
+        const { _ATTACHED, _AXIS_BEFORE } = this.rules;
+        const letters = words.filter((word) => ["x", "y", "z"].includes(word));
+        if (letters.length === 1) return { sensor: words.filter((word) => word !== letters[0]), axis: letters[0] };
+        for (const [place, word] of words.entries()) {
+            const attached = whole(_ATTACHED, word);
+            if (attached) return { sensor: words.with(place, attached[1]), axis: attached[2] };
+            const before = whole(_AXIS_BEFORE, word);
+            if (before) return { sensor: words.with(place, before[2]), axis: before[1] };
+        }
+        const last = words[words.length - 1];
+        if (words.length > 1 && ["0", "1", "2", "3"].includes(last)) return { sensor: words.slice(0, -1), axis: last };
+        return { sensor: words, axis: "" };
+    }
+
+    /**
+     * Which three-axis sensor words name, and how good a source of raw readings it is.
+     * @param {string[]} words
+     * @param {string[]} units
+     * @param {boolean} isJoined The axis was no word of its own.
+     * @returns {[string, number]}
+     */
+    vector(words, units, isJoined) {
+        const { _RAW, _CALIBRATED, _COMMON, _LETTERS, _LETTERS_OF_A_DEVICE, ACCELERATION, FIELD } = this.rules;
+        const raw = words.some((word) => ahead(_RAW, word)) ? 0 : 1;
+        const names = words.filter((word) => !DIGITS.test(word));
+        const named = names.map((word) => this.kindOfWord(word)).filter(Boolean);
+        const kinds = named.length ? named : names.map((word) => this.kindOfChip(word)).filter(Boolean);
+        if (kinds.length) return [kinds[0], raw + (kinds[0] === ACCELERATION && words.includes("linear") ? 5 : 0)];
+        const bare = names.filter((word) => !ahead(_RAW, word) && !ahead(_CALIBRATED, word));
+        const own = bare.filter((word) => !this.tellsApart(word) && !ahead(_COMMON, word));
+        const isLetter = own.length === 1 && [..._LETTERS_OF_A_DEVICE].includes(own[0]);
+        const isOfDevice = isLetter && (isJoined || bare.some((word) => this.isChip(word)));
+        if (isOfDevice || (bare.length === 1 && Object.hasOwn(_LETTERS, bare[0]))) return [_LETTERS[own[0]], raw + 2];
+        if (["field", "field strength"].includes(bare.join(" "))) return [FIELD, raw + 2];
+        return bare.length ? ["", 0] : [this.plain(units), raw + 4];
+    }
+
+    /** @param {string} word */
+    kindOfWord(word) {
+        const { FIELD, ACCELERATION, RATE } = this.rules;
+        if (word.startsWith("mag") || word === "compass") return FIELD;
+        if (word.startsWith("acc")) return ACCELERATION;
+        return word.startsWith("gyr") || word.startsWith("angular") ? RATE : "";
+    }
+
+    /**
+     * What a name that is only an axis may be: a field, unless its unit is that of something else.
+     * @param {string[]} units
+     */
+    plain(units) {
+        const { FACTORS, FIELD, ACCELERATION, RATE } = this.rules;
+        for (const unit of units) {
+            const folded = unit.toLowerCase();
+            if (unit === "g" || unit === "mg") return ACCELERATION;
+            const other = [RATE, ACCELERATION].find((kind) => folded in FACTORS[kind] && !(folded in FACTORS[FIELD]));
+            if (other) return other;
+        }
+        return !units.length || this.unit(FIELD, units) ? FIELD : "";
+    }
+
+    /**
+     * Which sensor without axes, or clock, words name.
+     * @param {string[]} words
+     * @param {string[]} units
+     * @returns {[string, number]}
+     */
+    scalar(words, units) {
+        const { FACTORS, TEMPERATURE, CURRENT, TIME, _NO_TIMES, _TIMES } = this.rules;
+        const all = words.join(" ");
+        const isWarm = all === "t" && units.some((unit) => unit.toLowerCase() in FACTORS[TEMPERATURE]);
+        if (isWarm || (all !== "temps" && words.some((word) => /^(temp|tmp)/.test(word)))) return [TEMPERATURE, 0];
+        if (words.some((word) => ["curr", "current", "amps", "amp", "ampere"].includes(word))) return [CURRENT, 0];
+        if (words.some((word) => ahead(_NO_TIMES, word))) return ["", 0];
+        const isTimed = words.some((word) => ahead(_TIMES, word));
+        const isAlone = !words.length && units.every((unit) => unit.toLowerCase() in FACTORS[TIME]);
+        const isTime = isTimed || isAlone || (units.length > 0 && words.includes("elapsed"));
+        return isTime ? [TIME, this.unit(TIME, units) ? 0 : 1] : ["", 0];
+    }
+
+    /**
+     * Whether a name is that of a strength known from elsewhere.
+     * @param {string[]} words
+     * @param {string[]} units
+     */
+    isStrength(words, units) {
+        const { _REFERENCES, _STRENGTHS, STRENGTH } = this.rules;
+        const named = words.filter((word) => !DIGITS.test(word));
+        if (!named.some((word) => _REFERENCES.includes(word))) return false;
+        if (!named.every((word) => _REFERENCES.includes(word) || _STRENGTHS.includes(word))) return false;
+        return named.some((word) => _STRENGTHS.includes(word)) || Boolean(this.unit(STRENGTH, units));
+    }
+
+    /**
+     * The unit that a kind of column can have.
+     * @param {string} kind
+     * @param {string[]} units
+     */
+    unit(kind, units) {
+        const { FIELD, STRENGTH, RATE, FACTORS, _BROKEN_MICRO } = this.rules;
+        for (const unit of units) {
+            const folded = unit.toLowerCase();
+            if ([FIELD, STRENGTH].includes(kind) && folded !== "raw") {
+                const known = this.spellings[folded] ?? (whole(_BROKEN_MICRO, folded) ? "uT" : "");
+                if (known && !(known === "T" && unit === "t")) return known;
+            } else if (kind === RATE && folded.replace(/[^\x00-\x7f]/g, "") === "/s") {
+                return "°/s";
+            } else if (folded in (FACTORS[kind] ?? {})) {
+                return folded;
+            }
+        }
+        return "";
+    }
+}
+
+/**
+ * Place of the axis in a name: the last that stands by itself, else the last.
+ * @param {string} folded
+ * @param {string} axis
+ */
+function placeOfAxis(folded, axis) {
+    const places = [...folded.matchAll(new RegExp(axis, "g"))].map(({ index }) => index ?? 0);
+    const around = (/** @type {number} */ place) => [folded[place - 1] ?? "", folded[place + 1] ?? ""];
+    const alone = places.filter((place) => !around(place).some((letter) => LETTERS.test(letter)));
+    return Math.max(...(alone.length ? alone : places.length ? places : [0]));
+}

@@ -1,0 +1,101 @@
+/** Readings that a fit left out: `flinders.estimators.data.left_out` and `flinders.estimators.outliers`. */
+
+import { grouped } from "./numbers.js";
+import { counted } from "./wording.js";
+
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
+
+/**
+ * A run of readings that do not belong to the rest.
+ * @typedef {object} Outlier
+ * @property {number} first
+ * @property {number} last Counted from 1, of those that were fitted.
+ * @property {number} rows Outliers among them.
+ * @property {number} start
+ * @property {number} end Seconds; NaN without times.
+ * @property {number} farthest Largest distance from the ellipsoid.
+ */
+
+/**
+ * Which readings are far from a surface, or in a run of such and around it.
+ * @param {Float64Array} distances Not below zero.
+ * @param {number} limit
+ * @param {number} dense Far readings of a window that make a run.
+ * @param {EngineData} data
+ * @returns {Uint8Array}
+ */
+export function leftOut(distances, limit, dense, { numbers }) {
+    const far = Uint8Array.from(distances, (distance) => Number(distance > limit));
+    const half = Math.floor(numbers.WINDOW / 2);
+    const out = far.slice();
+    let inside = 0;
+    for (let i = -half; i < far.length; i++) {
+        inside += (far[i + half] ?? 0) - (far[i - half - 1] ?? 0);
+        if (far[i] && inside >= dense) out.fill(1, Math.max(i - numbers.MARGIN, 0), i + numbers.MARGIN + 1);
+    }
+    return out;
+}
+
+/**
+ * The runs of what is left out.
+ * @param {Uint8Array} out
+ * @param {Float64Array} distances
+ * @param {Float64Array | null} time
+ * @param {EngineData} data
+ * @returns {Outlier[]}
+ */
+export function runsOf(out, distances, time, { numbers }) {
+    /** @type {Outlier[]} */
+    const runs = [];
+    out.forEach((isOut, i) => {
+        if (!isOut) return;
+        const now = time ? time[i] : NaN;
+        const run = runs.at(-1);
+        if (run && (i + 1 - run.last <= numbers.TOGETHER || runs.length >= numbers.LISTED)) {
+            Object.assign(run, { last: i + 1, rows: run.rows + 1, end: now, farthest: Math.max(run.farthest, distances[i]) });
+        } else {
+            runs.push({ first: i + 1, last: i + 1, rows: 1, start: now, end: now, farthest: distances[i] });
+        }
+    });
+    return runs;
+}
+
+/**
+ * A run in words.
+ * @param {Outlier} run
+ * @returns {string}
+ */
+function runWords({ first, last, rows, start, end }) {
+    const many = rows > 1 ? `${grouped(rows)} readings` : "a reading";
+    if (!Number.isNaN(start)) {
+        return rows === 1 ? `${start.toFixed(1)} s: ${many}` : `${start.toFixed(1)}–${end.toFixed(1)} s: ${many}`;
+    }
+    return first === last ? `reading ${first}` : `readings ${first}–${last}: ${many}`;
+}
+
+/**
+ * The three longest runs in words.
+ * @param {Outlier[]} runs
+ * @returns {string}
+ */
+export function longestRuns(runs) {
+    const worst = [...runs].sort((one, other) => other.rows - one.rows).slice(0, 3);
+    return worst.map(runWords).join("; ") + (runs.length > worst.length ? "; …" : "");
+}
+
+/**
+ * How many readings they are.
+ * @param {Outlier[]} runs
+ * @returns {string}
+ */
+export function outlierCount(runs) {
+    return counted(outlierRows(runs), "reading");
+}
+
+/**
+ * @param {Outlier[]} runs
+ * @returns {number}
+ */
+export function outlierRows(runs) {
+    return runs.reduce((sum, run) => sum + run.rows, 0);
+}

@@ -1,0 +1,272 @@
+/** Where readings come from on a page without a program: a board on a port, the sensor of a phone, a simulation. */
+
+import { Refusal } from "../dom.js";
+import { LineReader } from "./lines.js";
+
+/** @typedef {import("../messages.d.ts").Notice} Notice */
+/** @typedef {import("../messages.d.ts").SourceState} SourceState */
+
+/**
+ * What a source tells.
+ * @typedef {object} Feed
+ * @property {(rows: import("./buffer.js").Rows, unit: import("./session.js").Unit) => void} take
+ * @property {(link: SourceState["link"], words: string) => void} link
+ * @property {(words: string, severity?: Notice["severity"]) => void} tell
+ */
+
+/**
+ * A source of readings.
+ * @typedef {object} Source
+ * @property {string} name
+ * @property {SourceState["kind"]} kind
+ * @property {(feed: Feed) => Promise<void>} start  throws a `Refusal` where it cannot be had
+ * @property {() => Promise<void>} stop
+ */
+
+/**
+ * What Web Serial has of a port; the types of TypeScript lack it.
+ * @typedef {object} Port
+ * @property {(options: {baudRate: number, bufferSize?: number}) => Promise<void>} open
+ * @property {() => Promise<void>} close
+ * @property {ReadableStream<Uint8Array> | null} readable
+ * @property {() => object} [getInfo]  whose device it is
+ */
+
+/** @typedef {EventTarget & {requestPort: () => Promise<Port>}} Serial */
+
+/** From one look at a silent port to the next: lines may wait to be recognised, or advice be due. */
+const WATCH_MS = 1000;
+/** Looks without a reading after which somebody is told what to check. */
+const SILENT_LOOKS = 3;
+const PORT_BYTES = 1 << 16;
+
+const MICROTESLA = { inside: "uT", recorded: "uT", scale: 1 };
+
+/** @returns {Serial | null} */
+export function serial() {
+    return /** @type {{serial?: Serial}} */ (navigator).serial ?? null;
+}
+
+/** A board on a port that somebody chooses. When it is plugged in again, it goes on. */
+export class Board {
+    /**
+     * @param {Serial} ports
+     * @param {Port} port
+     * @param {number} baudRate
+     * @param {{lines: object}} data
+     */
+    constructor(ports, port, baudRate, data) {
+        this.name = "the board";
+        this.kind = /** @type {const} */ ("serial");
+        this.ports = ports;
+        this.port = port;
+        this.baudRate = baudRate;
+        this.data = data;
+        this.lines = new LineReader(data);
+        this.said = "";
+        this.silent = 0;
+        this.isStopped = false;
+        /** @type {ReadableStreamDefaultReader<Uint8Array> | null} */
+        this.reader = null;
+        this.plugged = (/** @type {Event} */ event) => this.again(/** @type {any} */ (event.target));
+    }
+
+    /** @param {Feed} feed */
+    async start(feed) {
+        this.feed = feed;
+        this.begun = performance.now();
+        try {
+            await this.port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });
+        } catch (error) {
+            throw new Refusal(`The port cannot be opened: close other programs that use it, such as a serial monitor. (${words(error)})`);
+        }
+        this.ports.addEventListener("connect", this.plugged);
+        this.timer = window.setInterval(() => this.watch(), WATCH_MS);
+        this.read();
+    }
+
+    async stop() {
+        this.isStopped = true;
+        this.ports.removeEventListener("connect", this.plugged);
+        window.clearInterval(this.timer);
+        await this.reader?.cancel().catch(() => {});
+        await this.port.close().catch(() => {});
+    }
+
+    /** Read until the port is gone; an error of the line, as a wrong baud rate makes, ends only one stream of it. */
+    async read() {
+        const decoder = new TextDecoder();
+        while (this.port.readable && !this.isStopped) {
+            this.reader = this.port.readable.getReader();
+            try {
+                for (;;) {
+                    const { value, done } = await this.reader.read();
+                    if (done) break;
+                    this.take(decoder.decode(value, { stream: true }));
+                }
+            } catch {
+                continue;
+            } finally {
+                this.reader.releaseLock();
+            }
+            break;
+        }
+        if (this.isStopped) return;
+        await this.port.close().catch(() => {});
+        this.feed?.link("gone", "the board is gone: plug it in again, and the page goes on");
+    }
+
+    /** @param {string} text */
+    take(text) {
+        const at = (performance.now() - (this.begun ?? 0)) / 1000;
+        const { rows } = this.lines.take(text, at);
+        if (rows.length === 0) return;
+        this.silent = 0;
+        this.feed?.take({ time: rows.map(({ time }) => time ?? at), field: rows.flatMap(({ field }) => field) }, unitOf(this.lines));
+        if (this.lines.words === this.said) return;
+        this.said = this.lines.words;
+        this.feed?.tell(`understood as ${this.said}`);
+    }
+
+    /** Read what waits, and say what to check where no reading comes. */
+    watch() {
+        if (!this.port.readable) return;
+        this.silent += 1;
+        this.take("");
+        if (this.silent === SILENT_LOOKS && this.lines.advice) this.feed?.link("waiting", this.lines.advice);
+    }
+
+    /**
+     * Go on with the port that was plugged in again.
+     * @param {Port} port
+     */
+    async again(port) {
+        const isSame = JSON.stringify(port.getInfo?.()) === JSON.stringify(this.port.getInfo?.());
+        if (this.isStopped || this.port.readable || !isSame) return;
+        this.port = port;
+        this.lines = new LineReader(this.data);
+        this.silent = 0;
+        try {
+            await port.open({ baudRate: this.baudRate, bufferSize: PORT_BYTES });
+        } catch {
+            return; // not ready yet, or taken by another program: it can be chosen anew
+        }
+        this.feed?.link("connected", "the board is back");
+        this.read();
+    }
+}
+
+const NO_SENSOR =
+    "This browser gives pages no magnetometer. Chrome on Android does, over https, once “Experimental Web Platform " +
+    "features” is switched on in chrome://flags.";
+
+/** The magnetometer of a phone, where the browser lets pages have it. */
+export class Phone {
+    /** @throws {Refusal} Where the browser has none for pages. */
+    constructor() {
+        if (!("Magnetometer" in window)) throw new Refusal(NO_SENSOR);
+        this.name = "the sensor of this phone";
+        this.kind = /** @type {const} */ ("phone");
+        this.sensor = /** @type {any} */ (null);
+    }
+
+    /** @param {Feed} feed */
+    async start(feed) {
+        try {
+            this.sensor = new /** @type {any} */ (window).Magnetometer({ frequency: 50 });
+        } catch (error) {
+            throw new Refusal(refusedSensor(error));
+        }
+        const begun = performance.now();
+        this.sensor.addEventListener("reading", () => {
+            const { x, y, z, timestamp } = this.sensor;
+            feed.take({ time: [((timestamp ?? performance.now()) - begun) / 1000], field: [x, y, z] }, MICROTESLA);
+        });
+        this.sensor.addEventListener("error", (/** @type {any} */ event) => feed.link("gone", refusedSensor(event.error)));
+        this.sensor.start();
+    }
+
+    async stop() {
+        this.sensor?.stop();
+    }
+}
+
+/** @param {unknown} error */
+function refusedSensor(error) {
+    const name = error instanceof Error ? error.name : "";
+    if (name === "NotAllowedError") return "the browser was not allowed to use the motion sensors: allow them in its settings for this site";
+    if (name === "SecurityError") return "the browser gives its sensors to pages over https only, and not to frames of other pages";
+    return `this device has no magnetometer that a page can read (${words(error)})`;
+}
+
+/**
+ * The simulated sensor, from Python.
+ * @typedef {object} Simulation
+ * @property {number} rate_hz
+ * @property {number} noise_ut
+ * @property {number[]} centi_ut  readings without noise, in 0.01 µT
+ * @property {[number, string][]} said
+ */
+
+/** A simulated sensor in a hand: its path is played forwards and backwards, each time with other noise. */
+export class Simulated {
+    /**
+     * @param {Simulation} simulation
+     * @param {number} speed  so many times as fast as by the clock
+     */
+    constructor(simulation, speed = 1) {
+        this.name = "simulation";
+        this.kind = /** @type {const} */ ("simulated");
+        this.simulation = simulation;
+        this.speed = speed;
+        this.count = 0;
+        this.timer = 0;
+    }
+
+    /** @param {Feed} feed */
+    async start(feed) {
+        const { rate_hz, said } = this.simulation;
+        const begun = performance.now();
+        const left = [...said];
+        this.timer = window.setInterval(() => {
+            const seconds = ((performance.now() - begun) / 1000) * this.speed;
+            const due = Math.floor(seconds * rate_hz) - this.count;
+            const time = Array.from({ length: due }, (_, j) => (this.count + j) / rate_hz);
+            feed.take({ time, field: time.flatMap((_, j) => this.reading(this.count + j)) }, MICROTESLA);
+            this.count += due;
+            while (left.length > 0 && seconds >= left[0][0]) feed.tell(left.shift()?.[1] ?? "");
+        }, 1000 / rate_hz);
+    }
+
+    async stop() {
+        window.clearInterval(this.timer);
+    }
+
+    /** @param {number} number @returns {number[]} */
+    reading(number) {
+        const { centi_ut, noise_ut } = this.simulation;
+        const length = centi_ut.length / 3;
+        const turn = Math.floor(number / length);
+        const place = turn % 2 ? length - 1 - (number % length) : number % length;
+        return [0, 1, 2].map((axis) => centi_ut[3 * place + axis] / 100 + noise_ut * normal());
+    }
+}
+
+/** A number of the normal distribution: Box and Muller. */
+function normal() {
+    return Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
+}
+
+/**
+ * The unit of what was read of lines.
+ * @param {{unit: string, raw: {unit: string, scale: number}}} read
+ * @returns {import("./session.js").Unit}
+ */
+export function unitOf({ unit, raw }) {
+    return { inside: unit, recorded: raw.unit, scale: raw.scale };
+}
+
+/** @param {unknown} error */
+function words(error) {
+    return error instanceof Error ? error.message.replace(/^.*?: /, "").replace(/\.$/, "") : String(error);
+}

@@ -1,0 +1,262 @@
+/** What the page shows of a session: its state in words and numbers, and new points. `flinders.live.page_state` there. */
+
+import { capital } from "../views/words.js";
+import { figures, fixed, general } from "./numbers.js";
+import { labelOf } from "./session.js";
+
+/** @typedef {import("./session.js").Session} Session */
+/** @typedef {import("../messages.d.ts").Reason} Reason */
+/** @typedef {import("../messages.d.ts").SessionState} State */
+/** @typedef {import("../messages.d.ts").View} View */
+
+const MAGIC = 0x464c4e44;
+const RATE_STEPS = 2;
+
+/**
+ * @param {Session} session
+ * @returns {State}
+ */
+export function sessionState(session) {
+    const { shown, live } = session;
+    const { buffer, evaluated, exclusions, excluded } = shown;
+    const [phase, words, reasons] = phaseOf(session);
+    const [dipDeg, dipAssumed] = session.judgedDip;
+    return {
+        type: "state",
+        revision: session.revision,
+        source: session.source,
+        unit: labelOf(shown.unit),
+        readings: buffer.total,
+        used: evaluated.used,
+        rejected: evaluated.rejected,
+        excluded_readings: buffer.countWithin(excluded),
+        rate_hz: rateHz(session),
+        seconds: shown.isTimed ? buffer.seconds : null,
+        phase,
+        words,
+        reasons,
+        target_deg: session.targetDeg,
+        dip_deg: dipDeg,
+        dip_assumed: dipAssumed,
+        goal: session.goal,
+        excluded,
+        can_undo: exclusions.past.length > 0,
+        can_redo: exclusions.future.length > 0,
+        stride: shownStride(session),
+        paused: live.pausedAt !== null,
+        recording: session.recording || null,
+        previous: session.previous && evaluated.previous,
+        refreshing: false,
+        opened: session.openedName || null,
+        can_send: false,
+    };
+}
+
+/**
+ * Readings a second by their own times, over the last two seconds.
+ * @param {Session} session
+ * @returns {number | null}
+ */
+function rateHz({ arrivals, at, rules }) {
+    if (arrivals.length < 2) return null;
+    const [first, before, last] = [arrivals[0], arrivals[arrivals.length - 2], arrivals[arrivals.length - 1]];
+    const isSilent = at - last[0] >= Math.max(rules.rate_s, RATE_STEPS * (last[0] - before[0]));
+    if (isSilent || last[1] <= first[1]) return null;
+    return arrivals.slice(1).reduce((sum, [, , count]) => sum + count, 0) / (last[1] - first[1]);
+}
+
+/**
+ * Phase of the session, a sentence about it, and the reasons against it.
+ * @param {Session} session
+ * @returns {[State["phase"], string, Reason[]]}
+ */
+function phaseOf(session) {
+    const reasons = [...(session.opened ? [] : ofLink(session)), ...settled(session)];
+    const wrong = reasons.find(({ severity }) => severity === "warning");
+    if (wrong) return ["wrong", sentence(wrong.advice), reasons];
+    if (session.shown.buffer.total === 0 && session.source.link !== "ended") {
+        return ["waiting", `Waiting for readings from ${session.source.name}.`, reasons];
+    }
+    return [...ofView(session), reasons];
+}
+
+/**
+ * Reasons of the newest fit; a finding that more turning may end is no warning yet.
+ * @param {Session} session
+ * @returns {Reason[]}
+ */
+function settled(session) {
+    /** @type {(reason: Reason) => Reason} */
+    const soFar = ({ code, advice }) => ({ code, advice: `so far ${advice}`, severity: "info", spans: [] });
+    const reasons = session.shown.evaluated.reasons.map((reason) => (session.isSettled(reason.code) ? reason : soFar(reason)));
+    return reasons.sort((a, b) => Number(a.severity !== "warning") - Number(b.severity !== "warning"));
+}
+
+/**
+ * How far the newest fit has come.
+ * @param {Session} session
+ * @returns {[State["phase"], string]}
+ */
+function ofView(session) {
+    const { view, alarms } = session.shown.evaluated;
+    if (view === null) return ["collecting", beforeAFit(session)];
+    const target = `the target ${general(session.targetDeg)}°`;
+    const worst = session.worstDeg(view);
+    if (worst === null) return ["collecting", view.sentence];
+    if (worst > session.targetDeg) {
+        const known = worst < 90 ? `the worst error to expect is ${figures(worst)}° (1 σ)` : "no heading is known yet";
+        return ["collecting", `Keep turning: ${known}, ${target}.`];
+    }
+    const what = session.goal === "heading" ? "heading error" : "error at any attitude";
+    const done = `the worst ${what} to expect is ${figures(worst)}° (${bound(session, view)}), ${target}`;
+    if (!alarms.every((code) => session.isSettled(code))) {
+        return ["collecting", `Keep turning: ${done}, but a fault was found that more readings may disprove.`];
+    }
+    if (view.verdict === "refused") return ["wrong", view.sentence];
+    if (!isSure(session)) return ["collecting", `Almost: ${done}; keep turning a little.`];
+    if (view.verdict === "limited") return ["limited", `Good enough, with limits: ${done}${asFarAs(session, view)}.`];
+    return ["good", `Good: ${done}.${view.condition && ` ${sentence(view.condition)}`}`];
+}
+
+/**
+ * What all headings are within, where that is the goal.
+ * @param {Session} session
+ * @param {View} view
+ */
+function bound({ goal }, { heading_error_deg: error }) {
+    return goal !== "heading" || error === null ? "1 σ" : `95 % within ${figures(error.bound_95)}°`;
+}
+
+/**
+ * Up to which tilt that holds, and what is missing beyond.
+ * @param {Session} session
+ * @param {View} view
+ */
+function asFarAs({ rules }, { attitude_limit_deg: limit }) {
+    if (limit === null || limit >= rules.level_deg) return "";
+    const tilt = limit < 1 ? "while level" : `up to ${fixed(limit, 0)}° of tilt`;
+    return `, ${tilt}; for more tilt than that, turn it tilted and upside down too`;
+}
+
+/**
+ * Whether it takes no further fit to say that the target is reached: several did, or there will be no other.
+ * @param {Session} session
+ */
+function isSure({ shown: { within }, rules, isOver }) {
+    const last = within.at(-1) ?? -Infinity;
+    return within.length >= rules.enough_fits || last - (within[0] ?? 0) >= rules.sure_s || isOver;
+}
+
+/**
+ * What to say while there are no numbers.
+ * @param {Session} session
+ */
+function beforeAFit({ shown: { buffer, evaluated }, source }) {
+    if (buffer.total === 0) return `${source.name} has ended without a reading.`;
+    if (evaluated.reasons.some(({ code }) => code === "no-rotation")) return "Start turning: turn the sensor slowly through all directions.";
+    if (!evaluated.refusal) return "Looking at the first readings. Turn the sensor slowly through all directions.";
+    return sentence(evaluated.refusal);
+}
+
+/**
+ * Reasons why no readings arrive.
+ * @param {Session} session
+ * @returns {Reason[]}
+ */
+function ofLink({ source, live: { buffer }, at, arrivedAt, rules }) {
+    const { link, name, words } = source;
+    const since = at - arrivedAt;
+    /** @type {(code: string, advice: string, severity?: Reason["severity"]) => Reason[]} */
+    const reason = (code, advice, severity = "warning") => [{ code, advice, severity, spans: [] }];
+    if (link === "gone") return reason("gone", words || `${name} is gone: check the cable`);
+    const patience = Math.max(rules.silent_s, buffer.total ? (rules.silent_steps * buffer.seconds) / buffer.total : 0);
+    if (link === "waiting" && buffer.total === 0 && words) return reason("nothing-arrives", words);
+    if (["connected", "waiting"].includes(link) && buffer.total > 0 && since > patience) {
+        return reason("nothing-arrives", nothingArrives(name, since), arrivedAt ? "warning" : "info");
+    }
+    return link === "ended" ? reason("ended", words || `${name} has ended`, "info") : [];
+}
+
+/**
+ * How long no reading has come, and what to check.
+ * @param {string} name
+ * @param {number} since
+ */
+function nothingArrives(name, since) {
+    return (
+        `no reading has come for ${fixed(since, 0)} s from ${name}: check that the sensor is on and prints ` +
+        "its readings, and that port, cable and baud rate are right"
+    );
+}
+
+/**
+ * Begin with a capital, unless it begins with a name: that of a file or port is written as it is.
+ * @param {string} words
+ */
+function sentence(words) {
+    const first = words.split(" ", 1)[0].replace(/,+$/, "");
+    return `${/^\p{L}+$/u.test(first) ? capital(words) : words}`.replace(/\.+$/, "") + ".";
+}
+
+// Points ------------------------------------------------------------------------------------------------------------
+
+/** @param {Session} session @returns {number} Every so many readings one is shown. */
+function shownStride({ shown: { buffer }, rules }) {
+    let { stride } = buffer;
+    while (stride * rules.shown < buffer.total) stride *= 2;
+    return stride;
+}
+
+/** How far the page has got with the points. */
+export class Cursor {
+    constructor() {
+        this.generation = 0;
+        this.stride = 1;
+        this.count = 0;
+        this.total = -1;
+    }
+
+    /**
+     * The points that the page does not have yet, and the newest reading, as a frame; null where there is nothing new.
+     * @param {Session} session
+     * @returns {ArrayBuffer | null}
+     */
+    frame(session) {
+        const { generation, buffer } = session.shown;
+        const stride = shownStride(session);
+        if (this.generation !== generation) this.count = 0;
+        else if (this.total === buffer.total && this.stride === stride) return null;
+        else this.count = Math.ceil(this.count / (stride / this.stride));
+        const first = this.count;
+        const step = stride / buffer.stride;
+        const count = Math.max(Math.min(Math.ceil(buffer.count / step) - first, session.rules.frame_points), 0);
+        this.generation = generation;
+        this.stride = stride;
+        this.count += count;
+        this.total = count < session.rules.frame_points ? buffer.total : -1;
+        return frameOf(session, first, count, step);
+    }
+}
+
+/**
+ * @param {Session} session
+ * @param {number} first
+ * @param {number} count
+ * @param {number} step  in memory
+ * @returns {ArrayBuffer}  as `flinders.live.messages.points_frame` lays it out
+ */
+function frameOf(session, first, count, step) {
+    const { generation, buffer } = session.shown;
+    const { time, field } = buffer;
+    const frame = new ArrayBuffer(4 * (8 + 6 + 4 * count));
+    new Uint32Array(frame, 0, 8).set([MAGIC, generation, first, count, 0, step * buffer.stride]);
+    new Float32Array(frame, 32, 6).set([...buffer.latest, NaN, NaN, NaN]);
+    const times = new Float32Array(frame, 56, count);
+    const fields = new Float32Array(frame, 56 + 4 * count, 3 * count);
+    for (let j = 0; j < count; j++) {
+        const place = (first + j) * step;
+        times[j] = time[place];
+        fields.set(field.subarray(3 * place, 3 * place + 3), 3 * j);
+    }
+    return frame;
+}

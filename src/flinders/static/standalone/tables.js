@@ -1,0 +1,434 @@
+/** Tables: delimiter, decimal sign and header, and which columns are the magnetometer and the time. As `readers/_layout.py`. */
+
+import { counted, largest, median, replaced, whole } from "./patterns.js";
+
+/** @typedef {import("./names.js").Names} Names */
+/** @typedef {import("./patterns.js").Rules} Rules */
+/** @typedef {import("./printed.js").Prints} Prints */
+
+/**
+ * The columns that are read.
+ * @typedef {object} Columns
+ * @property {number[]} field Places of x, y and z.
+ * @property {string[]} names Of these, or their numbers from 1.
+ * @property {string} unit The recorded one: `uT`, `mG` … or `counts`.
+ * @property {{cell: number, name: string, factor: number, start: number, fraction: number | null} | null} time Its place,
+ *     seconds in one unit, where it starts, and the place of nanoseconds that belong to it.
+ */
+
+/**
+ * How a table is written.
+ * @typedef {object} Layout
+ * @property {string} delimiter
+ * @property {string} decimal
+ * @property {number} width Cells of a line; 0 where that differs.
+ * @property {string[]} header
+ * @property {string} headerText
+ * @property {Columns} columns
+ */
+
+/** A text in which no readings are recognised: says why, and what to do. */
+export class Unreadable extends Error {}
+
+const MORE_WITH = "`flinders calibrate --columns` says which columns they are";
+
+export class Tables {
+    /**
+     * @param {Rules} rules
+     * @param {Prints} prints
+     */
+    constructor(rules, prints) {
+        this.rules = rules;
+        this.layout = rules.layout;
+        /** @type {[string, string][]} Delimiter and decimal sign. */
+        this.signs = rules.layout.SIGNS;
+        this.prints = prints;
+        this.names = prints.names;
+    }
+
+    /**
+     * How a table is laid out, by its first lines.
+     * @param {string[]} texts
+     * @returns {Layout}
+     */
+    laidOut(texts) {
+        const lines = texts.flatMap((text, place) => (text.trim() && !this.prints.isComment(text) ? [{ text, place }] : []));
+        if (!lines.length) throw new Unreadable("it holds no lines of numbers: need one reading a line");
+        for (const some of [lines.slice(0, this.layout.TRIED), lines]) {
+            const cuts = this.signsOf(some).map((signs) => this.cutAt(some, signs));
+            const best = largest(cuts, ({ rows, numbers }) => [rows.size, numbers]);
+            if (best?.rows.size) return this.table(texts, best);
+        }
+        const isHeader = (/** @type {string} */ text) =>
+            this.signs.some(([sign]) => this.names.magnetometer(this.prints.split(text, sign)));
+        if (lines.slice(0, this.layout.MOST_ABOVE).some(({ text }) => isHeader(text))) throw new Unreadable("it has a header and no readings below it: record again, or check what was saved");
+        const [{ place, text }] = lines;
+        throw new Unreadable(
+            `no readings are recognised (line ${place + 1}: '${text.trim().slice(0, 60)}'): need three columns of numbers, ` +
+                "or labels such as 'X: -20.8 Y: -20.2 Z: 26.1 uT'",
+        );
+    }
+
+    /**
+     * Delimiters and decimal signs that lines may have.
+     * @param {{text: string}[]} lines
+     * @returns {[string, string][]}
+     */
+    signsOf(lines) {
+        const has = (/** @type {string} */ sign) => lines.some(({ text }) => text.includes(sign));
+        return this.signs.filter(([delimiter, decimal]) => decimal === "." || has(delimiter === "," ? '"' : ","));
+    }
+
+    /**
+     * Lines cut at a delimiter, and of these the ones that hold three numbers, and more numbers than words.
+     * @param {{text: string, place: number}[]} lines
+     * @param {[string, string]} signs
+     */
+    cutAt(lines, [delimiter, decimal]) {
+        /** @type {Map<number, string[]>} */
+        const rows = new Map();
+        let total = 0;
+        for (const { text, place } of lines) {
+            const cells = this.prints.split(text, delimiter);
+            const filled = cells.filter((cell) => cell.trim());
+            const numbers = filled.filter((cell) => this.prints.number(cell, decimal) !== null).length;
+            if (numbers < 3 || 2 * numbers < filled.length) continue;
+            rows.set(place, cells);
+            total += numbers;
+        }
+        return { delimiter, decimal, rows, numbers: total };
+    }
+
+    /**
+     * @param {string[]} texts
+     * @param {{delimiter: string, decimal: string, rows: Map<number, string[]>}} cut
+     * @returns {Layout}
+     */
+    table(texts, { delimiter, decimal, rows }) {
+        const widths = counted([...rows.values()].map((cells) => cells.length));
+        let width = /** @type {number} */ (largest([...widths.keys()], (each) => [widths.get(each) ?? 0]));
+        const often = widths.get(width) ?? 0;
+        if (width > this.layout.MOST_COLUMNS) {
+            throw new Unreadable(`it has ${width} columns: cut the magnetometer's out, with its time`);
+        }
+        const alike = [...rows.values()].filter((cells) => cells.length === width);
+        const start = Math.min(...[...rows].filter(([, cells]) => cells.length === width).map(([place]) => place));
+        const isClosed = alike.every((cells) => !cells[width - 1].trim());
+        const { place, names } = this.header(texts.slice(0, start), delimiter, width, isClosed);
+        if (isClosed && names.length !== width) width--;
+        const sampled = alike.slice(0, this.layout.SAMPLED).map((cells) => cells.slice(0, width));
+        const units = place < 0 ? [] : this.units(texts.slice(place + 1, start), delimiter, names.length);
+        const values = sampled.map((cells) => cells.map((cell) => this.prints.number(cell, decimal) ?? NaN));
+        if (!names.length) this.refuseNumbered(alike);
+        const columns = this.columns(names, values, units);
+        this.refuseOthers(names, alike, columns, decimal);
+        const isEven = names.length > 0 || often >= this.layout.SAME_WIDTH * rows.size;
+        const headerText = place < 0 ? "" : texts[place];
+        return { delimiter, decimal, width: isEven ? width : 0, header: names, headerText, columns };
+    }
+
+    /**
+     * The nearest line above the readings that names a magnetometer, or else columns at all.
+     * @param {string[]} above
+     * @param {string} delimiter
+     * @param {number} width
+     * @param {boolean} isClosed
+     * @returns {{place: number, names: string[]}}
+     */
+    header(above, delimiter, width, isClosed) {
+        /** @type {{place: number, names: string[]}} */
+        let other = { place: -1, names: [] };
+        for (let place = above.length - 1; place >= 0; place--) {
+            const all = this.namesIn(above[place], delimiter);
+            if (!this.prints.fits(all, width) && !(isClosed && all.length === width - 1)) continue;
+            const names = all.slice(0, width);
+            if (names.every((name) => !name || this.names.isUnit(name))) continue;
+            if (this.names.magnetometer(names)) return { place, names };
+            const couldName = this.couldName(names, delimiter) && !this.prints.isComment(above[place]);
+            if (!other.names.length && couldName) other = { place, names };
+        }
+        return other;
+    }
+
+    /**
+     * Cells of a line of names, also in a comment.
+     * @param {string} text
+     * @param {string} delimiter
+     */
+    namesIn(text, delimiter) {
+        const bare = text.trimStart();
+        const sign = this.rules.tokenizer.COMMENTS.find((/** @type {string} */ each) => bare.startsWith(each));
+        const line = sign ? bare.slice(sign.length).trimStart() : text;
+        return this.prints.split(line, delimiter).map((cell) => cell.trim());
+    }
+
+    /**
+     * Whether names are a header and no sentence.
+     * @param {string[]} names
+     * @param {string} delimiter
+     */
+    couldName(names, delimiter) {
+        const isText = names.some(Boolean) && names.every((name) => !name || this.prints.number(name) === null);
+        return isText && (delimiter !== this.rules.tokenizer.SPACES || names.some((name) => this.names.meaning(name).kind));
+    }
+
+    /**
+     * A row of units between the header and the readings, one a column.
+     * @param {string[]} below
+     * @param {string} delimiter
+     * @param {number} width
+     * @returns {string[]}
+     */
+    units(below, delimiter, width) {
+        for (const text of below) {
+            const cells = this.namesIn(text, delimiter).map((cell) => cell.replace(/^[[\]()]+|[[\]()]+$/g, ""));
+            const units = cells.map((cell) => (this.names.isUnit(cell) ? cell : ""));
+            const least = Math.max(3, cells.filter(Boolean).length / 2);
+            if (this.prints.fits(cells, width) && units.filter(Boolean).length >= least) return units;
+        }
+        return [];
+    }
+
+    /**
+     * The columns that are read of a table with these names, or none, and first rows.
+     * @param {readonly string[]} names
+     * @param {number[][]} values
+     * @param {readonly string[]} [units] Of a row below the header.
+     * @returns {Columns}
+     */
+    columns(names, values, units = []) {
+        return names.length ? this.byName(names, values, units) : this.byPlace(values);
+    }
+
+    /**
+     * @param {readonly string[]} names
+     * @param {number[][]} values
+     * @param {readonly string[]} units
+     * @returns {Columns}
+     */
+    byName(names, values, units) {
+        this.refusePulses(names);
+        const meanings = names.map((name, place) => {
+            const own = this.names.meaning(name);
+            return units[place] && !own.unit ? this.names.meaning(`${name} (${units[place]})`) : own;
+        });
+        const field = this.names.magnetometer(names, meanings);
+        if (!field) throw new Unreadable(`no magnetometer among the columns ${shown(names)}: ${MORE_WITH}`);
+        const own = field.cells.map((cell) => names[cell].trim());
+        this.refuseUnclear(names, own);
+        const stated = new Set(field.cells.map((cell) => meanings[cell].unit));
+        const unit = (stated.size === 1 && [...stated][0]) || this.unitByConvention(names, own[0]) || this.rules.units.COUNTS;
+        return { field: field.cells, names: own, unit, time: this.timeOf(names, meanings, values, field.cells) };
+    }
+
+    /**
+     * @param {number[][]} values
+     * @returns {Columns}
+     */
+    byPlace(values) {
+        const width = values[0]?.length ?? 0;
+        const first = values.map((row) => row[0]).filter(Number.isFinite);
+        const isTimed = width === 4 && first.length > 1 && first.every((value, i) => i === 0 || value > first[i - 1]);
+        if (width !== 3 && !isTimed) {
+            const need = "need three, x y z, or four with the time first";
+            throw new Unreadable(`it has ${width} columns and no header: ${need}; ${MORE_WITH}`);
+        }
+        const field = isTimed ? [1, 2, 3] : [0, 1, 2];
+        const time = isTimed ? this.timed(0, "1", "", values) : null;
+        return { field, names: field.map((cell) => `${cell + 1}`), unit: this.rules.units.COUNTS, time };
+    }
+
+    /**
+     * The time of a table; null where it has none that can be used.
+     * @param {readonly string[]} names
+     * @param {readonly import("./names.js").Meaning[]} meanings
+     * @param {number[][]} values
+     * @param {number[]} field
+     * @returns {Columns["time"]}
+     */
+    timeOf(names, meanings, values, field) {
+        const isTime = (/** @type {number} */ place) => meanings[place].kind === this.rules.names.TIME && !meanings[place].axis;
+        const places = [...meanings.keys()].filter((place) => isTime(place) && !field.includes(place));
+        const parted = places.filter((place) => this.isParted(names, place, values));
+        for (const place of places.toSorted((one, other) => meanings[one].rank - meanings[other].rank)) {
+            const time = this.timed(place, names[place].trim(), meanings[place].unit, values);
+            if (parted.includes(place)) return { ...time, fraction: place + 1 };
+            const column = values.map((row) => row[place]);
+            const isNumeric = column.filter(Number.isFinite).length >= column.length / 2;
+            if (!parted.includes(place - 1) && isNumeric && !this.isCut(column)) return time;
+        }
+        return null;
+    }
+
+    /**
+     * Whether a column is of whole seconds, and the next of the nanoseconds that belong to them.
+     * @param {readonly string[]} names
+     * @param {number} place
+     * @param {number[][]} values
+     */
+    isParted(names, place, values) {
+        const match = place + 1 < names.length ? whole(this.rules.columns.NANOSECONDS, names[place + 1].trim()) : null;
+        if (!match || values.filter((row) => Number.isFinite(row[place + 1])).length < values.length / 2) return false;
+        const [, stem, seconds, rest] = match;
+        const own = names[place].trim().toLowerCase();
+        return own === `${stem}${seconds}${rest}`.toLowerCase() || (!stem && own.endsWith(` ${seconds}`.toLowerCase()));
+    }
+
+    /**
+     * Whether a time was written with too few digits: many readings share each.
+     * @param {number[]} column
+     */
+    isCut(column) {
+        const { COARSE } = this.rules.columns;
+        const values = column.filter(Number.isFinite);
+        const changes = values.flatMap((value, i) => (i > 0 && value !== values[i - 1] ? [i] : []));
+        const lengths = [0, ...changes].map((change, i) => (changes[i] ?? values.length) - change);
+        const inside = lengths.length > 2 ? lengths.slice(1, -1) : lengths;
+        return values.length >= 2 * COARSE && median(inside) >= COARSE;
+    }
+
+    /**
+     * @param {number} cell
+     * @param {string} name
+     * @param {string} unit
+     * @param {number[][]} values
+     */
+    timed(cell, name, unit, values) {
+        const { FACTORS, TIME } = this.rules.names;
+        const times = values.map((row) => row[cell]).filter(Number.isFinite);
+        const factor = unit ? FACTORS[TIME][unit] : this.secondsInOne(times);
+        const first = times[0] ?? 0;
+        return { cell, name, factor, start: Math.abs(first) * factor > this.rules.columns.LONG ? first : 0, fraction: null };
+    }
+
+    /**
+     * Seconds in one of a unit that is not stated, by the size of times, then by their steps.
+     * @param {number[]} times
+     */
+    secondsInOne(times) {
+        const first = times[0] ?? 0;
+        const step = times.length > 1 ? median(times.slice(1).map((time, i) => Math.abs(time - times[i]))) : 0;
+        for (const [least, factor] of this.rules.columns.EPOCHS) {
+            const isStep = step === 0 || (1e-5 <= step * factor && step * factor <= 10);
+            if (least <= first && first < 4 * least && isStep) return factor;
+        }
+        return step < 2 ? 1 : step < 1e3 ? 1e-3 : step < 5e5 ? 1e-6 : 1e-9;
+    }
+
+    /**
+     * The unit that messages of ROS and the app Sensor Logger have without saying so.
+     * @param {readonly string[]} names
+     * @param {string} first
+     */
+    unitByConvention(names, first) {
+        const folded = names.map((name) => name.trim().toLowerCase());
+        const hasCovariance = names.some((name) => name.startsWith("magnetic_field_covariance"));
+        const isPrinted = first.toLowerCase() === "magnetic_field x" && hasCovariance;
+        if (isPrinted || first.toLowerCase().endsWith("magnetic_field.x")) return "T";
+        return ["seconds_elapsed", "x", "y", "z"].every((name) => folded.includes(name)) ? "uT" : "";
+    }
+
+    /**
+     * Refuse names that do not tell which columns are the magnetometer, and readings that were corrected already.
+     * @param {readonly string[]} names
+     * @param {string[]} own
+     */
+    refuseUnclear(names, own) {
+        const folded = names.map((name) => name.trim().toLowerCase());
+        const bare = this.names.vectors(names, this.rules.names.FIELD).filter(({ cells }) => this.names.isBare(names[cells[0]]));
+        if (this.names.isBare(own[0]) && (bare.length > 1 || folded.includes("w"))) {
+            throw new Unreadable(`names do not tell which columns are the magnetometer: ${shown(names)}; ${MORE_WITH}`);
+        }
+        if (own[0].toLowerCase().startsWith("magadc")) {
+            throw new Unreadable("it is a blackbox log, whose readings may be corrected already: `flinders calibrate` reads it");
+        }
+    }
+
+    /**
+     * Refuse readings after set and after reset pulses.
+     * @param {readonly string[]} names
+     */
+    refusePulses(names) {
+        const trimmed = names.map((name) => name.trim());
+        const folded = trimmed.map((name) => name.toLowerCase());
+        const afterSet = trimmed.filter((name) => this.rules.names.SET.test(name));
+        const reset = (/** @type {string} */ word) => word.replace(/set/i, "reset");
+        const afterReset = afterSet.map((name) => replaced(this.rules.names.SET, reset, name).toLowerCase());
+        if (afterReset.some((name) => folded.includes(name))) {
+            throw new Unreadable("it has readings after set and after reset pulses: `flinders calibrate` takes both");
+        }
+    }
+
+    /**
+     * Refuse readings of several sensors, and numbers that are not clear.
+     * @param {readonly string[]} names
+     * @param {string[][]} rows
+     * @param {Columns} columns
+     * @param {string} decimal
+     */
+    refuseOthers(names, rows, columns, decimal) {
+        if (!names.length || this.names.isBare(names[columns.field[0]])) this.refuseMixed(rows);
+        this.refuseThousands(rows, columns, decimal);
+    }
+
+    /**
+     * Refuse a table without a header in which the number of a sensor is before the three of each line.
+     * @param {string[][]} rows
+     */
+    refuseNumbered(rows) {
+        const width = rows[0].length;
+        for (let place = 0; (width === 4 || width === 5) && place < width - 3; place++) {
+            const words = counted(rows.map((row) => row[place].replace(/^[ ()[\]:#,;]+|[ ()[\]:#,;]+$/g, "")));
+            const matches = [...words.keys()].map((word) => whole(this.layout._SENSOR, word));
+            const numbers = matches.flatMap((match) => (match ? [Number(match[1])] : [])).sort((a, b) => a - b);
+            const isInOrder = numbers.every((number, i) => number === numbers[0] + i);
+            const isRow = numbers.length === words.size && isInOrder && numbers[0] <= 1;
+            if (isRow && words.size >= 2 && words.size <= this.layout.MOST_SENSORS && Math.min(...words.values()) > 1) {
+                throw new Unreadable(`column ${place + 1} says which sensor each line is of: keep the lines of one of them`);
+            }
+        }
+    }
+
+    /**
+     * Refuse a table in which a column of words says which sensor each line is of, and some are of no magnetometer.
+     * @param {string[][]} rows
+     */
+    refuseMixed(rows) {
+        const { ACCELERATION, RATE } = this.rules.names;
+        for (let place = 0; place < Math.min(...rows.map((row) => row.length)); place++) {
+            const words = [...new Set(rows.map((row) => row[place].trim()))];
+            const kindOf = (/** @type {string} */ word) => (word.length > 2 ? this.names.meaning(`${word} x`).kind : "");
+            const others = words.filter((word) => [ACCELERATION, RATE].includes(kindOf(word)));
+            if (words.length <= this.layout.MOST_RANGES && others.length) {
+                const which = `column ${place + 1} says which sensor each line is of, such as '${others[0]}'`;
+                throw new Unreadable(`${which}: keep the lines of the magnetometer`);
+            }
+        }
+    }
+
+    /**
+     * Refuse readings in which commas or points part thousands.
+     * @param {string[][]} rows
+     * @param {Columns} columns
+     * @param {string} decimal
+     */
+    refuseThousands(rows, { field }, decimal) {
+        const cells = rows.flatMap((row) => field.map((place) => row[place].trim()));
+        const grouped = cells.filter((cell) => cell.includes(decimal));
+        const plain = cells.flatMap((cell) => (cell.includes(decimal) ? [] : [Math.abs(this.prints.number(cell) ?? 0)]));
+        const most = Math.max(0, ...plain.filter(Number.isFinite));
+        if (grouped.length >= 3 && most >= 100 && most < 1000 && grouped.every((cell) => whole(this.layout._GROUPED, cell))) {
+            const what = `numbers such as '${grouped[0]}' have '${decimal}' between thousands, it seems`;
+            throw new Unreadable(`${what}: save it without a separator of thousands`);
+        }
+    }
+}
+
+/**
+ * @param {readonly string[]} names
+ * @returns {string}
+ */
+function shown(names) {
+    const more = names.length > 24 ? `, and ${names.length - 24} others` : "";
+    return names.slice(0, 24).join(", ") + more;
+}

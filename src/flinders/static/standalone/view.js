@@ -1,0 +1,244 @@
+/** What the page draws of one fit, as `flinders.report.view` puts it together. */
+
+import { corrected, threes, tileCounts } from "./coverage.js";
+import { guide, isIdle } from "./guidance.js";
+import { matrixSigma, tileErrorsDeg, turnSigmaDeg } from "./heading.js";
+import { firstCauses, verdictOf } from "./verdict.js";
+import { figures, general } from "./numbers.js";
+
+/** @typedef {import("../messages.d.ts").View} View */
+/** @typedef {import("./fit.js").Fit} Fit */
+/** @typedef {import("./guidance.js").Goal} Goal */
+/** @typedef {import("./verdict.js").Finding} Finding */
+/** @typedef {[number, number, number]} Triple */
+
+const BINS = 40;
+const WIDEST = 4;
+const ANY_ANGLE_DEG = 90;
+const EVERYWHERE = "turn it slowly through all directions, away from iron and from currents";
+
+/**
+ * @param {Fit} fit
+ * @param {Finding[]} findings
+ * @param {{field: Float64Array, numbers: ArrayLike<number> | null, goal: Goal}} given
+ * @returns {View}
+ */
+export function viewOf(fit, findings, { field, numbers, goal }) {
+    const verdict = verdictOf(findings);
+    const shown = firstCauses(findings, fit.data);
+    const isFlat = findings.some(({ code }) => code === "one-plane");
+    const used = isFlat ? new Float64Array(0) : field.filter((_, i) => !fit.left.isOut[Math.floor(i / 3)]);
+    const vectors = corrected(used, fit.surface);
+    const tiles = threes(fit.data.tiles.centres);
+    const errors = isFlat ? [] : tileErrorsDeg(fit.surface, fit.claimed, fit.headingError.dipDeg, tiles);
+    const shownErrors = tiles.map((_, i) => (errors[i] < ANY_ANGLE_DEG ? rounded(errors[i]) : null));
+    return {
+        verdict,
+        sentence: sentence(fit, shown, verdict),
+        condition: findings.some(({ severity }) => severity !== "note") ? "" : fit.data.condition,
+        method: fit.method,
+        unit: fit.unit,
+        field_strength_known: false,
+        samples: fit.samples,
+        findings: shown.map((finding) => ({ ...finding, number: known(finding.number), limit: known(finding.limit) })),
+        tiles_deg: shownErrors,
+        tiles_seen: tileCounts(vectors, fit.data.tiles.centres),
+        rejected: rejectedRuns(fit, numbers),
+        ...(verdict === "refused" ? UNTOLD : copied(fit)),
+        ...(isFlat ? UNDRAWN : { ...drawn(fit, vectors), ...claimed(fit, errors, goal) }),
+    };
+}
+
+const UNTOLD = {
+    field_strength: null, offset: null, offset_sigma: null, matrix: null, matrix_sigma: null,
+    uncorrected_heading_error_deg: null,
+}; // prettier-ignore
+const UNDRAWN = {
+    noise: null, residuals: null, shown: null, heading_error_deg: null, attitude_limit_deg: null, any_attitude_deg: null,
+    turn: null, guidance: null,
+}; // prettier-ignore
+
+/**
+ * A number that JSON can have.
+ * @param {number} number
+ * @returns {number | null}
+ */
+function known(number) {
+    return Number.isFinite(number) ? number : null;
+}
+
+/**
+ * @param {number} degrees
+ * @returns {number}
+ */
+function rounded(degrees) {
+    return Math.round(degrees * 1e4) / 1e4;
+}
+
+/**
+ * @param {ArrayLike<number>} numbers
+ * @returns {[Triple, Triple, Triple]}
+ */
+function rowsOf(numbers) {
+    return /** @type {[Triple, Triple, Triple]} */ (threes(numbers));
+}
+
+/**
+ * @param {ArrayLike<number>} numbers
+ * @returns {Triple}
+ */
+function triple(numbers) {
+    return [numbers[0], numbers[1], numbers[2]];
+}
+
+/**
+ * The correction: what somebody could copy, which a refused fit does not give.
+ * @param {Fit} fit
+ */
+function copied(fit) {
+    const { surface, covariance, uncorrected } = fit;
+    return {
+        field_strength: surface.radius,
+        offset: triple(surface.centre),
+        offset_sigma: triple([0, 10, 20].map((i) => Math.sqrt(covariance[i]))),
+        matrix: rowsOf(surface.inverse.map((part) => surface.radius * part)),
+        matrix_sigma: rowsOf(matrixSigma(surface, covariance)),
+        uncorrected_heading_error_deg: { rms: uncorrected.rms, worst: uncorrected.worst },
+    };
+}
+
+/**
+ * What rests on a surface.
+ * @param {Fit} fit
+ * @param {Float64Array} vectors Of the readings used.
+ */
+function drawn({ surface, noise }, vectors) {
+    return {
+        noise,
+        residuals: histogram(vectors, surface.radius, noise),
+        shown: {
+            offset: triple(surface.centre),
+            matrix: rowsOf(surface.inverse.map((part) => surface.radius * part)),
+            strength: surface.radius,
+        },
+    };
+}
+
+/**
+ * How far corrected readings are from the sphere, counted.
+ * @param {Float64Array} vectors
+ * @param {number} radius
+ * @param {number} noise
+ */
+function histogram(vectors, radius, noise) {
+    const widest = Math.max(WIDEST * noise, Number.MIN_VALUE);
+    const counts = new Array(BINS).fill(0);
+    for (let i = 0; i < vectors.length; i += 3) {
+        const off = radius * (Math.hypot(vectors[i], vectors[i + 1], vectors[i + 2]) - 1);
+        counts[Math.min(Math.max(Math.floor((BINS * (off + widest)) / (2 * widest)), 0), BINS - 1)]++;
+    }
+    return { edges: Array.from({ length: BINS + 1 }, (_, i) => widest * ((2 * i) / BINS - 1)), counts };
+}
+
+/**
+ * What rests on a covariance as well.
+ * @param {Fit} fit
+ * @param {number[]} errors
+ * @param {Goal} goal
+ */
+function claimed(fit, errors, goal) {
+    const { headingError, uncorrected } = fit;
+    return {
+        heading_error_deg: {
+            rms: headingError.rms,
+            worst: headingError.worst,
+            bound_95: fit.headingBoundDeg,
+            dip_deg: headingError.dipDeg,
+            dip_assumed: fit.dipAssumed,
+            target_deg: fit.targetDeg,
+        },
+        attitude_limit_deg: fit.attitudeLimitDeg,
+        any_attitude_deg: {
+            rms: Math.sqrt(errors.reduce((sum, error) => sum + error * error, 0) / errors.length),
+            worst: Math.max(...errors),
+        },
+        turn: {
+            heading_deg: uncorrected.headingDeg.map(rounded),
+            before_deg: uncorrected.deviationDeg.map(rounded),
+            sigma_deg: turnSigmaDeg(fit.surface, fit.claimed, headingError.dipDeg).map(rounded),
+        },
+        guidance: guidance(fit, goal),
+    };
+}
+
+/**
+ * Which way to turn next, for one of the goals.
+ * @param {Fit} fit
+ * @param {Goal} goal
+ * @returns {import("../messages.d.ts").GuidanceView}
+ */
+function guidance(fit, goal) {
+    const advice = guide(fit, goal);
+    const isOpen = isIdle(advice, fit.data);
+    return {
+        direction: isOpen ? null : triple(advice.direction),
+        words: isOpen ? EVERYWHERE : advice.words,
+        worst_deg: Math.hypot(advice.worstDeg, fit.structureDeg),
+        after_deg: Math.hypot(advice.afterDeg, fit.structureDeg),
+        goal,
+        frame: "sensor",
+    };
+}
+
+/**
+ * First and last reading of each run that was left out, by their numbers.
+ * @param {Fit} fit
+ * @param {ArrayLike<number> | null} numbers
+ * @returns {[number, number][]}
+ */
+function rejectedRuns({ left: { isRail, outliers } }, numbers) {
+    const numbered = (/** @type {number} */ i) => numbers?.[i] ?? i;
+    const free = Array.from(isRail.keys()).filter((i) => !isRail[i]);
+    /** @type {[number, number][]} */
+    const runs = outliers.map(({ first, last }) => [free[first - 1], free[last - 1]]);
+    isRail.forEach((is, i) => {
+        if (is && !isRail[i - 1]) runs.push([i, i]);
+        else if (is) runs[runs.length - 1][1] = i;
+    });
+    const ordered = runs.sort(([one], [other]) => one - other);
+    return ordered.map(([first, last]) => [numbered(first), numbered(last)]);
+}
+
+/**
+ * The verdict in plain words, in a sentence or two.
+ * @param {Fit} fit
+ * @param {Finding[]} shown
+ * @param {View["verdict"]} verdict
+ * @returns {string}
+ */
+function sentence(fit, shown, verdict) {
+    if (shown.some(({ code }) => code === "one-plane")) {
+        return "All readings lie in one plane, so nothing is known about other attitudes.";
+    }
+    const { headingError, targetDeg } = fit;
+    const target = `The target is ${general(targetDeg)}°.`;
+    if (verdict === "refused" && headingError.worst > targetDeg) {
+        const much = headingError.worst < ANY_ANGLE_DEG ? headingWords(fit) : "any angle";
+        return `Headings may be off by ${much}. ${target}`;
+    }
+    if (verdict === "refused") return `Not fit for use: ${shown[0].advice}`;
+    const limit = fit.attitudeLimitDeg;
+    const reach = limit >= 180 ? "at any attitude" : `up to ${limit.toFixed(0)}° of tilt`;
+    const good = headingError.worst <= targetDeg ? "are good to" : "may be off by";
+    return `Headings ${good} ${headingWords(fit)}, ${limit < 1 ? "while level" : reach}. ${target}`;
+}
+
+/**
+ * The worst heading error, 1 σ, and its bound.
+ * @param {Fit} fit
+ * @returns {string}
+ */
+function headingWords({ headingError, headingBoundDeg }) {
+    const bound = headingBoundDeg < ANY_ANGLE_DEG ? `95 % within ${figures(headingBoundDeg)}°` : "1 σ";
+    return `${figures(headingError.worst)}° (${bound})`;
+}

@@ -1,0 +1,60 @@
+/** Sentences as the program writes them: templates of Python, filled with numbers and words. */
+
+import { figures, fixed, general, grouped } from "./numbers.js";
+
+const ANY_ANGLE_DEG = 90;
+
+/**
+ * How many there are of something.
+ * @param {number} number
+ * @param {string} noun
+ * @returns {string}
+ */
+export function counted(number, noun) {
+    return `${grouped(number)} ${noun}${Math.round(number) === 1 ? "" : "s"}`;
+}
+
+/**
+ * An angle; beyond a right one it says nothing.
+ * @param {number} degrees
+ * @returns {string}
+ */
+export function angle(degrees) {
+    return degrees < ANY_ANGLE_DEG ? `${figures(degrees)}°` : "any angle";
+}
+
+/** @type {Record<string, (value: number, digits: number) => string>} */
+const FORMATS = {
+    "": (value) => figures(value),
+    angle: (value) => angle(value),
+    "%": (value, digits) => `${fixed(100 * value, digits)}%`,
+    f: (value, digits) => fixed(value, digits),
+    ",f": (value, digits) => grouped(value, digits),
+    g: (value, digits) => general(value, digits),
+};
+
+/**
+ * A number by a format specification of Python, such as `.1%`, `,.0f` or `g`; `angle` is the catalogue's own.
+ * @param {number} value
+ * @param {string} specification
+ * @returns {string}
+ */
+function formatted(value, specification) {
+    const [, comma, digits, kind] = /^(,?)(?:\.(\d+))?([%fg]?|angle)$/.exec(specification) ?? [];
+    const format = FORMATS[`${comma}${kind}`];
+    if (!format) throw new Error(`a sentence has the format ${specification}, which this page does not know`);
+    return format(value, digits === undefined ? 6 : Number(digits));
+}
+
+/**
+ * Fill a template of Python, whose braces name numbers and words.
+ * @param {string} template
+ * @param {(name: string) => number | string} valueOf
+ * @returns {string}
+ */
+export function filled(template, valueOf) {
+    return template.replace(/\{(\w+)(?:![rs])?(?::([^}]*))?\}/g, (_, name, specification = "") => {
+        const value = valueOf(name);
+        return typeof value === "string" ? value : formatted(value, specification);
+    });
+}

@@ -1,0 +1,43 @@
+/** The worker that fits: it has the engine, and answers one task after the other. */
+
+import { loadEngine } from "./engine.js";
+import { evaluate } from "./evaluate.js";
+import { compared } from "./previous.js";
+
+/** @typedef {import("./data.d.ts").EngineData} EngineData */
+/** @typedef {import("./session.js").Task} Task */
+/** @typedef {{address: string, data: EngineData}} Start */
+/** @typedef {{number: number, task: Task}} Fit */
+
+/** @type {Promise<{engine: import("./engine.js").Engine, data: EngineData}>} */
+let ready;
+
+self.addEventListener("message", async (/** @type {MessageEvent<Start | Fit>} */ { data: asked }) => {
+    if ("number" in asked) {
+        self.postMessage(await answered(asked));
+        return;
+    }
+    ready = begun(asked);
+    ready.catch(() => {}); // which the answer to each task says
+});
+
+/** @param {Start} start */
+async function begun({ address, data }) {
+    return { engine: await loadEngine(new URL(address), data.layouts), data };
+}
+
+/**
+ * The answer to a task; a fault of ours, or of the browser, is words.
+ * @param {Fit} fit
+ */
+async function answered({ number, task }) {
+    try {
+        const { engine, data } = await ready;
+        const begin = performance.now();
+        const evaluated = evaluate(engine, data, task);
+        const previous = task.previous && compared(task.previous, evaluated.view, task);
+        return { number, evaluated: { ...evaluated, previous, key: task.key }, seconds: (performance.now() - begin) / 1000 };
+    } catch (error) {
+        return { number, fault: String(error) };
+    }
+}

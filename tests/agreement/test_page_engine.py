@@ -1,0 +1,248 @@
+"""The page that needs no program gives the numbers, the verdict and the sentences of the program.
+
+One table holds both to each other: a formula, a rule or a sentence that changes on one side alone breaks a row of it.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+import shutil
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+import pytest
+from benchmarks.datasets import dataset
+from benchmarks.page_verdict import asked, compared, page_answers, session_of, thinned
+from tests.javascript import run
+
+import flinders
+from flinders import simulate
+from flinders.core.samples import Samples
+from flinders.live.evaluation import evaluate
+from flinders.live.messages import SourceState
+from flinders.native import build
+from flinders.standalone import engine
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from benchmarks.page_verdict import Compared
+
+    from flinders.heading.guidance import Goal
+    from flinders.live.session import LiveSession
+
+try:
+    build.library(target=build.WEB)
+except build.NoCompiler as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+if shutil.which("node") is None:
+    pytest.skip("no Node.js to run the page's modules with", allow_module_level=True)
+
+GOALS: tuple[Goal, ...] = ("heading", "attitude")
+ROWS = 600
+ENGINE = 1e-9
+CLAIM = 1e-6
+
+SHARED = (
+    "aleksandrbazhin_ellipsoid/mag_out.txt",
+    "ckexplorer_acc_mag/acc_mag_log.csv",
+    "dronekit_log171_3mags/log171_MAG.csv",
+    "dronekit_log171_3mags/log171_MAG2.csv",
+    "fhoevi_ellipsoid/mag_out.txt",
+    "hightower70_magcal/mag.txt",
+    "jremington_icm20948/icm_20948_cal_acc.csv",
+    "jremington_icm20948/icm_20948_cal_mag.csv",
+    "jremington_icm20948/mag3_raw.csv",
+    "jremington_mpu9250/acc.txt",
+    "jremington_mpu9250/mag.txt",
+    "leiria_robot/V_300_path1_LSM9DS0.npz",
+    "leiria_robot/V_300_path1_MPU9150.npz",
+    "michaelwro_fxos8700/mag-readings.txt",
+    "pichim_betaflight/20231008_apex5_mag_gyro_dedup.csv",
+    "pichim_betaflight/20231014_apex5_mag_on_tpu_02.csv",
+    "pichim_betaflight/20231015_ctzsnooze_PR_Cal_3.csv",
+    "pichim_betaflight/CalCareful_2282320.csv",
+    "pichim_betaflight/calTest1_198_253_-9.csv",
+    "pichim_betaflight/calTest1_208_249_-2.csv",
+    "px4_pyulog_cubeorange/vehicle_magnetometer.csv",
+    "risherlock_handheld/raw_data.csv",
+    "sunsided_hmc5883l/full-sphere.csv",
+    "timspi_imu_gnss/imu_gnss_data.csv",
+    "tomisuarez_qmc5883l/noisy_raw_data.csv",
+    "uutzinger_gearvr/acc_data.txt",
+)
+
+
+def worlds() -> dict[str, Samples]:
+    """Simulated recordings, each of which makes a part of the verdict speak."""
+    tumble = simulate.tumble(seed=5, n=1000).samples
+    field = tumble.field
+    rng = np.random.default_rng(1)
+    tilted = simulate.tumble(seed=7, n=300, motion="tilted")
+    matrix, offset = tilted.sensor.correction
+    worlds = {
+        "all around": tumble,
+        "beginning": simulate.tumble(seed=3, n=1500).samples[:40],
+        "too few": tumble[:8],
+        "never upside down": tilted.samples,
+        "banked turns": simulate.tumble(seed=1, n=1000, motion="flight").samples,
+        "at rest": Samples([20.0, -10.0, 40.0] + 0.2 * rng.normal(size=(300, 3)), time=np.arange(300) / 50.0),
+        "stale": replace(tumble, field=np.concatenate([field[:850], np.tile(field[850], (150, 1))])),
+        "frozen": replace(tumble, field=np.where(np.arange(1000)[:, np.newaxis] < 800, field, field * [1, 0, 1])),
+        "swapped sign": replace(
+            tumble, field=np.where(np.arange(1000)[:, np.newaxis] < 500, field, field * [1, -1, 1])
+        ),
+        "end of range": replace(
+            tumble, field=np.minimum(field, np.array([np.quantile(field[:, 0], 0.93), np.inf, np.inf]))
+        ),
+        "milligauss": replace(tumble, field=10.0 * field),
+        "corrected before": Samples((tilted.samples.field - offset) @ np.transpose(matrix), unit=tumble.unit),
+        "outliers": simulate.tumble(seed=0, n=1000, outliers=0.02).samples,
+        "passing magnet": simulate.tumble(seed=0, n=1000, disturbances=[simulate.PassingMagnet(100.0)]).samples,
+        "step": simulate.tumble(seed=0, n=1000, disturbances=[simulate.Step(4.0, at=0.7)]).samples,
+        "motor": simulate.tumble(seed=0, n=1500, disturbances=[simulate.MotorCurrent(0.2)]).samples,
+        "coarse": dataset("60 coarse samples", trial=0, sigma=0.5).samples,
+        "strong iron": dataset("strong iron", trial=0, sigma=0.5).samples,
+    }
+    return {name: thinned(samples) for name, samples in worlds.items()}
+
+
+def held_together(rows: list[Compared]) -> None:
+    """Hold page and program to each other, and name every row that is off."""
+    off = [
+        row
+        for row in rows
+        if row.verdicts[0] != row.verdicts[1]
+        or row.findings[0] != row.findings[1]
+        or row.reasons[0] != row.reasons[1]
+        or not (math.isnan(row.claim) or abs(row.claim - 1.0) < CLAIM)
+        or (row.verdicts[0] != "refused" and not row.engine_off < ENGINE)
+    ]
+    assert not off, off
+
+
+def test_recordings_get_the_verdict_of_the_program(recordings: Callable[[str], Path]) -> None:
+    samples = [thinned(flinders.read(recordings(name)), ROWS) for name in SHARED]
+    rows = compared(SHARED, [session_of(each) for each in samples])
+    assert not any(row.is_level for row in rows)
+    assert {row.verdicts[0] for row in rows} == {"", "good", "limited", "refused"}, "and one gives no fit"
+    held_together(rows)
+
+
+def test_simulated_recordings_get_verdict_reasons_and_sentences_of_the_program() -> None:
+    cases = worlds()
+    rows = compared(list(cases), [session_of(samples) for samples in cases.values()])
+    held_together(rows)
+    unlike = [row for row in rows if row.method and row.sentences[0][1:] != row.sentences[1][1:]]
+    assert not unlike, unlike
+    assert {code for row in rows for code in row.reasons[1]} >= {
+        *("too-few-samples", "no-rotation", "stale", "frozen-axis", "wrong-unit", "saturated", "outliers")
+    }
+    assert {code for row in rows for code, _ in row.findings[1]} >= {
+        *("corrected-before", "coverage", "axis-swap", "inflation", "heading-error", "axis-ratio", "field-strength")
+    }
+
+
+def test_a_level_turn_is_refused() -> None:
+    (answer,) = page_answers([session_of(simulate.tumble(seed=1, n=800, motion="level").samples)])["answers"]
+    assert answer["view"]["verdict"] == "refused"
+    assert answer["view"]["offset"] is None
+    assert answer["view"]["findings"][0]["advice"].endswith("flinders calibrate does")
+    assert "level-plane" in engine.unchecked()
+
+
+CLOSE = {
+    "tiles_deg": (1e-3, 0.0),
+    "tiles_seen": (0.0, 1.0),
+    "counts": (0.0, 1.0),
+    "before_deg": (0.0, 2e-4),
+    "sigma_deg": (0.0, 2e-4),
+    "bound_95": (0.01, 0.0),
+    "any_attitude_deg": (1e-4, 0.0),
+    "after_deg": (0.01, 0.0),
+}
+"""Relative and absolute tolerance of what is rounded on its way, or counted by cells on one side."""
+
+
+def same(page: object, program: object, name: str) -> None:
+    """Hold a part of the page's view to that of the program."""
+    if isinstance(program, dict):
+        assert isinstance(page, dict)
+        assert set(page) == set(program), name
+        for key, value in program.items():
+            same(page[key], value, name if name in CLOSE else key)
+    elif name == "sentence":  # it has the bound of 95 %
+        assert str(page).partition("(")[0] == str(program).partition("(")[0]
+    elif program is None or isinstance(program, str | bool):
+        assert page == program, name
+    else:
+        relative, absolute = CLOSE.get(name, (1e-9, 1e-12))
+        own, other = np.array(page, float), np.array(program, float)
+        np.testing.assert_allclose(own, other, rtol=relative, atol=absolute, err_msg=name)
+
+
+def test_the_page_draws_what_the_live_page_draws() -> None:
+    samples = thinned(simulate.tumble(seed=7, n=600, motion="tilted", outliers=0.02).samples)
+    sessions = [replace(session_of(samples, target_deg=0.5), goal=goal) for goal in GOALS]
+    for session, answer in zip(sessions, page_answers(sessions)["answers"], strict=True):
+        program = evaluate(session)
+        same({**answer["view"], "findings": []}, {**msgspec.to_builtins(program.view), "findings": []}, "view")
+        assert (answer["used"], answer["rejected"]) == (program.used, program.rejected)
+        assert bool(answer["view"]["guidance"]["direction"]) == (session.goal == "attitude")
+
+
+def test_the_page_leads_who_turns_the_sensor_as_the_live_page_does() -> None:
+    level = simulate.tumble(seed=1, n=800, motion="level").samples
+    cases = [
+        simulate.tumble(seed=3, n=1500).samples[:100],
+        simulate.tumble(seed=7, n=300, motion="tilted").samples,
+        replace(level, field=level.field[:, [1, 2, 0]]),
+    ]
+    sessions = [followed(thinned(samples), goal) for samples in cases for goal in GOALS]
+    for session, page in zip(sessions, page_answers(sessions)["answers"], strict=True):
+        view = evaluate(session).view
+        assert view is not None
+        assert view.guidance is not None
+        assert view.guidance.words.startswith("follow the arrow: ")
+        same(page["view"]["guidance"], msgspec.to_builtins(view.guidance), "guidance")
+        same(page["view"]["shown"], msgspec.to_builtins(view.shown), "shown")
+
+
+def followed(samples: Samples, goal: Goal) -> LiveSession:
+    """A session of a sensor that somebody turns."""
+    session = replace(session_of(samples, target_deg=0.1), goal=goal)
+    return replace(session, source=SourceState("sensor", "serial", "connected", ""))
+
+
+def test_the_page_knows_every_word_that_a_row_may_take() -> None:
+    samples = simulate.tumble(seed=1, n=100).samples
+    program = """
+const modules = await Promise.all(["fit.js", "verdict.js", "engine.js"].map(load));
+const [{ fitOf }, { quantities, NAMES }, { loadEngine }] = modules;
+const loaded = await loadEngine(Uint8Array.from(Buffer.from(given.wasm, "base64")), given.data.layouts);
+const field = new Float64Array(Uint8Array.from(Buffer.from(given.asked.field, "base64")).buffer);
+return [...NAMES, ...Object.keys(quantities(fitOf(loaded, given.data, { ...given.asked, field, time: null })))];
+"""
+    wasm = build.library(target=build.WEB).read_bytes()
+    known = run(program, {"wasm": packed(wasm), "data": engine.data(), "asked": asked(session_of(samples))})
+    assert set(known) >= engine.NAMES
+
+
+def packed(content: bytes) -> str:
+    """Bytes as JSON has them."""
+    return base64.b64encode(content).decode()
+
+
+def test_the_engine_of_browsers_imports_nothing_and_exports_what_the_header_declares() -> None:
+    program = """
+const module = new WebAssembly.Module(Uint8Array.from(Buffer.from(given, "base64")));
+return [WebAssembly.Module.imports(module), WebAssembly.Module.exports(module).map(({ name }) => name)];
+"""
+    imports, exports = run(program, packed(build.library(target=build.WEB).read_bytes()))
+    assert imports == []
+    assert set(exports) == {"memory", "_initialize", "__heap_base", *build.functions()}

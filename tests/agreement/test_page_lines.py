@@ -1,0 +1,220 @@
+"""What boards print and text logs hold, read by the page's JavaScript and by the library: the same numbers.
+
+The shapes are those of docs/line-shapes.toml, as files and piece by piece as they arrive from a port.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from itertools import chain
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pytest
+from tests.agreement.test_line_shapes import TUMBLE, with_noise
+from tests.javascript import run
+from tests.sketches import SHAPES, printed
+from tests.truth import test_printed_lines, test_prints
+
+import flinders
+from flinders.errors import FlindersError
+from flinders.live.transcript import Transcript
+from flinders.readers._names import meaning
+from flinders.standalone import lines
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+PIECE: Final = 37  # Bytes that arrive together
+LATER_S: Final = 0.02
+LARGEST: Final = 1 << 19  # Bytes of a recording that is compared
+PROGRAM: Final = """
+const { readLog, LineReader } = await load("lines.js");
+const { Unreadable } = await load("tables.js");
+const attempt = (read) => {
+    try {
+        return read();
+    } catch (error) {
+        if (!(error instanceof Unreadable)) throw error;
+        return { refusal: error.message };
+    }
+};
+const ofFile = ({ name, content }) => {
+    const bytes = Uint8Array.from(atob(content), (letter) => letter.charCodeAt(0));
+    const { field, time, unit, raw } = readLog(given, name, bytes);
+    return { field: [...field], time: time && [...time], unit, raw };
+};
+const ofWire = ({ pieces, later }) => {
+    const reader = new LineReader(given);
+    const rows = pieces.flatMap((piece, i) => reader.take(piece, i * later).rows);
+    return { field: rows.flatMap(({ field }) => field), time: rows.map(({ time }) => time), unit: reader.unit };
+};
+return { files: given.files.map((file) => attempt(() => ofFile(file))), wires: given.wires.map(ofWire) };
+"""
+COLUMNS: Final = (
+    "magADC[0]", "MAGNETIC FIELD Y (î¼T)", "gyro_z_dps", "Time (s)", "mag_x_cal", "mag1_x", "imu2.mag.x", "rm3100_y",
+    "rm3100x", "imu_mx", "Bx", "b_y", "hz", "x", "Y", "T_C", "t", "timestamp_us", "header.stamp.secs", "accel_x_mps2",
+    "ax", "linear acc x", "temperature", "temps", "current_A", "throttle_share", "motor1_current (mA)", "attitude_w",
+    "igrf_total", "reference field (nT)", "mag_ref_x", "unit_x", "mag_unit_x", "covariance_mag_x", "heading",
+    "latitude", "field strength z", "constructor", "X axis field (Gauss)", "µT x", "mag_filtered_z", "lis3mdl_raw_x",
+    "angular_velocity.z", "day time", "elapsed (ms)", "",
+)  # fmt: skip
+"""Names of columns of many kinds, and of none."""
+
+
+def texts() -> Iterator[tuple[str, str]]:
+    """Name and text of each print: the shapes, those of other tests, and tables."""
+    for shape in SHAPES:
+        yield shape["name"], "\r\n".join([*with_noise(shape, printed(shape, TUMBLE)[0]), ""])
+    for name, (lines_of_reading, unit) in test_prints.READ.items():
+        readings = printed({"lines": lines_of_reading, "unit": unit}, TUMBLE)[0]
+        yield name, "\n".join(["starting", *chain.from_iterable(readings), ""])
+    for name, (line, _) in test_prints.REFUSED.items():
+        readings = printed({"lines": [line, "{mx}{my}{mz}"], "unit": ""}, TUMBLE)[0]
+        yield name, "\n".join([*(first for first, _ in readings), ""])
+    for name, read in test_printed_lines.READ.items():
+        yield name, "\n".join(["booting", *read, ""])
+    for name, (refused, _) in test_printed_lines.REFUSED.items():
+        yield f"{name}, refused", "\n".join([*refused, ""])
+    yield from TABLES.items()
+
+
+FIELD: Final = TUMBLE.field.round(3).tolist()
+TABLES: Final = {
+    name: "\n".join([*head, *(form.format(*row, t=1000 + 20 * n, n=n) for n, row in enumerate(FIELD)), ""])
+    for name, (head, form) in {
+        "units in a row": (["t;mx;my;mz", "ms;mG;mG;mG"], "{t};{0};{1};{2}"),
+        "time that counts from 1970": (["timestamp,mag_x,mag_y,mag_z"], "17953561{t:04d}00,{0},{1},{2}"),
+        "seconds and nanoseconds": (["secs,nsecs,mag_x_uT,mag_y_uT,mag_z_uT"], "{n},500000000,{0},{1},{2}"),
+        "a time cut to a digit": (["t_s,mag_x_uT,mag_y_uT,mag_z_uT"], "1.7e9,{0},{1},{2}"),
+        "three columns": ([], "{0}\t{1}\t{2}"),
+        "time first": ([], "{t} {0} {1} {2}"),
+        "quotes": (['"time","Mag X (mG)","Mag Y (mG)","Mag Z (mG)"'], '"{t}","{0}","{1}","{2}"'),
+        "a reference beside it": (["ref_x,ref_y,ref_z,m_x,m_y,m_z"], "1,2,3,{0},{1},{2}"),
+        "calibrated beside raw": (["mag_x_cal,mag_y_cal,mag_z_cal,mag_x_raw,mag_y_raw,mag_z_raw"], "1,2,3,{0},{1},{2}"),
+        "two magnetometers": (["mag1_x,mag1_y,mag1_z,mag2_x,mag2_y,mag2_z"], "{0},{1},{2},1,2,3"),
+        "records of keys in keys": ([], '{{"t_ms": {t}, "mag": {{"x": {0}, "y": {1}, "z": {2}}}}}'),
+        "records of lists": ([], "[{0}, {1}, {2}]"),
+        "a header in a comment": (["# mx my mz"], "{0} {1} {2}"),
+        "stamps before a table": ([], "14:03:{n:02d}.250 -> {0},{1},{2}"),
+        "stamps before tuples": ([], "[2026-11-22T14:03:{n:02d}Z] ({0}, {1}, {2})"),
+        "gaps": (["mag_x,mag_y,mag_z", "1,2", "nan,1,2", "hello,1,2"], "{0},{1},{2}"),
+        "messages of Paparazzi": ([], "{t} 3 IMU_MAG_RAW {n} -3 400"),
+        "magcc": ([], "|{t},0,0,9.8,0,0,0.1, {0},{1},{2},0,0,1.57*"),
+    }.items()
+}  # fmt: skip
+CASES: Final = dict(texts())
+
+
+def cut(text: str) -> list[str]:
+    """The text in pieces of uneven length, then silence until the last line is read."""
+    pieces = [text[start : start + PIECE] for start in range(0, len(text), PIECE)]
+    return [*pieces, *[""] * 60]
+
+
+@pytest.fixture(scope="module")
+def by_page() -> dict[str, Any]:
+    """What the page makes of each text, dropped and as it arrives."""
+    contents = [{"name": "print.txt", "content": base64.b64encode(text.encode()).decode()} for text in CASES.values()]
+    wires = [{"pieces": cut(text), "later": LATER_S} for text in CASES.values()]
+    done = run(PROGRAM, {"lines": lines.data(), "files": contents, "wires": wires})
+    return {name: (file, wire) for name, file, wire in zip(CASES, done["files"], done["wires"], strict=True)}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_dropped_text_gives_the_numbers_of_the_library(name: str, by_page: dict[str, Any], tmp_path: Path) -> None:
+    """Or both refuse it."""
+    path, found = tmp_path / "print.txt", by_page[name][0]
+    path.write_text(CASES[name], encoding="utf-8", newline="")
+    try:
+        samples = flinders.read(path)
+    except FlindersError:
+        assert found.get("refusal"), found
+        return
+    assert found.get("field") == samples.field.ravel().tolist(), found.get("refusal")
+    assert found["unit"] == samples.unit.inside
+    assert found["raw"] == {"unit": samples.unit.name, "scale": samples.unit.scale}
+    assert found["time"] == (None if samples.time is None else samples.time.tolist())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_arrives_gives_the_numbers_of_the_live_page(name: str, by_page: dict[str, Any]) -> None:
+    """Time of arrival where the lines have none, and the same readings from the same pieces."""
+    transcript, found = Transcript("the board"), by_page[name][1]
+    taken = [transcript.take(piece.encode(), LATER_S * place) for place, piece in enumerate(cut(CASES[name]))]
+    readings = [each.readings for each in taken if each.readings is not None]
+    field = np.concatenate([each.field for each in readings]).ravel().tolist() if readings else []
+    assert found["field"] == field
+    if readings:
+        times = np.concatenate([each.time for each in readings if each.time is not None])
+        assert found["unit"] == readings[0].unit.inside
+        np.testing.assert_allclose(np.diff(np.array(found["time"], float)), np.diff(times), atol=1e-9)
+
+
+def test_text_logs_of_the_shared_data_give_the_numbers_of_the_library(recordings: Callable[[str], Path]) -> None:
+    """Every one that the library reads as text, but blackboxes, which may be corrected on board."""
+    texts = {}
+    for path in sorted(
+        path for path in recordings(".").rglob("*") if path.suffix in {".csv", ".txt", ".tsv", ".dat", ".log"}
+    ):
+        if path.stat().st_size > LARGEST or "betaflight" in str(path.parent):
+            continue
+        try:
+            texts[path] = flinders.read(path)
+        except FlindersError:
+            continue
+    contents = [{"name": path.name, "content": base64.b64encode(path.read_bytes()).decode()} for path in texts]
+    done = run(PROGRAM, {"lines": lines.data(), "files": contents, "wires": []})["files"]
+    assert len(texts) >= 20
+    for (path, samples), found in zip(texts.items(), done, strict=True):
+        assert found.get("field") == samples.field.ravel().tolist(), (path, found.get("refusal"))
+        assert found["time"] == (None if samples.time is None else samples.time.tolist()), path
+
+
+def test_names_mean_the_same() -> None:
+    program = """
+const { Names } = await load("names.js");
+const { revived } = await load("patterns.js");
+const names = new Names(revived(given.lines));
+return given.columns.map((name) => names.meaning(name));
+"""
+    found = run(program, {"lines": lines.data(), "columns": COLUMNS})
+    for name, own in zip(COLUMNS, found, strict=True):
+        kind, axis, unit, rank = meaning(name)
+        unit = unit if kind not in ("currents", "throttles") else ""
+        assert own == {"kind": kind, "axis": axis, "unit": unit, "rank": rank}, name
+
+
+FOREIGN: Final = (
+    ("flight.ulg", b"ULog\x01\x12\x35" + bytes(40), "PX4 ULog.*flinders calibrate flight.ulg"),
+    ("flight.bin", b"\xa3\x95\x80\x80\x59FMT" + bytes(range(64)), "DataFlash.*flinders calibrate"),
+    ("data.mat", b"MATLAB 5.0 MAT-file\0\0\0\0" + bytes(120), "MATLAB.*flinders calibrate"),
+    ("logo.png", b"\x89PNG\r\n\x1a\n" + bytes(40), "a PNG image: give the recording itself"),
+    ("index.html", b"<!DOCTYPE html><html>", "an HTML page: download the raw file"),
+    ("empty.txt", b"", "is empty"),
+    (
+        "calibration.json",
+        b'{"flinders": "calibration", "schema": 1}',
+        "a calibration file of Flinders and not a recording",
+    ),
+    ("words.txt", b"hello\nworld\n", "no readings are recognised"),
+    ("two.csv", b"1,2\n3,4\n5,6\n7,8\n", "need three columns"),
+    ("six.csv", b"1,2,3,4,5,6\n" * 9, "6 columns and no header.*--columns"),
+    ("accelerometer.csv", b"ax,ay,az\n1,2,3\n4,5,6\n", "no magnetometer among the columns ax, ay, az"),
+    ("headed.csv", b"mag_x,mag_y,mag_z\n", "a header and no readings"),
+    ("nan.csv", b"mag_x,mag_y,mag_z\nnan,nan,nan\nnan,nan,nan\n", "no usable reading"),
+    ("numbered.csv", b"1,10,20,30\n2,40,50,60\n" * 5, "says which sensor each line is of"),
+    ("thousands.csv", b"x;y;z\n1,234;345;5,678\n" * 9, "between thousands"),
+    ("blackbox.csv", b"time,magADC[0],magADC[1],magADC[2]\n1,2,3,4\n2,3,4,5\n", "blackbox"),
+    ("pulses.csv", b"x_set,y_set,z_set,x_reset,y_reset,z_reset\n1,2,3,4,5,6\n", "set and after reset pulses"),
+)
+"""Name and content of files that are no text logs of a magnetometer, and what is said of them."""
+
+
+def test_other_files_are_refused_with_advice() -> None:
+    given = [{"name": name, "content": base64.b64encode(content).decode()} for name, content, _ in FOREIGN]
+    found = run(PROGRAM, {"lines": lines.data(), "files": given, "wires": []})["files"]
+    for (name, _, words), each in zip(FOREIGN, found, strict=True):
+        assert re.search(words, each.get("refusal", "")), (name, each)

@@ -1,0 +1,298 @@
+"""The page that needs no program, in a browser: a folder on a web server, sources, exports, reloads, and no network."""
+
+from __future__ import annotations
+
+import json
+from itertools import chain
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pytest
+from benchmarks.stage import Site
+from playwright.sync_api import expect
+from tests.browser.visitor import Visitor, grave, until
+from tests.sketches import SHAPES, printed
+
+import flinders
+from flinders import simulate
+from flinders.standalone import package
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser, BrowserContext, Dialog, Page
+
+PHONE: Final[dict[str, Any]] = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+FAKE: Final = """
+(() => {
+    const ports = new EventTarget();
+    let controller = null;
+    const port = () => {
+        const made = { readable: null, close: async () => { made.readable = null; } };
+        made.open = async ({ baudRate }) => {
+            window.board.baud = baudRate;
+            made.readable = new ReadableStream({ start: (begun) => { controller = begun; } });
+        };
+        return made;
+    };
+    window.board = {
+        port: port(),
+        print: (text) => controller.enqueue(new TextEncoder().encode(text)),
+        unplug: () => { window.board.port.readable = null; controller.error(new Error("lost")); },
+        plug: () => {
+            window.board.port = port();
+            const event = new Event("connect");
+            Object.defineProperty(event, "target", { value: window.board.port });
+            ports.dispatchEvent(event);
+        },
+    };
+    ports.requestPort = async () => window.board.port ?? Promise.reject(new Error("none"));
+    Object.defineProperty(navigator, "serial", { value: ports });
+})();
+"""
+"""Ports of a browser with one board, which prints what a test says."""
+TUMBLE: Final = simulate.tumble(seed=5, noise=0.3).samples
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("ziglang", reason="no compiler for browsers")
+    folder = tmp_path_factory.mktemp("site")
+    package.write(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def site(folder: Path) -> Iterator[Site]:
+    with Site(folder) as site:
+        yield site
+
+
+@pytest.fixture
+def visitor(browser: Browser, site: Site) -> Iterator[Visitor]:
+    visitor = Visitor(browser, site)
+    yield visitor
+    visitor.leave()
+    visitor.close()
+
+
+@pytest.fixture
+def context(visitor: Visitor) -> BrowserContext:
+    """A browser with a board."""
+    context = visitor.context(permissions=["clipboard-read", "clipboard-write"])
+    context.add_init_script(FAKE)
+    return context
+
+
+def connected(page: Page) -> None:
+    """Connect the board."""
+    if page.locator("#start").is_hidden():
+        page.locator("#connect").click()
+    page.locator("#use-board").click()
+    expect(page.locator("#start")).to_be_hidden()
+
+
+def pasted(page: Page, text: str) -> None:
+    """Paste a text onto the page."""
+    page.evaluate(
+        """text => {
+            const clipboardData = new DataTransfer();
+            clipboardData.setData("text", text);
+            const event = new ClipboardEvent("paste", { clipboardData, bubbles: true, cancelable: true });
+            document.body.dispatchEvent(event);
+        }""",
+        text,
+    )
+
+
+def log_of(field: Any) -> str:  # noqa: ANN401 - an array
+    """A table of 50 readings a second."""
+    rows = "\n".join(f"{0.02 * row:.2f},{x:.3f},{y:.3f},{z:.3f}" for row, (x, y, z) in enumerate(field))
+    return f"t_s,mx_uT,my_uT,mz_uT\n{rows}\n"
+
+
+def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(visitor: Visitor, tmp_path: Path) -> None:
+    page = visitor.page(visitor.context(permissions=["clipboard-read", "clipboard-write"]))
+    expect(page.locator("#start")).to_be_visible()
+    transfer = page.evaluate_handle(
+        "text => { const all = new DataTransfer(); all.items.add(new File([text], 'tumble.csv')); return all; }",
+        log_of(TUMBLE.field),
+    )
+    page.dispatch_event("body", "drop", {"dataTransfer": transfer})
+    until(page, "flinders.store.state.phase === 'good'")
+    expect(page.locator("#source-name")).to_have_text("tumble.csv")
+    page.keyboard.press("f")
+    expect(page.locator("#verdict")).to_have_attribute("data-verdict", "good")
+    for name in ("save-report", "send", "place", "refresh"):
+        expect(page.locator(f"#{name}")).to_be_hidden()
+    page.locator("#export-target").select_option("arduino")
+    expect(page.locator("#preview")).to_contain_text("float")
+    page.keyboard.press("c")
+    expect(page.locator("#copy")).to_have_text("Copied")
+    assert page.evaluate("navigator.clipboard.readText()") == page.locator("#preview").text_content()
+    with page.expect_download() as started:
+        page.locator("#save-calibration").click()
+    started.value.save_as(tmp_path / "cal.json")
+    saved = flinders.Fit.load(tmp_path / "cal.json")
+    fit = flinders.fit(TUMBLE)
+    np.testing.assert_allclose(saved.calibration.offset, fit.calibration.offset, atol=0.02)
+    np.testing.assert_allclose(saved.calibration.matrix, fit.calibration.matrix, atol=5e-4)
+    assert saved.verdict == fit.verdict
+    page.locator("#previous-file").set_input_files(tmp_path / "cal.json")
+    expect(page.locator("#previous-words")).to_contain_text("cal.json: Headings differ by 0.0")
+    expect(page.locator("#refresh")).to_be_hidden()
+    page.locator("#previous-clear").click()
+    expect(page.locator("#previous-words")).not_to_contain_text("cal.json")
+    page.locator("#previous-file").set_input_files({"name": "x.json", "mimeType": "", "buffer": b"{}"})
+    expect(page.locator("#notices")).to_contain_text("x.json: it is no calibration file")
+
+
+def test_what_the_page_cannot_read_is_refused_with_advice(visitor: Visitor) -> None:
+    page = visitor.page()
+    page.locator("#log-file").set_input_files(
+        {"name": "flight.ulg", "mimeType": "", "buffer": b"ULog\x01\x12\x35\x01" * 9}
+    )
+    expect(page.locator("#notices")).to_contain_text("flinders calibrate")
+    pasted(page, "these are\nno readings\n")
+    expect(page.locator("#start-answer")).not_to_be_empty()
+    page.locator("#use-phone").click()
+    expect(page.locator("#start-answer")).to_contain_text("magnetometer")
+    page.evaluate("flinders.connection.send({type: 'place', latitude_deg: 1, longitude_deg: 1, year: 2026})")
+    expect(page.locator("#notices")).to_contain_text("type it as dip")
+    pasted(page, log_of(TUMBLE.field))
+    until(page, "flinders.store.state.phase === 'good'")
+    expect(page.locator("#source-name")).to_have_text("pasted text")
+
+
+def test_an_engine_that_does_not_come_is_said(visitor: Visitor) -> None:
+    context = visitor.context()
+    context.route("**/flinders.wasm", lambda route: route.fulfill(status=404))
+    page = visitor.page(context)
+    pasted(page, log_of(TUMBLE.field[:200]))
+    expect(page.locator("#phase-words")).to_contain_text("could not be fitted in this browser")
+    visitor.forgive(404)
+
+
+READ_EACH: Final = """async (shapes) => {
+    const { connection } = flinders;
+    const until = async (isSo) => { while (!isSo()) await new Promise((done) => setTimeout(done, 5)); };
+    const counts = [];
+    for (const lines of shapes) {
+        const before = connection.source;
+        document.getElementById("use-board").click();
+        await until(() => connection.source !== before);
+        board.print(lines);
+        await until(() => connection.session.live.buffer.total > 50);
+        counts.push(connection.session.live.buffer.total);
+        connection.send({ type: "clear" });
+    }
+    return counts;
+}"""
+
+
+def test_every_shape_of_lines_is_read_from_a_port(visitor: Visitor, context: BrowserContext) -> None:
+    page = visitor.page(context)
+    page.locator("#baud").select_option("9600")
+    unasked = [shape for shape in SHAPES if not {"pattern", "columns"} & set(shape)]
+    texts = ["\n".join([*chain.from_iterable(printed(shape, TUMBLE[:600:10])[0]), ""]) for shape in unasked]
+    counts = page.evaluate(READ_EACH, texts)
+    assert len(counts) >= 48
+    assert set(counts) <= {59, 60}, "of some shapes the first line may be cut, or the last reading has no end"
+    assert page.evaluate("board.baud") == 9600
+
+
+def test_a_board_is_lost_comes_back_and_outlives_a_reload(visitor: Visitor, context: BrowserContext) -> None:
+    page = visitor.page(context)
+    lines = [f"Raw:0,0,0,0,0,0,{x:.0f},{y:.0f},{z:.0f}\r\n" for x, y, z in 10 * TUMBLE.field]
+    connected(page)
+    page.evaluate("lines => board.print(lines)", "".join(lines[:1500]))
+    until(page, "flinders.store.state.readings === 1500")
+    page.evaluate("board.unplug()")
+    expect(page.locator("#phase")).to_contain_text("wrong", ignore_case=True)
+    expect(page.locator("#advice-words")).to_contain_text("plug it in again")
+    page.evaluate("board.plug()")
+    until(page, "flinders.store.state.source.link === 'connected'")
+    page.evaluate("lines => board.print(lines)", "".join(lines[1500:]))
+    until(page, "flinders.store.state.readings === 3000")
+    asked: list[str] = []
+
+    def accept(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.accept()
+
+    page.on("dialog", accept)
+    page.reload()
+    until(page, "window.flinders?.store.state?.readings === 3000")
+    assert asked == ["beforeunload"]
+    expect(page.locator("#source-name")).to_have_text("the board")
+    expect(page.locator("#start")).to_be_hidden()
+    with page.expect_download() as started:
+        page.keyboard.press("f")
+        page.locator("#save-session").click()
+    assert started.value.path().read_text(encoding="utf-8").count("\n") == 3001
+    page.keyboard.press("Escape")
+    page.locator("#use-simulation").evaluate("button => button.click()")  # saved, so that another source may follow
+    until(page, "flinders.store.state.source.kind === 'simulated' && flinders.store.state.readings > 20")
+    page.reload()
+    expect(page.locator("#start")).to_be_visible()
+
+
+def test_a_phone_that_asks_its_own_sensor(visitor: Visitor, axe: str) -> None:
+    context = visitor.context(**PHONE)
+    context.add_init_script("""
+        window.Magnetometer = class extends EventTarget {
+            start() { window.sensor = this; }
+            stop() {}
+            measure(x, y, z) {
+                Object.assign(this, { x, y, z, timestamp: performance.now() });
+                this.dispatchEvent(new Event("reading"));
+            }
+        };
+    """)
+    page = visitor.page(context)
+    assert grave(page, axe) == []
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    page.locator("#use-phone").tap()
+    page.evaluate("rows => rows.forEach(row => sensor.measure(...row))", TUMBLE.field.tolist())
+    until(page, "flinders.store.state.phase === 'good'")
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
+    page.evaluate("""() => {
+        const refused = new Event("error");
+        refused.error = new DOMException("no", "NotAllowedError");
+        sensor.dispatchEvent(refused);
+    }""")
+    expect(page.locator("#advice-words")).to_contain_text("allow")
+
+
+def test_the_simulation_by_keyboard_and_without_a_network(browser: Browser, folder: Path) -> None:
+    with Site(folder, "/") as site:
+        visitor = Visitor(browser, site)
+        context = visitor.context()
+        page = visitor.page(context)
+        page.evaluate("navigator.serviceWorker.ready.then(() => {})")
+        page.reload()
+        until(page, "window.flinders?.store.hello && navigator.serviceWorker.controller")
+    page.goto(f"{site.address}index.html?speed=30")  # nobody answers any more
+    until(page, "window.flinders?.store.hello")
+    page.locator("#use-simulation").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#notices")).to_contain_text("turns the sensor over")
+    until(page, "flinders.store.state.phase === 'good'")
+    page.keyboard.press("p")
+    until(page, "flinders.store.state.paused")
+    page.keyboard.press("n")
+    page.locator("#confirmed").click()
+    until(page, "!flinders.store.state.paused && flinders.store.points.count > 5")
+    visitor.leave()
+    visitor.close()
+
+
+def test_the_folder_says_what_it_is(folder: Path) -> None:
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    assert "unsafe-inline" not in page
+    assert "'unsafe-eval'" not in page
+    worker = (folder / "sw.js").read_text(encoding="utf-8")
+    listed = json.loads(worker.partition("const PAGE = ")[2].partition(";\n")[0])
+    present = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*") if path.is_file()}
+    assert {*listed["files"], listed["scene"]} - {"./"} == present - {"index.html", "sw.js"}

@@ -1,0 +1,43 @@
+"""Modules of the page, run by Node.js: a program is given data as JSON, and what it returns comes back."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from importlib.resources import files
+from typing import Any, Final
+
+import pytest
+
+MODULES: Final = files("flinders").joinpath("static", "standalone")
+RUN_S: Final = 60.0
+
+
+def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
+    """Run a program that may import from the folder ``standalone``.
+
+    Parameters
+    ----------
+    program : str
+        Body of a function of `given` and `load(name)`, which imports a module.
+    given : object
+        JSON; bytes have to be written in base64.
+    """
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no Node.js to run the page's modules with")
+    source = f"""
+import {{ readFileSync }} from "node:fs";
+import {{ pathToFileURL }} from "node:url";
+const given = JSON.parse(readFileSync(0, "utf-8"));
+const load = (name) => import(pathToFileURL({json.dumps(f"{MODULES}/")} + name));
+const result = await (async () => {{ {program} }})();
+process.stdout.write(JSON.stringify(result));
+"""
+    done = subprocess.run(
+        [node, "--input-type=module", "--eval", source], input=json.dumps(given), capture_output=True, text=True,
+        encoding="utf-8", timeout=RUN_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
