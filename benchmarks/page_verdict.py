@@ -12,7 +12,6 @@ from __future__ import annotations
 import base64
 import json
 import math
-import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -22,6 +21,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from tests.javascript import node
 
 import flinders
 from benchmarks.datasets import SETS, dataset
@@ -142,7 +142,7 @@ def page_answers(sessions: Sequence[LiveSession], turns: int = 0) -> dict[str, A
         "turns": turns,
     }
     done = subprocess.run(
-        [shutil.which("node") or "node", str(PROGRAM)],
+        [node(), str(PROGRAM)],
         input=json.dumps(given), capture_output=True, text=True, encoding="utf-8", check=False,
     )  # fmt: skip
     if done.returncode:

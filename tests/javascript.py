@@ -6,12 +6,18 @@ import json
 import shutil
 import subprocess
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, Final
 
-import pytest
+import playwright
 
 MODULES: Final = files("flinders").joinpath("static", "standalone")
 RUN_S: Final = 60.0
+
+
+def node() -> str:
+    """Node.js: that of the system, else the one that Playwright brings."""
+    return shutil.which("node") or str(Path(playwright.__file__).parent / "driver" / "node")
 
 
 def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
@@ -24,9 +30,6 @@ def run(program: str, given: object) -> Any:  # noqa: ANN401 - as JSON
     given : object
         JSON; bytes have to be written in base64.
     """
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no Node.js to run the page's modules with")
     source = f"""
 import {{ readFileSync }} from "node:fs";
 import {{ pathToFileURL }} from "node:url";
@@ -36,7 +39,7 @@ const result = await (async () => {{ {program} }})();
 process.stdout.write(JSON.stringify(result));
 """
     done = subprocess.run(
-        [node, "--input-type=module", "--eval", source], input=json.dumps(given), capture_output=True, text=True,
+        [node(), "--input-type=module", "--eval", source], input=json.dumps(given), capture_output=True, text=True,
         encoding="utf-8", timeout=RUN_S, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

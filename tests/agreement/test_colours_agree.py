@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from importlib.resources import files
 from typing import get_args
 
 import numpy as np
-import pytest
+from tests.javascript import node
 
 from flinders.report.colours import ENDS, STEPS, Theme, class_of, colour_of
 
@@ -19,9 +18,6 @@ MIDDLES = np.sqrt(EDGES[1:] * EDGES[:-1]).tolist()
 
 
 def test_the_scale_is_that_of_the_page() -> None:
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no Node.js to run the page's colours with")
     source = files("flinders").joinpath("static", "views", "colours.js").read_text(encoding="utf-8")
     program = f"""{source}
 const hex = (rgb) => "#" + rgb.map((part) => Math.round(255 * part).toString(16).padStart(2, "0")).join("");
@@ -33,7 +29,7 @@ for (const theme of ["light", "dark"]) {{
 console.log(JSON.stringify(found));
 """
     done = subprocess.run(
-        [node, "--input-type=module"], input=program, capture_output=True, text=True, check=True, timeout=60
+        [node(), "--input-type=module"], input=program, capture_output=True, text=True, check=True, timeout=60
     )
     found = json.loads(done.stdout)
     for theme in get_args(Theme):

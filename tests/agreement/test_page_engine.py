@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import math
-import shutil
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -39,9 +38,6 @@ try:
     build.library(target=build.WEB)
 except build.NoCompiler as error:
     pytest.skip(str(error), allow_module_level=True)
-
-if shutil.which("node") is None:
-    pytest.skip("no Node.js to run the page's modules with", allow_module_level=True)
 
 GOALS: tuple[Goal, ...] = ("heading", "attitude")
 ROWS = 600

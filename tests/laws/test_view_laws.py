@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests import javascript
 
 from flinders import simulate
 from flinders.geometry.sphere import tiles
@@ -29,8 +30,6 @@ DEUTERANOPIA = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.0
 @pytest.fixture(scope="module")
 def node(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the modules that draw nothing."""
-    if shutil.which("node") is None:
-        pytest.skip("there is no Node.js here")
     folder = tmp_path_factory.mktemp("views")
     (folder / "package.json").write_text('{"type": "module"}', encoding="utf-8")
     for name in ("colours", "detail", "geometry", "marks", "turn", "vectors"):
@@ -51,7 +50,7 @@ def run(folder: Path, script: str, **given: object) -> Any:  # noqa: ANN401
         f"console.log(JSON.stringify({script}));",
     ]
     (folder / "script.mjs").write_text("\n".join(source), encoding="utf-8")
-    done = subprocess.run(["node", "script.mjs"], cwd=folder, check=False, capture_output=True, text=True)
+    done = subprocess.run([javascript.node(), "script.mjs"], cwd=folder, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

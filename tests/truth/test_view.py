@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from importlib.resources import files
@@ -14,6 +13,7 @@ import msgspec
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.javascript import node
 
 from flinders import simulate
 from flinders.core.samples import Samples
@@ -228,14 +228,11 @@ def test_what_is_beyond_the_target_is_not_called_good() -> None:
 
 def run_of_page(program: str) -> object:
     """What a program says that has the modules of the finish panel at hand."""
-    node = shutil.which("node")
-    if node is None:
-        pytest.skip("no Node.js to run the page's modules with")
     static = files("flinders").joinpath("static")
     modules = [static.joinpath(*name.split("/")).read_text(encoding="utf-8") for name in MODULES]
     source = re.sub(r"^import .*;$", "", "\n".join(modules), flags=re.MULTILINE)
     done = subprocess.run(
-        [node, "--input-type=module"], input=source + program, capture_output=True, text=True, check=True, timeout=60
+        [node(), "--input-type=module"], input=source + program, capture_output=True, text=True, check=True, timeout=60
     )
     return json.loads(done.stdout)
 
