@@ -186,6 +186,7 @@ export const REASONS = Object.freeze({
     noise: "There is too much noise.",
     "lasting-noise": "There is slow noise.",
     "unsteady-field": "The field is unsteady.",
+    "soft-iron-changed": "The soft iron no longer fits.",
     "recordings-differ": "The recordings differ.",
     "axis-swap": "An axis changed its sign or place.",
     alternating: "Every second reading is off to the other side.",
