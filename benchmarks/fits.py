@@ -216,7 +216,6 @@ def compare(old: Path, new: Path) -> int:
     expected = tomllib.loads(DIFFERENCES.read_text())
     before, after = _table(old), _table(new)
     renamed, moved, added = expected["renamed"], set(expected["moved"]), set(expected["added"])
-    graded = set(expected["graded"])
     allowed = {
         (recording, method)
         for one in expected["difference"]
@@ -229,8 +228,7 @@ def compare(old: Path, new: Path) -> int:
     for key, row in before.items():
         if key[1] in moved:
             continue
-        pair = (_known(row, renamed, added, graded), _known(after[key], {}, added, graded)) if key in after else None
-        words = differences(*pair) if pair else ["is gone"]
+        words = differences(_known(row, renamed, added), _known(after[key], {}, added)) if key in after else ["is gone"]
         words = [word for word in words if key not in allowed and not word.startswith(of_methods.get(key[1], "is new"))]
         count += bool(words)
         for word in words:
@@ -299,17 +297,13 @@ def _table(path: Path) -> dict[tuple[str, str], Row]:
     return {(row["recording"], row["method"]): row for row in rows}
 
 
-def _known(row: Row, names: dict[str, str], added: set[str], graded: set[str]) -> Row:
-    """Give the findings of a table the names of today, without those that were added since the old one.
-
-    Those whose limits moved stand behind the others, without their severity.
-    """
+def _known(row: Row, names: dict[str, str], added: set[str]) -> Row:
+    """Give the findings of a table the names of today, without those that were added since the old one."""
     if "findings" not in row:
         return row
     split = [words.partition(": ") for words in row["findings"]]
-    known = [(names.get(code, code), severity) for code, _, severity in split if code not in added]
-    named = [f"{code}: {severity}" for code, severity in known if code not in graded]
-    return {**row, "findings": named + [code for code, _ in known if code in graded]}
+    known = [f"{names.get(code, code)}: {severity}" for code, _, severity in split if code not in added]
+    return {**row, "findings": known}
 
 
 def main() -> None:

@@ -426,7 +426,7 @@ def test_a_broken_sensor_is_called_wrong_however_far_from_its_target_it_is() -> 
     )
     rows = rows_of(one.samples)
     rows[1::2, 1:4] = other.samples.field[1::2]
-    shown = list(growing(rows, 33.0))
+    shown = list(growing(rows, 21.0))
     assert shown[-1].phase == "wrong", shown[-1].words
 
 
