@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self
@@ -56,6 +57,9 @@ SETTLED, SETTLED_BUT_FOR_ONE = 1e-10, 1e-5
 
 FEW_POINTS, MANY_POINTS, NEXT_TO_NOTHING = 200, 2_000, 0.005
 """Readings from which noise-induced information is computed, and the share of it below which the fewer will do."""
+
+LARGE: Final = 0.08
+"""Noise, of the field, from which on a step that takes residuals for small is not made."""
 
 NO_WORSE: Final = 0.01
 """In χ²: a step that costs less is taken. The foot-point equation has its root beside the minimum of Σ s²."""
@@ -109,8 +113,10 @@ class NumpyLikelihood:
             if not (correlation.is_white or estimate.support.unobserved):
                 has_parts = len(readings.parts) > 0
                 step, slow, explained = estimate.slowed(residuals, moments_of(readings), ellipsoid, has_parts=has_parts)
-                covariance = slow + raised(covariance, explained) - explained
-                ellipsoid = _moved(ellipsoid, step)
+                covariance = raised(covariance, explained)
+                if math.sqrt(estimate.variance) < LARGE * float(ellipsoid.shape.trace()) / 3.0:
+                    covariance += slow - explained
+                    ellipsoid = _moved(ellipsoid, step)
         return Estimate(
             ellipsoid,
             covariance,

@@ -168,8 +168,20 @@ def test_noise_and_verdict_are_not_misled_by_the_strength() -> None:
     assert (fit.verdict, fit.calibration.field_strength_known) == ("good", True)
     assert fit.noise == pytest.approx(1.0 / 1.06, rel=0.1)
     assert not {"noise", "structure", "field-changed", "scale-unknown"} & {finding.code for finding in fit.findings}
-    with pytest.raises(Refused, match="20% of the field off the ellipsoid"):
+    with pytest.raises(Refused, match="21% of the field off the ellipsoid"):
         flinders.fit(samples, target_deg=20.0)
+
+
+@pytest.mark.parametrize("varies", [30.0, 70.0, 100.0])
+def test_without_the_strength_the_claim_is_true(varies: float) -> None:
+    """Of 350 mG: a step that takes residuals for small went astray here, to errors of four times the claim."""
+    samples = orbit(1.0, varies=varies)
+    try:
+        fit = flinders.fit(samples)
+    except Refused as refused:
+        fit = refused.fit
+    off = flinders.compare(fit, flinders.fit(samples, method="alonso-shuster"), dip_deg=60.0).heading_difference_deg
+    assert off.worst < 1.5 * fit.heading_error_deg.worst
 
 
 def test_several_recordings_are_held_against_each_other_at_one_strength() -> None:

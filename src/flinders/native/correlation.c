@@ -9,6 +9,7 @@
 enum { FEW = 50 };
 
 #define MOST_FREEDOM ((real)1.3)
+#define LARGE ((real)0.08) /* noise, of the field, from which on a step that takes residuals for small is not made */
 
 /* Gather stretches of so many readings, one from `every` to the next, of one recording of which all are used. */
 static void gather_all(const fl_kernels *kernels, const fl_view *view, const fl_surface *surface, size_t every,
@@ -151,8 +152,16 @@ static void move(fl_fit *fit, const real step[9])
     if (!fl_surface_of(centre, shape, &surface)) fit->surface = surface;
 }
 
+/* Whether residuals are so large that a step which takes them for small leads nowhere. */
+static int are_large(const fl_fit *fit)
+{
+    const real largest = LARGE * (fit->surface.shape[0] + fit->surface.shape[1] + fit->surface.shape[2]) / 3;
+    return fit->posterior.variance > largest * largest;
+}
+
 /* The covariance of a record, with what correlated residuals add to it. Where slow noise is found, the fit is moved to
- * where that makes it most likely; what residuals scatter more than slow noise explains is added. */
+ * where that makes it most likely, unless residuals are large; what residuals scatter more than slow noise explains is
+ * added. */
 void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
                    flinders_record *record)
 {
@@ -170,6 +179,7 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
         return;
     record->noise_lasts = fit->slow.lasts;
     fl_raise(record->covariance, explained, 9, 0);
+    if (are_large(fit)) return;
     for (int i = 0; i < 81; i++) record->covariance[i] += weighed[i] - explained[i];
     move(fit, step);
 }
