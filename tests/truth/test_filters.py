@@ -259,7 +259,7 @@ def test_a_clock_without_pauses_is_not_cut() -> None:
 @pytest.mark.parametrize(
     ("name", "moved_deg"),
     [
-        ("michaelwro_fxos8700/mag-readings.txt", {"median": 1.8, "moving-average": 5.1, "kalman": 10.5}),
+        ("michaelwro_fxos8700/mag-readings.txt", {"median": 1.8, "moving-average": 5.1, "kalman": 13.7}),
         ("sunsided_hmc5883l/full-sphere.csv", {"median": 0.036, "moving-average": 0.065, "kalman": 0.27}),
     ],
 )

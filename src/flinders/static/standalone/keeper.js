@@ -11,6 +11,8 @@
 
 const NAME = "flinders-readings";
 const WRITE_MS = 1000;
+/** The page that is loaded again waits so long for its predecessor, and one beside another as long in vain. */
+const RELEASE_MS = 2000;
 
 export class Keeper {
     /** @param {IDBDatabase | null} database  Null where the browser has none for us. */
@@ -26,10 +28,10 @@ export class Keeper {
     /** @returns {Promise<Keeper>} */
     static async open() {
         try {
-            const isFirst = await locked(NAME);
-            return new Keeper(isFirst ? await opened(NAME) : null);
+            await locked(NAME);
+            return new Keeper(await opened(NAME));
         } catch {
-            return new Keeper(null); // storage may be switched off
+            return new Keeper(null); // another page has it, or storage is switched off
         }
     }
 
@@ -99,17 +101,18 @@ function joined(parts) {
 }
 
 /**
- * Lock a name until the page is closed.
+ * Lock a name until the page is closed; rejected where another page has it. When a page is loaded again, the lock of the
+ * one before is released a moment later.
  * @param {string} name
- * @returns {Promise<boolean>}  False where another page has it.
+ * @returns {Promise<void>}
  */
 function locked(name) {
     return new Promise((done, failed) => {
-        const whileOpen = (/** @type {Lock | null} */ lock) => {
-            done(lock !== null);
-            return lock === null ? Promise.resolve() : new Promise(() => {});
+        const whileOpen = () => {
+            done();
+            return new Promise(() => {});
         };
-        navigator.locks.request(name, { ifAvailable: true }, whileOpen).catch(failed);
+        navigator.locks.request(name, { signal: AbortSignal.timeout(RELEASE_MS) }, whileOpen).catch(failed);
     });
 }
 
