@@ -186,7 +186,8 @@ def compiler(target: Platform = THIS) -> list[str]:
         return command
     if importlib.util.find_spec(ZIG_PACKAGE) is None:
         if target.zig:
-            raise NoCompiler(f"{ZIG_PACKAGE} is needed to compile for {target.zig}: run 'pip install {ZIG_PACKAGE}'")
+            install = f"'pip install {ZIG_PACKAGE}', or 'uv run --with {ZIG_PACKAGE} flinders …' in a checkout"
+            raise NoCompiler(f"{ZIG_PACKAGE} is needed to compile for {target.zig}: run {install}")
         raise NoCompiler(f"the engine has to be compiled, and there is no C compiler here: {WAYS_OUT}")
     machine = ["-target", target.zig] if target.zig else ["-mcpu=baseline"]
     return [sys.executable, "-m", ZIG_PACKAGE, "cc", *machine]
