@@ -86,9 +86,10 @@ def test_an_aircraft_of_two_percent_of_the_field_is_compensated_as_claimed(trial
         rng = np.random.default_rng([seed, 3])
         drawn = Aircraft.random(rng)
         aircraft = Aircraft(4.0 * drawn.permanent, 4.0 * drawn.induced, 4.0 * drawn.eddy)
-        same = {"aircraft": aircraft, "vector": fluxgate(rng)}
-        fit = fitted(calibration_flight(rng, **same).samples)
-        other = calibration_flight(rng, headings_deg=(45.0, 135.0, 225.0, 315.0), **same)
+        vector = fluxgate(rng)
+        fit = fitted(calibration_flight(rng, aircraft=aircraft, vector=vector).samples)
+        between = (45.0, 135.0, 225.0, 315.0)
+        other = calibration_flight(rng, aircraft=aircraft, vector=vector, headings_deg=between)
         squares.append((spread(other, other.interference - fit.interference(other.samples)) / fit.on_any_heading) ** 2)
     assert math.sqrt(np.mean(squares)) == pytest.approx(1.0, abs=min(0.15 * claim.widening, 0.4))
 

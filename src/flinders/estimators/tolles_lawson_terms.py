@@ -166,8 +166,8 @@ class Signal:
         first = total * unit - self._aircraft(coefficients, unit, np.gradient(unit, self.time, axis=0))
         change = np.gradient(first, self.time, axis=0) / total
         earth = total * unit - self._aircraft(coefficients, unit, change)
-        linear: Floats = self._terms(unit) @ coefficients
-        return total[:, 0] - np.linalg.norm(earth, axis=1) - linear
+        shorter: Floats = total[:, 0] - np.linalg.norm(earth, axis=1)
+        return shorter - self._terms(unit) @ coefficients
 
     def _aircraft(self, coefficients: Floats, unit: Floats, change: Floats) -> Floats:
         """(N, 3) nT of the aircraft in a field along (N, 3) unit vectors, with (N, 3) change of these in a second."""
