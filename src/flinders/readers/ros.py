@@ -39,13 +39,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.files import MOST_PIECE, metered, unpacked_piece
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import UnreadableInput, counted, needs, reading
 from flinders.readers._columns import LONG
 from flinders.readers._log import Instrument, Log, Position, first_position
 from flinders.readers._resample import TimeSeries, blocks, resampled
 from flinders.readers._scan import BAG, KIND, MCAP, REPAIRS, SQLITE, BagScan, McapScan
-from flinders.readers._source import MOST_MEMBER, MOST_PIECE, Reader, metered, unpacked_piece
+from flinders.readers._source import MOST_MEMBER, Reader
 from flinders.readers._tokenizer import shown
 
 if TYPE_CHECKING:
