@@ -85,10 +85,8 @@ class SurveyCalibration:
         """
         axes = FORWARD_RIGHT_DOWN[self.pointing]
         readings = floats(gravity)
-        field, down = (
-            self.magnetometer.apply(magnetic),
-            self.accelerometer.apply(readings + self.quadratic * readings**2),
-        )
+        field = self.magnetometer.apply(magnetic)
+        down = self.accelerometer.apply(readings + self.quadratic * readings**2)
         return pointing_angles(axes.apply(field), axes.apply(down))
 
     @classmethod

@@ -6,8 +6,8 @@ first: an offset in 1/24000 and three factors in 1/16384, with which, of reading
     corrected = A h + B,        h = g / 24000,        |corrected| = 1
 
 Of gravity h + N (h² − ½) stands for h, axis by axis. Bytes 48 to 50 hold N in 1/2796, signed and less one, so that
-0xff is none, and the last is 0xff. mag-cal corrects rows of
-readings r, mapped by ``axes``, as ``(r − centre) transform``, both of length 1, the laser along y.
+0xff is none, and the last is 0xff. mag-cal corrects rows of readings r, mapped by ``axes``, as ``(r − centre)
+transform``, both of length 1, the laser along y.
 
 >>> coefficients = distox_coefficients(SurveyCalibration.identity())
 >>> len(coefficients), coefficients[:4].hex(), coefficients[48:].hex()
