@@ -38,8 +38,8 @@ from flinders.fitting.result import Outcome
 from flinders.geometry.rotation import lengths
 from flinders.heading.axis_consistency import WANDERS
 from flinders.heading.pointing_error import angle_gradients, next_directions, pointing_errors
-from flinders.likelihood.pointing import Influence, SurveyProblem, begin
-from flinders.likelihood.solver import Equations, levenberg_marquardt
+from flinders.likelihood.pointing import Influence, SurveyProblem, begin, finest
+from flinders.likelihood.solver import levenberg_marquardt
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -312,11 +312,14 @@ def _without_contradicting(
 
 
 def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
-    """(24, 24) of the instrument's parameters, with quadratic terms (27, 27)."""
-    whole = np.linalg.inv(Equations.of(problem, iterate).whole.matrix)
-    freedom = float(Influence.of(problem, iterate).freedom.sum())
-    covariance: Floats = whole[problem.layout.instrument, problem.layout.instrument] * widening_by_few(freedom)
-    return covariance
+    """(24, 24) of the instrument's parameters, with quadratic terms (27, 27).
+
+    Each kind of residual is widened for its own few, unless its standard deviation is the least there is.
+    """
+    influence, own = Influence.of(problem, iterate), problem.layout.instrument
+    is_least = iterate.weights <= finest(iterate.at)
+    factors = np.where(is_least, 1.0, [widening_by_few(freedom) for freedom in influence.freedom.tolist()])
+    return influence.covariance(factors)[own, own]
 
 
 def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:

@@ -333,10 +333,12 @@ class SurveyProblem:
     def reweighed(self, iterate: SurveyIterate, _: Equations) -> SurveyIterate:
         """Each kind of residual weighed by the standard deviation that it shows."""
         influence = Influence.of(self, iterate)
-        least = np.array(
-            [iterate.at.magnetometer.radius * FINEST, iterate.at.accelerometer.radius * FINEST, FINEST_AIM]
-        )
-        return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, least))
+        return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, finest(iterate.at)))
+
+
+def finest(at: SurveyParameters) -> Floats:
+    """(3,) least standard deviation of each kind of residual."""
+    return np.array([at.magnetometer.radius * FINEST, at.accelerometer.radius * FINEST, FINEST_AIM])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -345,6 +347,8 @@ class Influence:
 
     residual: Floats  # (N, 9): of each shot, in standard deviations
     hat: Floats  # (N, 9, 9): block of each shot
+    jacobian: Floats  # (N, 9, Q): by all parameters and directions
+    inverse: Floats  # (Q, Q): of the normal matrix
 
     @classmethod
     def of(cls, problem: SurveyProblem, iterate: SurveyIterate) -> Self:
@@ -358,8 +362,16 @@ class Influence:
         flat = jacobian.reshape(-1, whole.shape[3])
         matrix = flat.T @ flat
         matrix[:size, :size] += problem.prior_equations(iterate.at).matrix
-        hat = (flat @ _inverse(matrix)).reshape(jacobian.shape) @ np.swapaxes(jacobian, 1, 2)
-        return cls(rows.residual.transpose(0, 2, 1)[real][order], hat)
+        inverse = _inverse(matrix)
+        hat = (flat @ inverse).reshape(jacobian.shape) @ np.swapaxes(jacobian, 1, 2)
+        return cls(rows.residual.transpose(0, 2, 1)[real][order], hat, jacobian, inverse)
+
+    def covariance(self, factors: Floats) -> Floats:
+        """(Q, Q) of parameters and directions, the variance of each kind of residual by (3,) factors larger."""
+        flat = self.jacobian.reshape(-1, self.jacobian.shape[2])
+        more = np.tile(np.repeat(factors - 1.0, 3), len(self.jacobian))
+        covariance: Floats = self.inverse + self.inverse @ (flat.T * more) @ flat @ self.inverse
+        return covariance
 
     @property
     def freedom(self) -> Floats:
