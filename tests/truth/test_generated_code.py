@@ -333,6 +333,7 @@ def clean(tumble: simulate.Simulated, rng: np.random.Generator, count: int) -> t
     return raw, leaning / np.linalg.norm(leaning, axis=1, keepdims=True)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("trials", [3, nightly(20)])
 def test_a_clean_reading_is_beyond_its_limits_as_seldom_as_is_said(trials: int) -> None:
     """Calibrations of 3,000 readings, and 100,000 new ones of the same sensor: at most once in 10,000."""
