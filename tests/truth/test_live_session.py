@@ -186,10 +186,22 @@ def test_the_interval_in_which_something_stood_beside_it_is_offered_to_be_left_o
 def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
     session, (notice,) = step(LiveSession(), Requested(1.0, SetPlace(52.5, 13.4, 2026.5)))
     assert session.dip_deg == pytest.approx(68.3, abs=0.3)  # Berlin
-    assert "WMM-2025" in notice.words
+    assert "the strength of the field 50.1 µT (WMM-2025" in notice.words
     for place in (SetPlace(95.0, 0.0, 2026.5), SetPlace(0.0, 0.0, 1900.0), SetPlace(-64.0, 136.0, 2026.5)):
         with pytest.raises(UsageError):
             step(session, Requested(2.0, place))
+
+
+@pytest.mark.parametrize("unit", ["uT", "counts"])
+def test_the_strength_of_a_place_counts_for_readings_in_microtesla(unit: str) -> None:
+    tumble = simulate.tumble(seed=1, field_strength=49.9).samples
+    session, _ = step(
+        after(Samples.of(tumble.field, unit=unit, time=tumble.time)), Requested(90.0, SetPlace(52.5, 13.4, 2026.5))
+    )
+    fit = evaluate(session).fit
+    assert fit is not None
+    assert fit.calibration.field_strength_known == (unit == "uT")
+    assert fit.dip_deg == pytest.approx(68.3, abs=0.3)
 
 
 def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwise(tmp_path: Path) -> None:
@@ -206,7 +218,8 @@ def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwi
     assert fit.calibration.field_strength_known
     session, _ = step(session, Requested(2.0, SetPlace(52.5, 13.4, 2026.5)))
     assert session_state(session).dip_deg == pytest.approx(68.3, abs=0.3)
-    assert session.shown.site is None
+    assert session.shown.site is not None
+    assert session.shown.site.strength == pytest.approx(50.1, abs=0.1)
     session, _ = step(session, Requested(3.0, BackToLive()))
     assert not session_state(session).dip_assumed
 
