@@ -36,6 +36,7 @@ from flinders.likelihood.observations import (
     ObservationRows,
     inverse_of,
     mixed_of,
+    own_of,
     residuals_of,
     rows_of,
 )
@@ -96,7 +97,7 @@ def _moved(
     def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
         return projected(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[0]
 
-    own = rows_of(group, iterate.at, directions, problem.layout, iterate.weights).own
+    own = own_of(group, iterate.at, directions, iterate.weights)
     covariance = inverse_of(np.einsum("wkna,wknb->wab", own, own))
     values, vectors = np.linalg.eigh(covariance)
     for steps in np.moveaxis(vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis], 2, 0):
@@ -156,7 +157,7 @@ class CorrelationLength(NamedTuple):
     noise: float  # standard deviation of dᵀq in rad, of verticals that are weighed as they are
 
 
-def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
+def span_of(iterate: JointIterate) -> CorrelationLength:
     """Look at the verticals' residuals, one after the other.
 
     Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
@@ -172,7 +173,7 @@ def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
             residuals.append(beside[..., 0][observed] * np.sqrt(group.trust[observed]))
-            left = _left_of(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[observed]
+            left = _left_of(own_of(group, iterate.at, directions, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
         return CorrelationLength(1.0, iterate.weights.vertical)
@@ -182,10 +183,10 @@ def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
     return CorrelationLength(max(1.0, time_of(alone.autocovariance())), noise)
 
 
-def _left_of(rows: ObservationRows) -> Floats:
-    """(W, n) of each vertical's row, what the direction of its group leaves."""
-    inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
-    upright = rows.own[:, 3]
+def _left_of(own: Floats) -> Floats:
+    """(W, n) of each vertical's row, what the direction of its group leaves; of `own_of`."""
+    inverse = inverse_of(np.einsum("wkna,wknb->wab", own, own))
+    upright = own[:, 3]
     left: Floats = 1.0 - np.einsum("wna,wab,wnb->wn", upright, inverse, upright)
     return left
 

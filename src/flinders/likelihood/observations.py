@@ -48,7 +48,16 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.geometry.rotation import across, applied, cross_matrices, in_pieces, on_the_sphere, product, rotations, transformed
+from flinders.geometry.rotation import (
+    across,
+    applied,
+    cross_matrices,
+    in_pieces,
+    on_the_sphere,
+    product,
+    rotations,
+    transformed,
+)
 from flinders.likelihood import attitude, dip, disturbance, gyro
 
 if TYPE_CHECKING:
@@ -329,27 +338,60 @@ def rows_of(
     q, back = group.seen(at, directions)
     windows, n = group.weight.shape
     residual, model, lean = np.swapaxes(np.zeros((3, group.tall, windows, n)), 1, 2)
-    own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
-    linear, shape, gain = _modelled(group, at, q), at.ellipsoid_like, group.gain(at)
-    scale = (np.sqrt(group.weight) / weights.noise)[:, np.newaxis]
+    linear = _modelled(group, at, q)
+    scale = _steepness_of_readings(group, weights)
     model[:, :3] = np.swapaxes(linear, 1, 2) * scale
     residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2) * scale
-    tangent = across(directions)[:, np.newaxis]
-    turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
-    for axis in range(2):
-        moved = np.swapaxes(transformed(shape, turned[..., axis]), 1, 2) * scale
-        own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
     rows = ObservationRows(
         residual,
         jacobian_of(group, at, q, layout, weights),
-        own,
+        _own_of(group, at, directions, back, weights),
         model,
         lean,
         *_still_and_counts(group, layout, weights),
     )
     if group.trust is not None:
-        _add_beside(rows, group, at, q, turned, weights)
+        _add_beside(rows, group, at, q, weights)
     return rows
+
+
+def own_of(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
+    """(W, k, n, 2) Jacobian of a group for its own directions (W, 3), in standard deviations."""
+    return _own_of(group, at, directions, group.seen(at, directions)[1], weights)
+
+
+def _own_of(
+    group: ObservationGroup, at: Parameters, directions: Floats, back: Floats | None, weights: Weights
+) -> Floats:
+    """`own_of`, with the rotations (W, n, 3, 3) of `ObservationGroup.seen`."""
+    windows, n = group.weight.shape
+    own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
+    tangent = across(directions)[:, np.newaxis]
+    turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
+    gain, scale = group.gain(at), _steepness_of_readings(group, weights)
+    for axis in range(2):
+        moved = np.swapaxes(transformed(at.ellipsoid_like, turned[..., axis]), 1, 2) * scale
+        own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
+    steep = _steepness_beside(group, weights)[..., np.newaxis]
+    if group.attitudes is not None:
+        own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis], 1, 2)
+    elif (down := group.upright(at)) is not None:
+        own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep
+    return own
+
+
+def _steepness_of_readings(group: ObservationGroup, weights: Weights) -> Floats:
+    """(W, 1, n) what residuals of readings count for, in 1/unit."""
+    steep: Floats = (np.sqrt(group.weight) / weights.noise)[:, np.newaxis]
+    return steep
+
+
+def _steepness_beside(group: ObservationGroup, weights: Weights) -> Floats:
+    """(W, n) what residuals of verticals or attitudes count for, in 1/rad."""
+    if group.trust is None:
+        return np.zeros(group.weight.shape)
+    steep: Floats = np.sqrt(group.trust) * weights.steepness
+    return steep
 
 
 def _still_and_counts(
@@ -365,34 +407,28 @@ def _still_and_counts(
     return still, counts
 
 
-def _add_beside(
-    rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, turned: Floats, weights: Weights
-) -> None:
+def _add_beside(rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, weights: Weights) -> None:
     """Write what verticals or attitudes add to residuals and to what stands with them.
 
     Parameters
     ----------
     rows : ObservationRows
-        But for their Jacobian.
+        But for their Jacobians.
     q : (W, n, 3) float
         The field's direction at each reading.
-    turned : (W, n, 3, 2) float
-        What is across the direction of the window, at each reading.
     """
     trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
-    steep = np.sqrt(trust) * weights.steepness
+    steep = _steepness_beside(group, weights)
     if group.attitudes is not None:
         stands = applied(group.attitudes, q) * steep[..., np.newaxis]
         rows.model[:, 3:] = np.swapaxes(stands, 1, 2)
         rows.residual[:, 3:] = np.swapaxes(at.direction * steep[..., np.newaxis] - stands, 1, 2)
-        rows.own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis, np.newaxis], 1, 2)
     elif (down := group.upright(at)) is not None:
         usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # a variance is one of trust 1
         across_it = usual * weights.own * weights.vertical**2 / max(1.0 - at.sine**2, 1e-3)
         rows.lean[:, 3] = at.sine * across_it * steep
         rows.model[:, 3] = dip.heights(down, q) * steep
         rows.residual[:, 3] = dip.residuals(down, q, at.sine) * steep
-        rows.own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep[..., np.newaxis]
 
 
 def jacobian_of(
@@ -403,7 +439,7 @@ def jacobian_of(
     turned = group.turned
     moved = None if turned is None else gyro.moved(turned, q, at.turning(turned.rate), layout.columns)
     _fill(jacobian, group, at, q, layout, moved)
-    jacobian[:, :3] *= (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
+    jacobian[:, :3] *= _steepness_of_readings(group, weights)[..., np.newaxis]
     if group.trust is None:
         return jacobian
     of_gyro = gyro.columns_of(layout.columns)
@@ -416,7 +452,7 @@ def jacobian_of(
             jacobian[:, 3], layout.columns, group.down, q,
             sine=at.sine, errors=at.accelerometer, of_gyro=of_gyro, moved=moved,
         )  # fmt: skip
-    jacobian[:, 3:] *= (np.sqrt(group.trust) * weights.steepness)[:, np.newaxis, :, np.newaxis]
+    jacobian[:, 3:] *= _steepness_beside(group, weights)[:, np.newaxis, :, np.newaxis]
     return jacobian
 
 
