@@ -451,7 +451,7 @@ def level_field() -> Floats:
 
 def level(seed: int, of: Sensor, effect: Effect) -> Floats:
     """(72, 3) readings without noise of the sensor on a level body that stands at each of `HEADINGS`."""
-    readings = STRENGTH_UT * level_field() @ of.iron
+    readings: Floats = STRENGTH_UT * level_field() @ of.iron
     readings = readings if effect.axes is None else effect.axes(stream(seed, "axes"), readings)
     return readings + of.offset
 
