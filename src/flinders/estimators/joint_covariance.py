@@ -36,6 +36,7 @@ from flinders.likelihood.observations import (
     ObservationRows,
     inverse_of,
     mixed_of,
+    orthonormal,
     own_of,
     residuals_of,
     rows_of,
@@ -185,9 +186,8 @@ def span_of(iterate: JointIterate) -> CorrelationLength:
 
 def _left_of(own: Floats) -> Floats:
     """(W, n) of each vertical's row, what the direction of its group leaves; of `own_of`."""
-    inverse = inverse_of(np.einsum("wkna,wknb->wab", own, own))
-    upright = own[:, 3]
-    left: Floats = 1.0 - np.einsum("wna,wab,wnb->wn", upright, inverse, upright)
+    upright = orthonormal(own)[0][:, 3]
+    left: Floats = 1.0 - np.einsum("wna,wna->wn", upright, upright)
     return left
 
 
@@ -295,15 +295,13 @@ def _looked_at(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
 
 def projected(rows: ObservationRows) -> tuple[Floats, Floats]:
     """Jacobian (W, k, n, P) and residuals (W, k, n) without what the windows' own directions take up."""
-    own = rows.own
-    inverse = inverse_of(np.einsum("wkna,wknb->wab", own, own))
-    taken = np.einsum("wkna,wab->wknb", own, inverse, out=np.empty_like(own))
+    own, _ = orthonormal(rows.own)
     pulled = np.einsum("wkna,wkn->wa", own, rows.residual)
-    mixed = mixed_of(rows)[:, np.newaxis, np.newaxis]
+    mixed = mixed_of(rows.jacobian, own)[:, np.newaxis, np.newaxis]
     jacobian, part = rows.jacobian.copy("K"), np.empty_like(rows.jacobian)
     for axis in range(2):
-        jacobian -= np.multiply(taken[..., axis, np.newaxis], mixed[..., axis], out=part)
-    return jacobian, rows.residual - np.einsum("wkna,wa->wkn", taken, pulled)
+        jacobian -= np.multiply(own[..., axis, np.newaxis], mixed[..., axis], out=part)
+    return jacobian, rows.residual - np.einsum("wkna,wa->wkn", own, pulled)
 
 
 def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:
