@@ -17,7 +17,7 @@ static void gathered(const real v[3], const real u[3], real row[9])
 }
 
 /* Rows (9, FL_HEADINGS) of what each parameter does to the heading of a level vehicle, without its mean. */
-static void level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS])
+void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS])
 {
     const real dip = dip_deg / TO_DEG, flat = fl_cos(dip), height = fl_sin(dip);
     const real turn = fl_cos(2 * FL_PI / FL_HEADINGS), slant = fl_sin(2 * FL_PI / FL_HEADINGS);
@@ -43,7 +43,7 @@ static void level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_
 void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst)
 {
     real rows[9][FL_HEADINGS], variances[FL_HEADINGS] = {0}, part[FL_HEADINGS], sum = 0, largest = 0;
-    level_rows(surface, dip_deg, rows);
+    fl_level_rows(surface, dip_deg, rows);
     for (int i = 0; i < 9; i++) { /* rᵀ C r of all headings side by side */
         for (int k = 0; k < FL_HEADINGS; k++) part[k] = covariance[10 * i] * rows[i][k] / 2;
         for (int j = 0; j < i; j++)
@@ -63,7 +63,7 @@ void fl_level_errors(const fl_surface *surface, const real covariance[81], real 
 real fl_level_change(const fl_surface *surface, const real change[9], real dip_deg)
 {
     real rows[9][FL_HEADINGS], errors[FL_HEADINGS] = {0}, worst = 0;
-    level_rows(surface, dip_deg, rows);
+    fl_level_rows(surface, dip_deg, rows);
     for (int i = 0; i < 9; i++)
         for (int k = 0; k < FL_HEADINGS; k++) errors[k] += rows[i][k] * change[i];
     for (int k = 0; k < FL_HEADINGS; k++) worst = fl_abs(errors[k]) > worst ? fl_abs(errors[k]) : worst;

@@ -165,6 +165,7 @@ void fl_turning(const fl_surface *surface, const real direction[3], real rows[2]
 /* heading.c */
 void fl_heading_errors(const fl_surface *surface, flinders_record *record, real dip_deg);
 enum { FL_HEADINGS = 72 };
+void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS]);
 void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst);
 real fl_level_change(const fl_surface *surface, const real change[9], real dip_deg);
 
