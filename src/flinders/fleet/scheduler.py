@@ -48,7 +48,7 @@ LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.appli
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables of a worker's threads: its matrices are small, and the other cores have workers of their own."""
 KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 26)}
-"""Bytes up to which glibc keeps freed memory for the next partition: to return it and ask again takes a tenth of the time."""
+"""Bytes up to which glibc keeps freed memory for the next partition: asking again takes a tenth of the time."""
 
 
 @dataclass(frozen=True, slots=True)
