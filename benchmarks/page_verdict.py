@@ -29,6 +29,7 @@ from benchmarks.fits import WORLDS, recordings
 from benchmarks.recordings import FOLDER
 from flinders.core.samples import Samples
 from flinders.core.units import label
+from flinders.likelihood.site_field import judged_dip
 from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState
@@ -115,7 +116,7 @@ def session_of(samples: Samples, target_deg: float = 1.0) -> LiveSession:
 def asked(session: LiveSession) -> dict[str, Any]:
     """What the page is asked for a session."""
     samples, _ = used_readings(session)
-    dip_deg, is_assumed = session.judged_dip
+    dip_deg, is_assumed = judged_dip(session.dip_deg, session.shown.site)
     return {
         "field": _packed(samples.field),
         "time": None if samples.time is None else _packed(samples.time),
@@ -160,7 +161,7 @@ def compared(names: Sequence[str], sessions: Sequence[LiveSession], turns: int =
 def _compared(name: str, session: LiveSession, page: dict[str, Any]) -> Compared:
     program = evaluate(session)
     samples, _ = used_readings(session)
-    record = engine().fit(samples.field, time=samples.time, dip_deg=session.judged_dip[0])
+    record = engine().fit(samples.field, time=samples.time, dip_deg=asked(session)["dipDeg"])
     return Compared(
         name=name,
         rows=len(samples),

@@ -409,7 +409,7 @@ def test_a_filter_that_there_is_not_is_refused(value: str, match: str, tmp_path:
 def test_two_filters_are_refused(command: str, tmp_path: Path) -> None:
     ended = run(command, *[str(tmp_path / "any")] * 2, "--filter", "median", "--filter", "kalman:9")
     assert ended.exit_code == 2
-    assert "median of 5 readings, and kalman of 9 readings: give one filter" in ended.output
+    assert "median of 5 readings, and kalman of 9 readings: give one" in ended.output
 
 
 def test_names_of_filters_may_be_written_in_capitals() -> None:

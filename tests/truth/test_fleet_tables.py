@@ -14,14 +14,17 @@ import flinders
 from flinders import simulate
 from flinders.core.samples import Samples
 from flinders.errors import UnreadableInput, UsageError
-from flinders.fleet import UnitResults, fit_many, footer, plan, worker
+from flinders.fleet import UnitResults, fit_many, plan, worker
 from flinders.fleet.dataset import Options
 from flinders.fleet.job import run
 from flinders.fleet.plan import plan_of
+from flinders.readers.parquet import group_extents
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    from flinders.readers.parquet import Extent
 
 pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import ipc, parquet  # noqa: E402 - after it is known to be there
@@ -157,7 +160,7 @@ def test_extents_are_those_of_pyarrow(folder: Path, units: list[Any], name: str,
     metadata = parquet.read_metadata(folder / "a.parquet")
     stated = [metadata.row_group(group).column(1).statistics for group in range(2)]
     known = [None if each is None or each.null_count else (each.min_raw, each.max_raw) for each in stated]
-    assert footer.extents(metadata, name) == [
+    assert group_extents(metadata, name) == [
         ends and tuple(end.to_bytes(8, "little", signed=True) if isinstance(end, int) else end for end in ends)
         for ends in known
     ]
@@ -169,9 +172,9 @@ def test_extents_of_a_broken_footer_are_known_or_not_and_no_exception(tmp_path: 
     parquet.read_metadata(tmp_path / "a.parquet").write_metadata_file(footer_file)
     whole = footer_file.read_bytes()
 
-    def states(content: bytes) -> list[footer.Extent | None]:
+    def states(content: bytes) -> list[Extent | None]:
         written = SimpleNamespace(num_row_groups=1, write_metadata_file=lambda sink: sink.write(content))
-        return footer.extents(written, "unit")
+        return group_extents(written, "unit")
 
     changed = [states(whole[:place] + byte + whole[place + 1 :]) for place in range(len(whole)) for byte in BYTES]
     cut = [states(whole[:place]) for place in range(len(whole))]

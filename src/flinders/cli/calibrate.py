@@ -376,7 +376,8 @@ class Calibrate(option.Group):
     @property
     def common(self) -> dict[str, Any]:
         """Options of every fit."""
-        return {"field_strength": self.field_strength, "sensor": self.sensors.sensor, **self.judgement.of_fit()}
+        asked = {"field_strength": self.field_strength, "sensor": self.sensors.sensor}
+        return asked | self.judgement.as_dict(if_typed=["dip_deg"])  # else that of the site
 
     def of_fit(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """All options of `flinders.fit`, and those of them that only this method has.

@@ -75,7 +75,7 @@ def command(options: CompareMethods) -> int:
                 blocks=options.blocks,
                 field_strength=options.field_strength,
                 site=site,
-                **options.judgement.of_fit(),
+                **options.judgement.as_dict(if_typed=["dip_deg"]),
                 tell=tell,
             )
     print_result(contest.as_dict, lambda: of_contest(contest), as_json=options.as_json)

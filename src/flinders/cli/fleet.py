@@ -246,14 +246,14 @@ def _most_frequent(title: str, counts: dict[str, int]) -> RenderableType:
 
 def _remarks(summary: RunSummary) -> list[str]:
     """Further lines of the page."""
-    from flinders.findings.row import OF_A_TUMBLE, stated
+    from flinders.findings.row import TUMBLE_STATED
 
     lines = []
     if summary.worst_deg:
         middle, most, largest = (figures(summary.worst_deg[name]) for name in ("median", "p95", "largest"))
         lines.append(f"worst heading error: median {middle}°, 95% below {most}°, largest {largest}° (1 σ)")
     if summary.verdicts.get("good"):
-        lines.append(f"good {stated(OF_A_TUMBLE)}")
+        lines.append(f"good {TUMBLE_STATED}")
     if summary.failed_readings:
         lines.append(f"readings of recordings that failed: {summary.failed_readings:,} of {summary.readings:,}")
     if len(summary.units_of_field) > 1:

@@ -2,6 +2,18 @@
 
 What is written goes into a temporary file beside the target first, which takes its name once it is
 complete and on the disk: no reader ever meets half of it, and an interrupted run leaves nothing behind.
+
+A few kilobytes can be packed so that they fill a disk, or the memory. A stream of more than `LARGE` bytes is refused
+while it is being unpacked, once it has `MOST_RATIO` times the bytes that it came of; a piece that has to be in memory
+as a whole, at `MOST_PIECE` bytes.
+
+>>> import zlib
+>>> unpacked_piece(zlib.decompressobj(), zlib.compress(b"whole"))
+b'whole'
+>>> sum(map(len, metered("zeros.csv.gz", [bytes(1 << 23)] * 3, lambda: 20_000)))
+Traceback (most recent call last):
+flinders.errors.UnreadableInput: zeros.csv.gz unpacks to more than 24 MB from 20,000 bytes, as no recording does: unpack
+it yourself if you trust it
 """
 
 from __future__ import annotations
@@ -11,12 +23,12 @@ import errno
 import os
 import stat
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final
+from typing import IO, TYPE_CHECKING, Any, Final
 
-from flinders.errors import OutputError, OutputExists
+from flinders.errors import OutputError, OutputExists, UnreadableInput
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from io import FileIO
 
     from flinders.errors import FlindersError
@@ -35,6 +47,11 @@ REASONS: Final = {
     errno.ELOOP: "its symbolic links lead in a circle: give the name of a file",
 }
 """What to do about an error of the operating system."""
+
+LARGE, MOST_RATIO = 16 << 20, 250
+"""Bytes from which on the ratio counts, and the ratio: a table of digits packs to a fifth, zeros to a thousandth."""
+MOST_PIECE: Final = 1 << 30
+"""Bytes that one packed piece may have, unpacked: a chunk of a bag has a few million."""
 
 
 def reason(error: OSError | ValueError) -> str:
@@ -57,6 +74,71 @@ def read_bytes(path: str | os.PathLike[str], *, largest: int, what: str, refused
     if len(text) > largest:
         raise refused(f"{path}: more than {largest // 2**20} MB is no {what}: check the name")
     return text
+
+
+def is_bomb(unpacked: int, packed: int) -> bool:
+    """Tell whether so many bytes have come of so few as no table of readings packs to."""
+    return unpacked > LARGE and unpacked > MOST_RATIO * packed
+
+
+def metered(
+    name: str, chunks: Iterable[bytes], packed: Callable[[], int], *, most: int | None = None, ratio: bool = True
+) -> Iterator[bytes]:
+    """Pass on what is unpacked, and refuse what becomes too much with `UnreadableInput`.
+
+    Parameters
+    ----------
+    name : str
+        For messages.
+    chunks : iterable of bytes
+        Unpacked.
+    packed : callable
+        Gives the bytes of which what has come so far was made.
+    most : int, optional
+        Bytes that are let pass at most.
+    ratio : bool
+        Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
+    """
+    done = 0
+    for chunk in chunks:
+        done += len(chunk)
+        if (most is not None and done > most) or (ratio and is_bomb(done, packed())):
+            raise too_much(name, done, packed())
+        yield chunk
+
+
+def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
+    """Say that so few bytes unpack to more than any recording has."""
+    return UnreadableInput(
+        f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
+        "yourself if you trust it"
+    )
+
+
+def refuse_bomb(name: str, unpacked: int, packed: int) -> None:
+    """Refuse a file that says it holds more than so few bytes of readings pack to."""
+    if is_bomb(unpacked, packed):
+        raise UnreadableInput(
+            f"{name} is said to hold {unpacked >> 20:,} MB in {packed:,} bytes, as no recording does: write it anew "
+            "without packing if you trust it"
+        )
+
+
+def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
+    """Unpack a piece; of one that is known to be cut (not `is_whole`), as much as is there.
+
+    One that should be whole and is not raises `ValueError`; more than `MOST_PIECE` bytes, `UnreadableInput`.
+    """
+    content: bytes = unpacker.decompress(packed, MOST_PIECE)
+    if unpacker.eof:
+        return content
+    if len(content) >= MOST_PIECE:
+        raise UnreadableInput(
+            f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it"
+        )
+    if is_whole:
+        raise ValueError("a packed piece is not whole")
+    return content
 
 
 def write_text(text: str, path: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -278,3 +278,7 @@ def stated(conditions: Sequence[Condition]) -> str:
     *first, last = (CONDITIONS[code] for code in conditions) if conditions else ("",)
     words = f"{', '.join(first)} and {last}" if first else last
     return f"holds if {words}: {CERTAINTY[conditions[0]]}" if conditions else ""
+
+
+TUMBLE_STATED: Final = stated(OF_A_TUMBLE)
+"""What a good verdict rests on where a magnetometer alone was recorded, as it is stated."""

@@ -28,14 +28,22 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import FlindersError, UnreadableInput, UsageError, reading
-from flinders.fleet import footer, storage
+from flinders.fleet import storage
 from flinders.fleet.results import needs_arrow
 from flinders.readers import Choice
 from flinders.readers._columns import asked_columns
 from flinders.readers._names import CURRENT, CURRENTS, STRENGTH, TEMPERATURE, THROTTLE, THROTTLES, TIME
 from flinders.readers._source import File
 from flinders.readers._table import open_table
-from flinders.readers.parquet import TEXTS, places_of, refuse_packed_groups, rows_of_batches, table_of, values_of
+from flinders.readers.parquet import (
+    TEXTS,
+    group_extents,
+    places_of,
+    refuse_packed_groups,
+    rows_of_batches,
+    table_of,
+    values_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -46,6 +54,7 @@ if TYPE_CHECKING:
     from flinders.core.samples import Samples
     from flinders.fleet.storage import StoredFile
     from flinders.readers import TableRecording
+    from flinders.readers.parquet import Extent
 
 Pair: TypeAlias = tuple[str, str]
 """Unit and recording."""
@@ -168,12 +177,12 @@ def _parquet(name: str, where: Any, size: int, options: Options) -> TableFile:  
 
     def extents(column: str) -> list[tuple[str, str] | None]:
         kind = file.schema_arrow.field(column).type
-        return [_extent(ends, kind) for ends in footer.extents(metadata, column)]
+        return [_extent(ends, kind) for ends in group_extents(metadata, column)]
 
     return TableFile(name, "Parquet", file.schema_arrow, groups, batches, extents)
 
 
-def _extent(ends: footer.Extent | None, kind: Any) -> tuple[str, str] | None:  # noqa: ANN401
+def _extent(ends: Extent | None, kind: Any) -> tuple[str, str] | None:  # noqa: ANN401
     """Least and greatest text of a row group; None if it is not known, or values would sort differently."""
     types = needs_arrow().types
     kind = kind.value_type if types.is_dictionary(kind) else kind

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
+from flinders.core.geomag import ASSUMED_DIP_DEG
 from flinders.core.units import label
 from flinders.errors import figures
 from flinders.live.messages import Reason, SessionState, points_frame
@@ -31,7 +32,7 @@ def session_state(session: LiveSession) -> SessionState:
     """The state message of a session."""
     shown, evaluated = session.shown, session.shown.evaluated
     phase, words, reasons = _phase(session)
-    dip_deg, is_assumed = session.judged_dip
+    dip_deg = _known_dip_deg(session)
     return SessionState(
         revision=session.revision,
         source=session.source,
@@ -46,8 +47,8 @@ def session_state(session: LiveSession) -> SessionState:
         words=words,
         reasons=reasons,
         target_deg=session.target_deg,
-        dip_deg=round(dip_deg, 1) if session.dip_deg is None else dip_deg,
-        dip_assumed=is_assumed,
+        dip_deg=ASSUMED_DIP_DEG if dip_deg is None else dip_deg,
+        dip_assumed=dip_deg is None,
         goal=session.goal,
         excluded=shown.excluded,
         can_undo=bool(shown.exclusions.past),
@@ -60,6 +61,14 @@ def session_state(session: LiveSession) -> SessionState:
         opened=session.opened_name or None,
         can_send=session.has_board and session.opened is None and evaluated.is_usable,
     )
+
+
+def _known_dip_deg(session: LiveSession) -> float | None:
+    """Dip that a person gave, or else that of the site of the shown log to a tenth; None where one is assumed."""
+    site = session.shown.site
+    if session.dip_deg is not None or site is None or site.inclination_deg is None:
+        return session.dip_deg
+    return round(site.inclination_deg, 1)
 
 
 def _rate_hz(session: LiveSession) -> float | None:

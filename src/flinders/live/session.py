@@ -38,7 +38,6 @@ from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import UsageError
 from flinders.fitting.refreshing import refuse_unfit
-from flinders.likelihood.site_field import judged_dip
 from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
 from flinders.live.messages import (
     LARGEST_DIP_DEG,
@@ -307,11 +306,6 @@ class LiveSession:
     def shown(self) -> Series:
         """The series that pages show and commands act on."""
         return self.live if self.opened is None else self.opened
-
-    @property
-    def judged_dip(self) -> tuple[float, bool]:
-        """Dip that the shown series is judged at, and whether it is assumed."""
-        return judged_dip(self.dip_deg, self.shown.site)
 
     @property
     def renewed(self) -> Fit | None:

@@ -34,7 +34,7 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.units import label
-from flinders.errors import FlindersError, OutputError, counted, figures, reading
+from flinders.errors import FlindersError, OutputError, counted, figures
 from flinders.live.feeds import FeedEvent
 from flinders.readers._columns import unit_of
 from flinders.readers._layout import SPOKEN, Cells, TextLayout, recognise_layout, sniff
@@ -111,7 +111,7 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     ('0.2500,21.5,0.3,-58.5', None)
     """
     for lay_out in (partial(sniff, ""), _unclear):
-        with contextlib.suppress(FlindersError), reading("the lines", "text"):
+        with contextlib.suppress(FlindersError):
             dialect, layout = recognise_layout("", lines, lay_out, pattern)
             words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
             return _form(dialect or Cells.of(layout, words), layout, lines)
@@ -441,9 +441,10 @@ class Transcript:
         self._last, self._unlike = at, 0
         self.statistics.count_row(at)
         rows.append(row)
-        header = f"{form.header}\n" if form.header and self._header is None else ""
+        if self._header is not None:
+            return f"{row}\n"
         self._header = form.header
-        return f"{header}{row}\n"
+        return f"{form.header}\n{row}\n" if form.header else f"{row}\n"
 
     def _note(self, text: str) -> None:
         """Count what is not understood, but no comment of the sensor's own, header, or line without a reading."""

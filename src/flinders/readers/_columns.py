@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
@@ -93,7 +94,7 @@ class Column:
     axes: tuple[int, ...] = (0, 1, 2)  # which axes two columns of a level recording are; the third is 0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Columns:
     """The columns that are read."""
 
@@ -124,7 +125,7 @@ class Columns:
         """The field, and of what stands beside it only some kinds."""
         return replace(self, auxiliary=tuple(column for column in self.auxiliary if column.kind in kinds))
 
-    @property
+    @cached_property
     def cells(self) -> tuple[int, ...]:
         """All places in a line that are read, in order."""
         columns = (self.field, *self.auxiliary, *filter(None, [self.reset]))
@@ -179,14 +180,12 @@ class Columns:
             level = np.zeros((len(field), 3))
             level[:, self.field.axes] = field
             field = level
-        others = {kind: self._values_of(values, kind) for kind in IN_SAMPLES}
+        others = {each.kind: self._values_of(values, each) for each in self.auxiliary if each.kind in IN_SAMPLES}
         return Samples.recorded(field, unit=unit, axes=axes, source=source, frame=frame, **others)
 
-    def _values_of(self, values: Floats, kind: str) -> Floats | None:
-        """Take the column of a kind in the unit of `Samples`, if it is there; NaN where a value is not valid."""
-        column = self.of_kind(kind)
-        if column is None:
-            return None
+    def _values_of(self, values: Floats, column: Column) -> Floats:
+        """Take a column in the unit of `Samples`; NaN where a value is not valid."""
+        kind = column.kind
         with np.errstate(over="ignore", invalid="ignore"):
             recorded = self.taken(values, column)
             taken = (recorded - column.start) * column.factor

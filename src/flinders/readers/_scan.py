@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeAlias
 
+from flinders.core.files import MOST_PIECE, unpacked_piece
 from flinders.errors import FlindersError, counted, needs, reading
-from flinders.readers._source import MOST_PIECE, unpacked_piece
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator

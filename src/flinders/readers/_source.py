@@ -4,17 +4,6 @@ What cannot be read twice (standard input, a named pipe, a serial port) is eithe
 file, which goes when its `File` does, or, where one pass is enough, read as a `ByteStream` that keeps
 nothing. Gzip is recognised by its first bytes.
 
-A few kilobytes can be packed so that they fill a disk, or the memory. A stream of more than `LARGE` bytes is refused
-while it is being unpacked, once it has `MOST_RATIO` times the bytes that it came of; a piece that has to be in memory
-as a whole, at `MOST_PIECE` bytes.
-
->>> unpacked_piece(zlib.decompressobj(), zlib.compress(b"whole"))
-b'whole'
->>> sum(map(len, metered("zeros.csv.gz", [bytes(1 << 23)] * 3, lambda: 20_000)))
-Traceback (most recent call last):
-flinders.errors.UnreadableInput: zeros.csv.gz unpacks to more than 24 MB from 20,000 bytes, as no recording does: unpack
-it yourself if you trust it
-
 The first bytes of a file, unpacked, tell what it is, whatever it is called.
 
 >>> row = Reader("ulog", "PX4 ULog", (".ulg",), "each compass", starts=(b"ULog\x01\x12\x35",))
@@ -45,7 +34,7 @@ from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple, ParamSpec, TypeAlias, TypeVar, cast
 
-from flinders.core.files import REASONS, reason
+from flinders.core.files import REASONS, is_bomb, metered, reason
 from flinders.errors import UnreadableInput, UsageError, reading
 from flinders.readers._tokenizer import EndsEarly, Lines, cut, encoding_of, lines_of, shown
 
@@ -70,12 +59,8 @@ MOST_SPOOLED: Final = 64 << 30
 """Bytes copied to a temporary file before it is given up: a pipe may have no end."""
 MOST_MEMBER: Final = 4 << 30
 """Bytes of a member of an archive, or of a packed file of a recording of ROS 2, unpacked."""
-MOST_PIECE: Final = 1 << 30
-"""Bytes that one packed piece may have, unpacked: a chunk of a bag has a few million."""
 LONGEST_MESSAGE: Final = 1 << 16
 """Bytes of a message of a log of messages, of which length or number have two bytes at most."""
-LARGE, MOST_RATIO = 16 << 20, 250
-"""Bytes from which on the ratio counts, and the ratio: a table of digits packs to a fifth, zeros to a thousandth."""
 ENOUGH_ROWS, ENOUGH_LINES = 20, 400
 """Lines of numbers of one width, and lines at all, after which no more is waited for to tell what a stream is."""
 NOTHING_PIPED: Final = "nothing was piped in"
@@ -485,54 +470,6 @@ def _read(name: str, read: Callable[[int], bytes], size: int) -> bytes:
         raise refusal(name, error) from None
 
 
-def is_bomb(unpacked: int, packed: int) -> bool:
-    """Tell whether so many bytes have come of so few as no table of readings packs to."""
-    return unpacked > LARGE and unpacked > MOST_RATIO * packed
-
-
-def metered(
-    name: str, chunks: Iterable[bytes], packed: Callable[[], int], *, most: int | None = None, ratio: bool = True
-) -> Iterator[bytes]:
-    """Pass on what is unpacked, and refuse what becomes too much with `UnreadableInput`.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    chunks : iterable of bytes
-        Unpacked.
-    packed : callable
-        Gives the bytes of which what has come so far was made.
-    most : int, optional
-        Bytes that are let pass at most.
-    ratio : bool
-        Judge it by `MOST_RATIO` too, which arrays need not keep: one of zeros packs to a thousandth.
-    """
-    done = 0
-    for chunk in chunks:
-        done += len(chunk)
-        if (most is not None and done > most) or (ratio and is_bomb(done, packed())):
-            raise too_much(name, done, packed())
-        yield chunk
-
-
-def too_much(name: str, unpacked: int, packed: int) -> UnreadableInput:
-    """Say that so few bytes unpack to more than any recording has."""
-    return UnreadableInput(
-        f"{name} unpacks to more than {unpacked >> 20:,} MB from {packed:,} bytes, as no recording does: unpack it "
-        "yourself if you trust it"
-    )
-
-
-def refuse_bomb(name: str, unpacked: int, packed: int) -> None:
-    """Refuse a file that says it holds more than so few bytes of readings pack to."""
-    if is_bomb(unpacked, packed):
-        raise UnreadableInput(
-            f"{name} is said to hold {unpacked >> 20:,} MB in {packed:,} bytes, as no recording does: write it anew "
-            "without packing if you trust it"
-        )
-
-
 def filled_size(path: Path) -> int:
     """Size of a file without the zeros behind it, where a logger has reserved more than a message can have of them."""
     with path.open("rb") as file:
@@ -550,23 +487,6 @@ def filled_size(path: Path) -> int:
 def reserved_words(size: int) -> str:
     """Say that so many zeros were left out."""
     return f"{size:,} bytes of zeros at its end are left out: the logger had reserved them, and did not close it"
-
-
-def unpacked_piece(unpacker: Any, packed: bytes, *, is_whole: bool = True) -> bytes:  # noqa: ANN401 - of zlib, bz2 …
-    """Unpack a piece; of one that is known to be cut (not `is_whole`), as much as is there.
-
-    One that should be whole and is not raises `ValueError`; more than `MOST_PIECE` bytes, `UnreadableInput`.
-    """
-    content: bytes = unpacker.decompress(packed, MOST_PIECE)
-    if unpacker.eof:
-        return content
-    if len(content) >= MOST_PIECE:
-        raise UnreadableInput(
-            f"a packed piece of the recording has more than {MOST_PIECE >> 20} MB: no logger wrote it"
-        )
-    if is_whole:
-        raise ValueError("a packed piece is not whole")
-    return content
 
 
 # What a file is by its first bytes ------------------------------------------------------------------------------------

@@ -40,8 +40,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from flinders.core.files import metered
 from flinders.errors import NoMagnetometer, UnreadableInput, UsageError, reading
-from flinders.readers._source import MOST_MEMBER, Reader, metered, spooled
+from flinders.readers._source import MOST_MEMBER, Reader, spooled
 from flinders.readers._table import Table, TableRecording, open_table
 from flinders.readers._tokenizer import shown
 from flinders.readers.text import open_text

@@ -28,7 +28,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 import numpy as np
 
-from flinders.readers._source import CHUNK, MOST_MEMBER, Reader, metered, spooled
+from flinders.core.files import metered
+from flinders.readers._source import CHUNK, MOST_MEMBER, Reader, spooled
 from flinders.readers._table import Table, TableRecording, open_table
 
 if TYPE_CHECKING:

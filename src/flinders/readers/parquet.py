@@ -2,20 +2,37 @@ r"""Parquet tables and Arrow files (IPC, Feather version 2), column by column an
 
 Columns are recognised by the same names as those of text; a column of three, ``mag`` of fixed lists, is three columns.
 A column of text that is named like a time is read where its cells are dates of ISO 8601, ``2026-11-21T12:30:05.25Z``.
+
+pyarrow ends the program on a footer whose sizes or statistics contradict its schema, so `group_extents` itself reads
+the least and the greatest value of a column in each row group. What is broken, or in a form that writers do not use, is
+not known.
+
+>>> import tempfile
+>>> import pyarrow
+>>> from pyarrow import parquet
+>>> path = tempfile.mkdtemp() + "/fleet.parquet"
+>>> parquet.write_table(pyarrow.table({"unit": ["A17", "B02", "C05"]}), path, row_group_size=2)
+>>> group_extents(parquet.ParquetFile(path).metadata, "unit")
+[(b'A17', b'B02'), (b'C05', b'C05')]
+
+Sources: Apache Parquet, ``parquet.thrift``, for the numbers of the fields; Apache Thrift, *Thrift Compact Protocol*.
 """
 
 from __future__ import annotations
 
+import io
+import re
 import struct
 from datetime import date
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
+from flinders.core.files import refuse_bomb
 from flinders.core.samples import BLOCK
 from flinders.errors import UnreadableInput, needs, reading
 from flinders.readers._names import TIME, meaning
-from flinders.readers._source import Reader, refuse_bomb
+from flinders.readers._source import Reader
 from flinders.readers._table import WIDEST, Table, TableRecording, open_table
 
 if TYPE_CHECKING:
@@ -239,6 +256,120 @@ def _is_day(text: str) -> bool:
 def _every_third(part: int, length: int) -> Any:  # noqa: ANN401
     arrow = needs("pyarrow", "parquet", "a table")
     return arrow.array(np.arange(part, 3 * length, 3))
+
+
+# footers of Parquet ---------------------------------------------------------------------------------------------------
+
+Extent: TypeAlias = tuple[bytes, bytes]
+Fields: TypeAlias = dict[int, Any]
+"""Values of a struct by the numbers of their fields."""
+
+STATISTICS: Final = 12
+"""Field of ``ColumnMetaData``; the others are of ``Statistics``."""
+NULL_COUNT, MAX_VALUE, MIN_VALUE, IS_MAX_VALUE_EXACT, IS_MIN_VALUE_EXACT = 3, 5, 6, 7, 8
+PATH: Final = 3
+"""Field of ``ColumnMetaData``."""
+PATH_OF_ONE: Final = b"\x19\x18"
+"""Before the name of a column at the top: the next field is a list, of one text."""
+LONGEST_VARINT: Final = 10
+
+
+def group_extents(metadata: Any, column: str) -> list[Extent | None]:  # noqa: ANN401 - pyarrow ships no types
+    """Least and greatest value of a column at the top in each row group, as bytes; None where they are not known."""
+    unknown = [None] * metadata.num_row_groups
+    footer = io.BytesIO()
+    metadata.write_metadata_file(footer)
+    name = column.encode()
+    place = re.compile(re.escape(PATH_OF_ONE + _varint(len(name)) + name))
+    content = footer.getvalue()
+    try:
+        ends = [_extent(_Compact(content, found.end()).fields(PATH)) for found in place.finditer(content)]
+    except (LookupError, ValueError, RecursionError):
+        return [*unknown]
+    return ends if len(ends) == len(unknown) else [*unknown]
+
+
+def _extent(chunk: Fields) -> Extent | None:
+    """Least and greatest value of a chunk of a column without nulls."""
+    stated = chunk.get(STATISTICS)
+    if not isinstance(stated, dict) or stated.get(NULL_COUNT):
+        return None
+    least, greatest = stated.get(MIN_VALUE), stated.get(MAX_VALUE)
+    is_exact = stated.get(IS_MIN_VALUE_EXACT, True) and stated.get(IS_MAX_VALUE_EXACT, True)
+    return (least, greatest) if isinstance(least, bytes) and isinstance(greatest, bytes) and is_exact else None
+
+
+def _varint(value: int) -> bytes:
+    r"""A length as it is written.
+
+    >>> _varint(4), _varint(300)
+    (b'\x04', b'\xac\x02')
+    """
+    return bytes([value]) if value < 1 << 7 else bytes([value & 127 | 128]) + _varint(value >> 7)
+
+
+class _Compact:
+    """Values of Thrift's compact protocol, from a place on; LookupError or ValueError where there are none."""
+
+    def __init__(self, content: bytes, at: int) -> None:
+        self._content, self._at = content, at
+
+    def fields(self, number: int = 0) -> Fields:
+        """Rest of a struct, after the field with a number."""
+        fields: Fields = {}
+        while head := self._byte():
+            number = number + (head >> 4) if head >> 4 else self._integer()
+            fields[number] = self._value(head & 15)
+        return fields
+
+    def _value(self, kind: int) -> Any:  # noqa: ANN401
+        """A value of a field; that of a truth is its kind."""
+        return kind == 1 if kind in (1, 2) else COMPACT_VALUES[kind](self)
+
+    def _byte(self) -> int:
+        self._at += 1
+        return self._content[self._at - 1]
+
+    def _bytes(self, count: int) -> bytes:
+        self._at += count
+        return self._content[self._at - count : self._at]
+
+    def _length(self) -> int:
+        """A number of seven bits a byte, the lowest first; of the last byte the eighth is 0."""
+        value = 0
+        for place in range(LONGEST_VARINT):
+            byte = self._byte()
+            value |= (byte & 127) << 7 * place
+            if byte < 1 << 7:
+                return value
+        raise ValueError("an endless number")
+
+    def _integer(self) -> int:
+        value = self._length()
+        return value >> 1 ^ -(value & 1)
+
+    def _text(self) -> bytes:
+        return self._bytes(self._length())
+
+    def _list(self) -> list[Any]:
+        head = self._byte()
+        count = head >> 4
+        read = COMPACT_VALUES[head & 15]
+        return [read(self) for _ in range(self._length() if count == 15 else count)]
+
+    def _double(self) -> bytes:
+        return self._bytes(8)
+
+
+COMPACT_VALUES: Final[dict[int, Callable[[_Compact], Any]]] = {
+    **dict.fromkeys((1, 2, 3), _Compact._byte),
+    **dict.fromkeys((4, 5, 6), _Compact._integer),
+    7: _Compact._double,
+    8: _Compact._text,
+    **dict.fromkeys((9, 10), _Compact._list),
+    12: _Compact.fields,
+}
+"""What reads a value of a kind; in a list a truth is a byte."""
 
 
 READERS: Final = (

@@ -35,7 +35,7 @@ import numpy as np
 from flinders.core.units import label
 from flinders.errors import counted, figures, percent
 from flinders.findings import CATALOGUE, action
-from flinders.findings.row import OF_A_TUMBLE, stated
+from flinders.findings.row import TUMBLE_STATED
 from flinders.report.charts import Axis, Plot, chart, segment, text
 from flinders.report.formatting import as_sentence, date_of, degrees
 from flinders.report.html_file import START, html_file, joined, style_of
@@ -298,7 +298,7 @@ def page(overview: Overview, drift: FleetDrift | None = None) -> str:
         "states": STATES,
         "figures": _figures(overview, drift),
         "verdicts": VERDICTS,
-        "condition": stated(OF_A_TUMBLE),
+        "condition": TUMBLE_STATED,
         "changes": CHANGES,
         "most_findings": SHOWN,
         "catalogue": CATALOGUE,

@@ -22,7 +22,7 @@ from flinders.errors import Unmoved
 from flinders.estimators import auto, level, outliers
 from flinders.estimators import data as readings
 from flinders.findings import CATALOGUE, CAUSES, fit, limit_of
-from flinders.findings.row import OF_A_TUMBLE, stated
+from flinders.findings.row import OF_A_TUMBLE, TUMBLE_STATED
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
 from flinders.geometry.sphere import bisected, icosahedron
 from flinders.heading import guidance, path_planning
@@ -136,7 +136,7 @@ def data() -> dict[str, Any]:
         "causes": [cause._asdict() for cause in CAUSES],
         "numbers": NUMBERS,
         "said": {**evaluation.SAID, "unmoved": Unmoved.SAID, "every-way": Unmoved.EVERY_WAY},
-        "condition": stated(OF_A_TUMBLE).partition(":")[0],
+        "condition": TUMBLE_STATED.partition(":")[0],
         "conditions": OF_A_TUMBLE,
         "parameters": PARAMETERS,
         "disturbed": sorted(evaluation.DISTURBED),
