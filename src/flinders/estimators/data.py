@@ -44,7 +44,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeGuard, cast
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Recording, Samples, Wrapped, singles
+from flinders.core.samples import Joined, Recording, Samples, Wrapped, added, singles
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.likelihood import magnitude
@@ -107,6 +107,7 @@ def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
         currents=_whole([block.currents for block in filled]),
         throttles=_whole([block.throttles for block in filled]),
         source=recording.source,
+        skipped=reduce(added, (block.skipped for block in blocks), ()),
     )
 
 
@@ -284,7 +285,8 @@ class Readings:
             rows += len(block)
             if rows > room:
                 return cls(Summary.over(chain(_consumed(begun), blocks)), recording)
-        return cls(Summary.over(begun), concatenated(list(begun), recording))
+        whole = concatenated(begun, recording)
+        return cls(Summary.deferred(whole), whole)
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:

@@ -651,9 +651,9 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evi
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
     samples, aiding = evidence.readings.recording, evidence.aiding
     is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
-    if estimate.plane or is_corrected or not isinstance(samples, Samples):
+    if estimate.plane or is_corrected or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
-    return vertical_error_deg(samples, calibration, estimate)
+    return vertical_error_deg(samples, samples.acceleration, calibration, estimate)
 
 
 def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:

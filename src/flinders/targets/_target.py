@@ -61,8 +61,8 @@ VEHICLE: Final = "vehicle"
 OWN, RECORDED = "own", "recorded"
 """Units of a target that takes any: that of the calibration (µT or counts), and that of the recording."""
 
-DIRECTIONS: Final = 400
-"""Test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
+DIRECTIONS: Final = fibonacci(400)
+"""(N, 3) of the test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
 LOSS_DEG: Final = 0.5
 """Nothing is left out unasked that costs more heading."""
 COARSEST_DEG: Final = 1.0
@@ -400,7 +400,7 @@ class Target:
         """How far the target is off, for programs."""
         size, unit = self._errors_in(calibration)
         return {
-            "vectors": DIRECTIONS,
+            "vectors": len(DIRECTIONS),
             "unit": unit,
             "field": calibration.field_strength / size,
             "worst": deviation.worst / size,
@@ -413,7 +413,7 @@ class Target:
         size, name = self._errors_in(calibration)
         unit, scaled = label(name), ", scaled," if self.lengths else ""
         return (
-            f"checked: its own formula{scaled} on {DIRECTIONS} fields of "
+            f"checked: its own formula{scaled} on {len(DIRECTIONS)} fields of "
             f"{figures(calibration.field_strength / size, 4)} {unit}, "
             f"{_at_most(deviation.worst / size, deviation.worst_deg, unit)} off the calibration"
         )
@@ -481,7 +481,7 @@ class Difference:
         names. If `relative`, lengths are its own, and scaled to the calibration's field before they are compared.
         """
         back = _unmapped(calibration)
-        strength, expected = calibration.field_strength, fibonacci(DIRECTIONS)
+        strength, expected = calibration.field_strength, DIRECTIONS
         with np.errstate(all="ignore"):
             raw = calibration.unapply(strength * expected)
             corrected = target(raw if acts == "mapped" else raw @ back.T) / strength
