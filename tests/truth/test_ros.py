@@ -76,6 +76,11 @@ class Messages:
                 return types[kind](header, attitude, covariance, turned, covariance, pulled, covariance)
             case ros.TEMPERATURE:
                 return types[kind](header, values[0], 0.0)
+            case ros.TWIST | ros.TWIST_WITH_COVARIANCE:
+                twist = types["geometry_msgs/msg/Twist"](vector(values), vector((0.0, 0.0, 0.0)))
+                if kind == ros.TWIST_WITH_COVARIANCE:
+                    twist = types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36))
+                return types[kind](header, twist)
             case _:
                 status = types["sensor_msgs/msg/NavSatStatus"](int(values[3]), 1)
                 return types[kind](header, status, *map(float, values[:3]), covariance, 0)
@@ -185,6 +190,29 @@ def check_boat(log: Log) -> None:
 
 
 # what is read
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind"),
+    [("/vel", ros.TWIST), ("/mavros/global_position/raw/gps_vel", ros.TWIST),
+     ("/ublox/fix_velocity", ros.TWIST_WITH_COVARIANCE)],
+)  # fmt: skip
+def test_velocities_of_satellites_are_north_and_east_by_the_clock_of_the_readings(
+    topic: str, kind: str, tmp_path: Path
+) -> None:
+    messages = messages_of_ros(2)
+    moved = [
+        (name, one, BEGUN + n * STEP, messages.make(one, BEGUN + n * STEP, "gps", (3.0, 0.1 * n, 0.0)))
+        for n in range(40)
+        for name, one in ((topic, kind), ("/cmd_vel", ros.TWIST))
+    ]
+    log = opened(second(tmp_path, rows=[*rows_of(messages), *moved]))
+    for one in log.instruments:
+        assert one.velocity is not None
+        close(one.velocity.time, 0.01 * np.arange(40))
+        close(one.velocity.values, np.column_stack([0.1 * np.arange(40), np.full(40, 3.0)]))
+    wheels = opened(second(tmp_path, "sqlite", rows=[*rows_of(messages), *moved[1::2]]))
+    assert all(one.velocity is None for one in wheels.instruments)
 
 
 def test_a_real_bag_of_which_half_the_rows_are_nan(recordings: Callable[[str], Path]) -> None:

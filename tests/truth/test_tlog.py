@@ -100,6 +100,27 @@ def test_telemetry_of_ardupilot_is_un_applied_with_the_parameters_it_holds(first
     assert found.begun == datetime(2026, 3, 1, 12, 0, 0, 200_000, tzinfo=UTC)
 
 
+@pytest.mark.parametrize("by", ["satellites", "estimate"])
+def test_velocity_over_ground_goes_by_the_clock_of_the_readings(by: str, tmp_path: Path) -> None:
+    """GPS_RAW_INT has cm/s and hundredths of a degree, GLOBAL_POSITION_INT cm/s; the ground station hears both late."""
+    log = Heard()
+    send, unknown = log.sender, 0xFFFF
+    for step in range(50):
+        log.at += 0.2
+        log.add(send.raw_imu_encode(200_000 * step, 0, 0, -1000, 0, 0, 0, 200, 10, 400))
+        speed, course = (1000, 100 * step) if by == "satellites" else (unknown, unknown)
+        place = (473977418, 85455938, 488000)
+        log.add(send.gps_raw_int_encode(0, 3, *place, 0, 0, speed, course, 9))
+        log.add(send.gps_raw_int_encode(0, 1, *place, 0, 0, 7, 7, 9))
+        log.add(send.global_position_int_encode(200 * step, *place, 0, 300, -400, 0, 0))
+    (one,) = heard(log.content, tmp_path).instruments
+    assert one.velocity is not None
+    npt.assert_allclose(one.velocity.time, 0.2 * np.arange(50), atol=1e-5)
+    along = np.deg2rad(np.arange(50.0))
+    expected = 10.0 * np.column_stack([np.cos(along), np.sin(along)]) if by == "satellites" else [[3.0, -4.0]] * 50
+    npt.assert_allclose(one.velocity.values, expected, atol=1e-6)
+
+
 def test_telemetry_says_what_is_certain_of_it(tmp_path: Path) -> None:
     without = heard(telemetry({})[0].content, tmp_path).instruments[0]
     assert without.stored is None

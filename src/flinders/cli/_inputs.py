@@ -391,6 +391,5 @@ def _day(date: str | None, recording: Recording | None) -> str:
 
 def clock_start(recording: object) -> float:
     """Seconds from 1970 at which the times of a recording start to count; 0 where they count from something else."""
-    layout = getattr(recording, "layout", None)
-    time = layout.columns.time if layout is not None else None
+    time = getattr(getattr(recording, "columns", None), "time", None)
     return float(time.start * time.factor) if time is not None else 0.0

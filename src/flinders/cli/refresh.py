@@ -5,14 +5,24 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, load, open_with, provenance, refuse_calibrations, say_sensor, site_of
-from flinders.cli._output import refuse_twice
+from flinders.cli._inputs import (
+    Counted,
+    clock_start,
+    load,
+    open_with,
+    provenance,
+    refuse_calibrations,
+    say_sensor,
+    site_of,
+)
+from flinders.cli._output import refuse_twice, say
 from flinders.cli._program import EXITS
 from flinders.cli.calibrate import SiteOptions, recorded
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
     from flinders.fitting.result import Fit
+    from flinders.readers._resample import TimeSeries
 
 
 class Refresh(option.Group):
@@ -48,6 +58,10 @@ class Refresh(option.Group):
         "--course", "Take the headings from the courses over ground of RECORDING, a log with satellite fixes.",
         heading=option.SITE,
     )  # fmt: skip
+    course_log: str | None = option.member(
+        "--course-log", heading=option.SITE, metavar="FILE",
+        help="The same from the log of a boat beside RECORDING: NMEA 0183, NMEA 2000 (candump) or Signal K.",
+    )  # fmt: skip
     slowest: float = option.member(
         "--min-speed", heading=option.SITE, type=option.positive, default=3.0, show_default=True, metavar="M/S",
         help="Speed over ground below which a course is not used.",
@@ -77,6 +91,7 @@ Example:
   flinders refresh --previous calibration.json wobble.csv --with rate -o refreshed.json
   flinders refresh --previous calibration.json north.csv south.csv --magnetic-heading 0,180 --dip 66
   flinders refresh --previous calibration.json drive.bin --course -o refreshed.json
+  flinders refresh --previous calibration.json compass.csv --course-log boat.nmea -o refreshed.json
 
 \b
 Exit codes:
@@ -92,7 +107,8 @@ def command(options: Refresh) -> int:
     of CALIBRATION counts with its uncertainty; where the readings contradict it the verdict says so. Unit and axes
     are those of the calibration file. A vehicle that cannot be turned at all is recorded at rest, at one or more
     known headings, a RECORDING each (--heading). A car, boat or wing that points where it goes is driven straight on
-    several headings: the courses in its log are its headings (--course).
+    several headings: the courses in its log, or in the log of a boat beside it, are its headings (--course,
+    --course-log).
     """
     from flinders.core.calibration_file import dumps
     from flinders.report.fit_pages import of_fit
@@ -121,11 +137,11 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
     from flinders.fitting.known_heading import refresh_at_headings
     from flinders.fitting.refreshing import refresh
 
+    if options.is_course or options.course_log is not None:
+        return _on_courses(opened, previous, options)
     judged = {"target_deg": options.target_deg, **_site(options, opened[0].recording)}
-    if options.is_course:
-        return _on_courses(opened, previous, options, judged)
     if option.is_typed("slowest") or option.is_typed("crab_deg"):
-        raise UsageError("--min-speed and --crab go with --course: leave them out")
+        raise UsageError("--min-speed and --crab go with --course or --course-log: leave them out")
     if options.headings is None and options.magnetic_headings is None:
         if len(opened) > 1:
             raise UsageError("several recordings go with --heading, one for each: give one recording, or the headings")
@@ -136,21 +152,16 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
     return refresh_at_headings(opened, previous, _magnetic(options, opened[0].recording), **judged)
 
 
-def _on_courses(opened: list[Counted], previous: Fit, options: Refresh, judged: dict[str, Any]) -> Fit:
-    """Refresh by the courses of one log."""
+def _on_courses(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
+    """Refresh by the courses of one log, its own or those of another beside it."""
     from flinders.core.geomag import recorded_field
     from flinders.fitting.known_heading import refresh_on_courses
 
-    recording = opened[0].recording
-    velocity = getattr(recording, "velocity", None)
     if len(opened) > 1 or options.headings or options.magnetic_headings or options.names or options.soft_iron_sigma:
         raise UsageError("--course takes one log, without --heading, --magnetic-heading, --with and --soft-iron-sigma")
-    if velocity is None:
-        raise UsageError(
-            f"{recording.source} has no speed and course by satellites: give a log of PX4 or ArduPilot with them, or "
-            "record poses at known headings (--heading)"
-        )
-    place = recorded_field(recording) if options.place is None else site_of(options.place, options.date)
+    recording = opened[0].recording
+    velocity, log = _courses(recording, options.course_log)
+    place = recorded_field(log) if options.place is None else site_of(options.place, options.date)
     if place is None:
         raise UsageError("courses are true: they need the declination of the place, give --at and --date")
     return refresh_on_courses(
@@ -160,8 +171,30 @@ def _on_courses(opened: list[Counted], previous: Fit, options: Refresh, judged: 
         declination_deg=place.declination_deg,
         slowest=options.slowest,
         crab_deg=options.crab_deg,
-        **judged,
+        target_deg=options.target_deg,
+        **_site(options, log),
     )
+
+
+def _courses(recording: Any, path: str | None) -> tuple[TimeSeries, object]:  # noqa: ANN401 - a recording of any reader
+    """Velocity over ground by the clock of a recording, and the log that knows the place: itself, or one beside it."""
+    from flinders.readers.compass_log import read_courses
+
+    if path is not None:
+        log, start = read_courses(path), clock_start(recording)
+        say(f"{log.source}: {log.words}")
+        if not start:
+            raise UsageError(
+                f"the times of {recording.source} do not count from 1970, as those of {log.source}: record both with "
+                "the clock of one computer"
+            )
+        return log.by_clock(start), log
+    if (velocity := getattr(recording, "velocity", None)) is None:
+        raise UsageError(
+            f"{recording.source} has no speed and course by satellites: give a log of PX4, ArduPilot, MAVLink or ROS "
+            "with them, the log of a boat beside it (--course-log), or record poses at known headings (--heading)"
+        )
+    return velocity, recording
 
 
 def _magnetic(options: Refresh, recording: object) -> list[float]:

@@ -344,7 +344,7 @@ class Stretch:
 def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWEST) -> list[Stretch]:
     """Find where a vehicle went straight, at least so fast.
 
-    Raises `UsageError` for readings without times.
+    Raises `UsageError` for readings without times, or none while the velocity was logged.
 
     Parameters
     ----------
@@ -356,6 +356,12 @@ def stretches(samples: Samples, velocity: TimeSeries, *, slowest: float = SLOWES
     """
     if samples.time is None:
         raise UsageError(f"{samples.source} has no times: courses go with a log")
+    (first, last), (begin, end) = samples.time[[0, -1]], velocity.time[[0, -1]]
+    if first > end or begin > last:
+        raise UsageError(
+            f"{samples.source} was recorded from {first:.0f} to {last:.0f} s by its clock, and courses from "
+            f"{begin:.0f} to {end:.0f} s: record both at the same time, by clocks that agree"
+        )
     north, east = velocity.values.T
     course = np.where(np.hypot(north, east) >= slowest, wrapped(np.rad2deg(np.arctan2(east, north))), np.nan)
     step = float(np.median(np.diff(velocity.time))) if len(velocity.time) > 1 else np.inf

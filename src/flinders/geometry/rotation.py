@@ -40,6 +40,16 @@ def product(first: Floats, second: Floats) -> Floats:
     return np.einsum("wnij,wnjk->wnik", first, second, out=np.moveaxis(pieces, (0, 1), (2, 3)))
 
 
+def transformed(matrix: Floats, vectors: Floats) -> Floats:
+    """(..., 3) of one (3, 3) matrix and (..., 3) vectors, `in_pieces`: several times faster so than ``@``.
+
+    >>> transformed(np.diag([1.0, 2.0, 3.0]), np.ones((4, 1, 3)))[3, 0]
+    array([1., 2., 3.])
+    """
+    pieces = np.moveaxis(vectors, -1, 0)
+    return np.moveaxis((matrix @ pieces.reshape(3, -1)).reshape(pieces.shape), 0, -1)
+
+
 def applied(matrices: Floats, vectors: Floats) -> Floats:
     """(W, n, i) of (W, n, i, j) matrices and (W, n or 1, j) vectors, `in_pieces`."""
     return product(matrices, vectors[..., np.newaxis])[..., 0]
@@ -111,16 +121,27 @@ def across(directions: Floats) -> Floats:
     >>> bool(np.allclose(np.array([[0.6, 0.0, 0.8]]) @ across(np.array([[0.6, 0.0, 0.8]]))[0], 0.0))
     True
     """
-    helper = np.eye(3)[np.argmin(np.abs(directions), axis=-1)]
-    first = np.cross(directions, helper)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, np.cross(directions, first)], axis=-1)
+    pieces = np.moveaxis(directions, -1, 0)
+    helper = np.eye(3)[:, np.argmin(np.abs(pieces), axis=0)]
+    vectors = np.empty((2, *pieces.shape))
+    first, second = vectors
+    _cross_into(first, pieces, helper)
+    first /= lengths(np.moveaxis(first, 0, -1))
+    _cross_into(second, pieces, first)
+    return np.moveaxis(vectors, (0, 1), (-1, -2))
+
+
+def _cross_into(crossed: Floats, first: Floats, second: Floats) -> None:
+    """Write cross products of (3, ...) vectors, several times faster than `numpy.cross`."""
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.subtract(first[j] * second[k], first[k] * second[j], out=crossed[i, ...])
 
 
 def on_the_sphere(directions: Floats, steps: Floats) -> Floats:
-    """(..., 3) directions moved by (..., 2) steps along `across`, back on the sphere."""
-    moved = directions + np.einsum("...ij,...j->...i", across(directions), steps)
-    unit: Floats = moved / np.linalg.norm(moved, axis=-1, keepdims=True)
+    """(..., 3) directions moved by (..., 2) steps along `across`, back on the sphere, `in_pieces`."""
+    ways = across(directions)
+    moved = ways[..., 0] * steps[..., :1] + ways[..., 1] * steps[..., 1:] + directions
+    unit: Floats = moved / lengths(moved)[..., np.newaxis]
     return unit
 
 

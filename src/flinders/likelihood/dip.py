@@ -39,7 +39,7 @@ import numpy as np
 
 from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.quaternions import inverse, rotated
-from flinders.geometry.rotation import lengths
+from flinders.geometry.rotation import lengths, transformed
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.term import Block, Term
 
@@ -149,22 +149,24 @@ def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     (array([0. , 0.6, 0.8]), True)
     """
     whole = np.eye(3) + symmetric(errors[3:])
-    scaled, bias = down @ whole, whole @ errors[:3]
-    along, square = scaled @ bias, np.maximum(np.einsum("...i,...i->...", scaled, scaled), LEAST_REST**2)
+    scaled, bias = transformed(whole, down), whole @ errors[:3]
+    along = np.einsum("...i,i->...", scaled, bias)
+    square = np.maximum(np.einsum("...i,...i->...", scaled, scaled), LEAST_REST**2)
     root = np.sqrt(np.maximum(along**2 + square * (1.0 - bias @ bias), LEAST_REST**2))
     rest = np.maximum((root - along) / square, LEAST_REST)
-    return scaled + bias / rest[..., np.newaxis], rest
+    return scaled + np.moveaxis(np.divide.outer(bias, rest), 0, -1), rest
 
 
 def by_errors(rows: Floats, down: Floats, errors: Floats) -> Floats:
     """(..., 9) how rᵀv moves with the errors, of (..., 3) rows r and the verticals v of `upright`."""
     vertical, rest = upright(down, errors)
     whole = np.eye(3) + symmetric(errors[3:])
-    lengthened = np.einsum("...i,...i->...", vertical, down @ whole)
-    share = (rows @ (whole @ errors[:3])) / (rest * np.maximum(lengthened, LEAST_REST))
+    lengthened = np.einsum("...i,...i->...", vertical, transformed(whole, down))
+    share = np.einsum("...i,i->...", rows, whole @ errors[:3]) / (rest * np.maximum(lengthened, LEAST_REST))
     rows = rows + share[..., np.newaxis] * vertical  # ρ moves with the errors, too
-    rest = rest[..., np.newaxis]
-    return np.concatenate([rows @ whole / rest, by_symmetric(rows, down + errors[:3] / rest)], axis=-1)
+    felt = down + np.moveaxis(np.divide.outer(errors[:3], rest), 0, -1)
+    parts = transformed(whole, rows) / rest[..., np.newaxis], by_symmetric(rows, felt)
+    return np.moveaxis(np.concatenate([np.moveaxis(part, -1, 0) for part in parts]), 0, -1)
 
 
 def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
@@ -175,7 +177,7 @@ def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
     """
     first, second = np.moveaxis(rows, -1, 0), np.moveaxis(vectors, -1, 0)
     crossed = [first[i] * second[j] + first[j] * second[i] for i, j in ((0, 1), (0, 2), (1, 2))]
-    return np.stack([*(first * second), *crossed], axis=-1)
+    return np.moveaxis(np.stack([*(first * second), *crossed]), 0, -1)
 
 
 def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:

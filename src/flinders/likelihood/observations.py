@@ -48,7 +48,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.geometry.rotation import across, applied, cross_matrices, in_pieces, on_the_sphere, product, rotations
+from flinders.geometry.rotation import across, applied, cross_matrices, in_pieces, on_the_sphere, product, rotations, transformed
 from flinders.likelihood import attitude, dip, disturbance, gyro
 
 if TYPE_CHECKING:
@@ -273,7 +273,7 @@ def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) ->
 def _modelled(group: ObservationGroup, at: Parameters, q: Floats) -> Floats:
     """(W, n, 3) readings about their offset, of the field's direction (W, n, 3) at each."""
     gain = group.gain(at)
-    model: Floats = q @ at.ellipsoid_like.T
+    model = transformed(at.ellipsoid_like, q)
     return model if gain is None else model * gain[..., np.newaxis]
 
 
@@ -337,7 +337,7 @@ def rows_of(
     tangent = across(directions)[:, np.newaxis]
     turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
     for axis in range(2):
-        moved = np.swapaxes(turned[..., axis] @ shape.T, 1, 2) * scale
+        moved = np.swapaxes(transformed(shape, turned[..., axis]), 1, 2) * scale
         own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
     rows = ObservationRows(
         residual,
@@ -426,7 +426,7 @@ def _fill(
     """Write the Jacobian (W, 3 or 4, n, P) of the readings, in their unit."""
     gain, shape = group.gain(at), at.ellipsoid_like
     scaled = q if gain is None else q * gain[..., np.newaxis]
-    u = scaled @ at.rotation
+    u = transformed(at.rotation.T, scaled)
     for axis in range(3):
         jacobian[:, axis, :, axis] = 1.0
     for column, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), start=3):
@@ -435,7 +435,7 @@ def _fill(
     if "rotation" in layout:
         turned = np.tensordot(shape, np.moveaxis(cross_matrices(scaled), (2, 3), (0, 1)), 1)  # S Rᵀ [q]×
         jacobian[:, :3, :, layout.columns["rotation"]] = turned.transpose(2, 0, 3, 1)
-    disturbance.fill(jacobian, layout.columns, group.disturbances, group.warmth, q @ shape.T)
+    disturbance.fill(jacobian, layout.columns, group.disturbances, group.warmth, transformed(shape, q))
     if moved is not None:
         with_gain = moved if gain is None else moved * gain[..., np.newaxis, np.newaxis]
         moving = np.tensordot(shape, np.moveaxis(with_gain, (2, 3), (0, 1)), 1)

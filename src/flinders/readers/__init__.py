@@ -473,7 +473,7 @@ def _log_of(file: Source, reader: Reader, options: _Options) -> Log:
     beginning = np.nan if options.span.is_all else _beginning(log)
     of_log: dict[str, Any] = {name: getattr(options, name) for name in ("axes", "as_logged", "span", "progress")}
     of_log |= {"beginning": beginning, "file": file, "temporary_files": (disk,)}
-    of_log |= {"position": log.position, "begun": log.begun, "velocity": log.velocity}
+    of_log |= {"position": log.position, "begun": log.begun}
     return replace(log, instruments=tuple(replace(instrument, **of_log) for instrument in log.instruments))
 
 

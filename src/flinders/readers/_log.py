@@ -113,7 +113,7 @@ class Instrument:
     damage: tuple[str, ...] = ()  #: what of the file could not be read, where it was cut short or is broken
     position: Position | None = None  #: where the log was made
     begun: datetime | None = None  #: and when, UTC
-    velocity: TimeSeries | None = None  #: over ground, north and east, m/s, by satellites and the clock of `columns`
+    velocity: TimeSeries | None = None  #: over ground, north and east, m/s, by the clock of `columns`
     file: Source | None = None  #: the bytes it was read from, as they lie on the disk
     temporary_files: tuple[Source, ...] = ()  #: temporary files that it needs
     #: called once a block with the bytes read so far, by the share of `readings`, and those there are
@@ -171,7 +171,6 @@ class Log:
     instruments: tuple[Instrument, ...]  #: its magnetometers, in the order of their numbers
     position: Position | None = None
     begun: datetime | None = None  #: UTC
-    velocity: TimeSeries | None = None  #: over ground, north and east, m/s, by satellites
     #: what to know about the file, a sentence each: that it was cut short, that its clock jumps
     notes: tuple[str, ...] = ()
     damage: tuple[str, ...] = ()  #: those of the notes that tell what could not be read

@@ -1,4 +1,4 @@
-r"""Logs of a boat's instruments: its compass beside another heading, or the course over ground, by time.
+r"""Logs of a boat's instruments by time: its compass beside another heading, or speed and course over ground.
 
 NMEA 0183 sentences, NMEA 2000 frames as candump prints them, and deltas of Signal K; each has a module beside this one,
 which yields a `Message` for each number that counts here.
@@ -15,11 +15,20 @@ which yields a `Message` for each number that counts here.
 Signal K; 9 headings of the compass (navigation.headingMagnetic), true headings (navigation.headingTrue)
 >>> print(log.compass_deg[0].round(2), log.reference_deg[0].round(2), log.is_course, log.day)
 85.94 91.67 False 2026-06-01
+
+Speed and course alone are what a calibration is renewed by on the way, from the readings of another recording:
+
+>>> course = ",".join(['{"path":"navigation.courseOverGroundTrue","value":1}',
+...                    '{"path":"navigation.speedOverGround","value":5}'])
+>>> _ = file.write_text("".join(line % (second, course) for second in range(9)))
+>>> courses = read_courses(file)
+>>> print(courses.by_clock(1780308000.0).time[:3], courses.velocity.values[0].round(2))
+[0. 1. 2.] [2.7  4.21]
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple, TypeAlias
 
@@ -28,6 +37,8 @@ import numpy as np
 from flinders.errors import UnreadableInput, UsageError
 from flinders.geometry.angles import folded, wrapped
 from flinders.readers import nmea0183, nmea2000, signalk
+from flinders.readers._log import Position
+from flinders.readers._resample import TimeSeries
 from flinders.readers._source import find, is_binary
 from flinders.readers._tokenizer import encoding_of
 
@@ -36,6 +47,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flinders.arrays import Floats
+    from flinders.readers._source import Source
     from flinders.readers.nmea0183 import Message
 
 FORMATS: Final = {"NMEA 0183": nmea0183, "NMEA 2000": nmea2000, "Signal K": signalk}
@@ -55,6 +67,7 @@ NEED: Final = (
     "need the compass (HDG, HDM; PGN 127250; navigation.headingMagnetic) and a true heading of another instrument "
     "(HDT, THS; headingTrue) or the course over ground (RMC, VTG; PGN 129026; courseOverGroundTrue)"
 )
+NEED_COURSE: Final = "need RMC or VTG; PGN 129026; courseOverGroundTrue and speedOverGround"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,12 +110,7 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
     if reference not in {"auto", "heading", "course"}:
         raise UsageError(f"reference is {reference!r}: need auto, heading or course")
     source = find(path)
-    encoding = encoding_of(source.head())
-    name = _format_of(source.head().decode(encoding, errors="replace"))
-    if name is None:
-        raise UnreadableInput(f"{source.name} is no log of NMEA 0183, NMEA 2000 (candump) or Signal K: {NEED}")
-    lines = (line for block in source.lines(encoding) for line in block.texts)
-    series = _Series.of(list(FORMATS[name].messages(lines)))
+    name, series = _messages(source, NEED)
     compass = series.required("compass", source.name)
     chosen = _reference(series, compass, reference, source.name)
     time, headings = compass.time, compass.value
@@ -118,6 +126,59 @@ def read_compass_log(path: str | os.PathLike[str], reference: Reference = "auto"
         series.place(),
         _day(float(time[0])),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CourseLog:
+    """Velocity over ground of a boat, and where and when that was."""
+
+    source: str  # name of the file
+    words: str  # what is read of it
+    velocity: TimeSeries  # north and east, m/s, by s since 1970
+    position: Position | None
+    begun: datetime | None
+
+    def by_clock(self, start: float) -> TimeSeries:
+        """The velocity by a clock that starts at so many s since 1970."""
+        return replace(self.velocity, time=self.velocity.time - start)
+
+
+def read_courses(path: str | os.PathLike[str]) -> CourseLog:
+    """Read speed and course over ground of a log of a boat.
+
+    Raises `UnreadableInput` for another file, or one without them, or without a clock.
+    """
+    source = find(path)
+    name, series = _messages(source, NEED_COURSE)
+    course, speed = series.stream("course"), series.stream("speed")
+    velocity = None if course is None or speed is None else _velocity(course, speed)
+    if course is None or velocity is None:
+        raise UnreadableInput(f"{source.name} has no speed and course over ground with their times: {NEED_COURSE}")
+    place, since = series.place(), float(velocity.time[0])
+    return CourseLog(
+        source.name,
+        f"{name}; {len(velocity.time):,} courses over ground ({course.source})",
+        velocity,
+        None if place is None else Position(*place),
+        datetime.fromtimestamp(since, UTC) if EARLIEST_S < since < LATEST_S else None,
+    )
+
+
+def _velocity(course: _Stream, speed: _Stream) -> TimeSeries | None:
+    """North and east, m/s, at the times of the courses."""
+    along = np.deg2rad(course.value)
+    directions = np.column_stack([np.cos(along), np.sin(along)])
+    return TimeSeries.of(course.time, _interpolated(course.time, speed.time, speed.value)[:, np.newaxis] * directions)
+
+
+def _messages(source: Source, need: str) -> tuple[str, _Series]:
+    """The format of a log, and what it says; `need` tells what another file lacks."""
+    encoding = encoding_of(source.head())
+    name = _format_of(source.head().decode(encoding, errors="replace"))
+    if name is None:
+        raise UnreadableInput(f"{source.name} is no log of NMEA 0183, NMEA 2000 (candump) or Signal K: {need}")
+    lines = (line for block in source.lines(encoding) for line in block.texts)
+    return name, _Series.of(list(FORMATS[name].messages(lines)))
 
 
 def _format_of(text: str) -> str | None:

@@ -132,7 +132,11 @@ def open_dataflash(file: File) -> Log:
     parm = messages.get("PARM")
     found = stages([] if parm is None else _parameters(parm), ARDUPILOT, file.name)
     auxiliary = _auxiliary(messages, found[-1][1])
-    instruments = tuple(_instrument(file, name, number, mag, found, auxiliary) for name, number, mag in compasses)
+    velocity = _velocity(messages)
+    instruments = tuple(
+        replace(_instrument(file, name, number, mag, found, auxiliary), velocity=velocity)
+        for name, number, mag in compasses
+    )
     damage = tuple(_damage(messages, file))
     return Log(
         file.name,
@@ -140,7 +144,6 @@ def open_dataflash(file: File) -> Log:
         instruments,
         position=_position(messages),
         begun=_begun(messages, instruments),
-        velocity=_velocity(messages),
         notes=(*_notes(messages), *damage),
         damage=damage,
     )

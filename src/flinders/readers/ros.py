@@ -6,6 +6,9 @@ that a sensor does not have are NaN: such rows are left out and counted. A ``geo
 that names a magnetometer is one too: old drivers wrote it, and it has no unit, so that readings stay in counts unless
 one is given.
 
+Velocity over ground is a ``geometry_msgs/TwistStamped`` or ``TwistWithCovarianceStamped`` of satellites: x east and
+y north, on the topic ``vel`` or one that names GPS, GNSS or the fix: that of wheels or of a command is another.
+
 Beside a reading stand acceleration and rate of the ``sensor_msgs/Imu`` in the same frame, and the temperature of a
 ``sensor_msgs/Temperature`` in it. Nothing is turned: axes are those of the frame that the messages name. A body in ROS
 is forward, left, up (REP-103), which ``--axes x,-y,-z`` makes forward, right, down. Acceleration is specific force
@@ -18,7 +21,8 @@ A bag of ROS 1 or an MCAP by itself is read up to where it breaks off (`readers/
 read by rosbags, or refused. Types are those that the recording defines (ROS 1, MCAP), else those of ROS 2 Humble. What
 is packed is unpacked up to `MOST_PIECE` bytes at a time.
 
-Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers.
+Sources: ``sensor_msgs/msg/*.msg``, REP-103 and REP-145; rosbags for the containers; of velocities ``driver.py`` of
+nmea_navsat_driver (``vel``), ``node.cpp`` of ublox (``fix_velocity``), and the topics of MAVROS (``raw/gps_vel``).
 """
 
 from __future__ import annotations
@@ -61,8 +65,11 @@ DISTRIBUTION: Final = "Humble"
 
 FIELD, VECTOR = "sensor_msgs/msg/MagneticField", "geometry_msgs/msg/Vector3Stamped"
 IMU, TEMPERATURE, PLACE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature", "sensor_msgs/msg/NavSatFix"
+TWIST, TWIST_WITH_COVARIANCE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped"
 NAMES_MAGNETOMETER: Final = re.compile(r"(?:^|[/_])(?:mag|compass)", re.IGNORECASE)
 """What the topic of a vector needs in its name, so that it is taken for a magnetometer."""
+NAMES_SATELLITES: Final = re.compile(r"(?:^|[/_])(?:gps|gnss|navsat|fix)(?:[/_]|$)|(?:^|/)vel$", re.IGNORECASE)
+"""What the topic of a velocity needs in its name, so that it is taken for one over ground by satellites."""
 IDENTIFIER: Final = re.compile(r"[A-Za-z]\w*", re.ASCII)
 """What types and fields are called in ROS."""
 LEAST_FIX: Final = 0
@@ -302,6 +309,8 @@ _NUMBERS: Final[dict[str, Callable[[Any], tuple[float, ...]]]] = {
     IMU: _motion,
     TEMPERATURE: lambda message: (message.temperature,),
     PLACE: lambda message: (message.latitude, message.longitude, message.altitude, message.status.status),
+    TWIST: lambda message: (message.twist.linear.y, message.twist.linear.x),
+    TWIST_WITH_COVARIANCE: lambda message: (message.twist.twist.linear.y, message.twist.twist.linear.x),
 }
 """What is taken of a message of each kind."""
 
@@ -350,7 +359,7 @@ class _Topics:
 
     def sorted(self) -> list[_Topic]:
         """Those with messages, magnetometers first, those with tesla before those without a unit."""
-        order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE)
+        order = (FIELD, VECTOR, IMU, TEMPERATURE, PLACE, TWIST, TWIST_WITH_COVARIANCE)
         read = (topic for topic in self._by_name.values() if topic.stamps)
         return sorted(read, key=lambda topic: (order.index(topic.kind), topic.name))
 
@@ -359,6 +368,8 @@ def _is_wanted(connection: Any) -> bool:  # noqa: ANN401 - rosbags' types are it
     """Tell whether a topic is one of those that are read."""
     if connection.msgtype == VECTOR:
         return NAMES_MAGNETOMETER.search(connection.topic) is not None
+    if connection.msgtype in (TWIST, TWIST_WITH_COVARIANCE):
+        return NAMES_SATELLITES.search(connection.topic) is not None
     return connection.msgtype in (FIELD, IMU, TEMPERATURE, PLACE)
 
 
@@ -413,6 +424,7 @@ def _instruments(source: str, topics: Sequence[_Topic], since: int, given: Unit 
             shown(topic.name),
             unit,
             readings.columns,
+            velocity=_velocity(topics, since),
             readings=int(np.isfinite(readings.field).all(axis=1).sum()),
             notes=tuple(_notes(topic, unit, motion, topics)),
         )
@@ -472,6 +484,12 @@ def _position(topics: Sequence[_Topic]) -> Position | None:
             latitude, longitude, altitude, status = topic.table.T
             return first_position(latitude, longitude, altitude, fixed=status >= LEAST_FIX)
     return None
+
+
+def _velocity(topics: Sequence[_Topic], since: int) -> TimeSeries | None:
+    """Over ground, north and east, m/s, of the first topic that has one."""
+    found = (topic for topic in topics if topic.kind in (TWIST, TWIST_WITH_COVARIANCE))
+    return next((TimeSeries.of(topic.seconds(since), topic.table) for topic in found), None)
 
 
 READERS: Final = (

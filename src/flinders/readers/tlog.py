@@ -9,7 +9,8 @@ HIGHRES_IMU**, which is corrected with CAL_MAG, less what its estimator learned 
 said, and readings are as they were sent. Of other autopilots it is not known here, and they are as well.
 
 With a reading go acceleration, rate, current (SYS_STATUS), throttle (VFR_HUD) and, where readings are in the axes of
-the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often).
+the vehicle, its attitude (ATTITUDE_QUATERNION or ATTITUDE, whichever was sent more often). Speed and course over
+ground are those of the satellites (GPS_RAW_INT), else of the vehicle's estimate (GLOBAL_POSITION_INT).
 
 The packets are found here and unpacked by pymavlink, which also checks their sums. Its times are those of the
 vehicle; the date is that of the ground station's clock.
@@ -23,6 +24,7 @@ was seen in what pymavlink and QGroundControl write.
 
 from __future__ import annotations
 
+import math
 import mmap
 import re
 import struct
@@ -83,6 +85,8 @@ COMPASS_MESSAGES: Final = {
 """Number of a message: its name, and which compass it holds."""
 PLACES: Final = (GLOBAL_POSITION_INT, GPS_RAW_INT)
 """Where the vehicle says that it is, and where its GPS does."""
+UNKNOWN: Final = 0xFFFF
+"""Speed or course of GPS_RAW_INT that is not known."""
 WANTED: Final = frozenset({
     HEARTBEAT, SYS_STATUS, PARAM_VALUE, ATTITUDE, ATTITUDE_QUATERNION, VFR_HUD, *PLACES, *COMPASS_MESSAGES,
 })  # fmt: skip
@@ -193,15 +197,25 @@ def _throttle(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN40
 
 
 def _place(packet: Packet, message: Any) -> tuple[float, ...]:  # noqa: ANN401
-    """Degrees and metres, where there is a fix."""
-    fixed = packet.message != GPS_RAW_INT or message.fix_type >= FIX
-    return (1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt) if fixed else ()
+    """Degrees, metres, s since 1970, and m/s over ground, north and east, where there is a fix."""
+    if packet.message == GPS_RAW_INT and message.fix_type < FIX:
+        return ()
+    velocity = _by_satellites(message) if packet.message == GPS_RAW_INT else (0.01 * message.vx, 0.01 * message.vy)
+    return (1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt, packet.since, *velocity)
+
+
+def _by_satellites(message: Any) -> tuple[float, float]:  # noqa: ANN401
+    """Speed and course of GPS_RAW_INT as m/s, north and east; NaN where one is not known."""
+    if UNKNOWN in (message.vel, message.cog):
+        return math.nan, math.nan
+    speed, course = 0.01 * message.vel, math.radians(0.01 * message.cog)
+    return speed * math.cos(course), speed * math.sin(course)
 
 
 ROWS: Final = {
     **dict.fromkeys(COMPASS_MESSAGES, (_reading, WIDTH)),
     **{number: (_attitude, 2 + len(names)) for number, names in ATTITUDE_FIELDS.items()},
-    **dict.fromkeys(PLACES, (_place, 3)),
+    **dict.fromkeys(PLACES, (_place, 6)),
     SYS_STATUS: (_battery, 2),
     VFR_HUD: (_throttle, 2),
 }
@@ -272,7 +286,14 @@ class _Telemetry:
     def position(self) -> Position | None:
         """The first of a vehicle's own, else of a GPS."""
         tables = [self.table(*each) for number in PLACES for each in self.rows if each[1] == number]
-        found = (first_position(*table.T, fixed=np.ones(len(table), bool)) for table in tables)
+        found = (first_position(*table[:, :3].T, fixed=np.ones(len(table), bool)) for table in tables)
+        return next((each for each in found if each is not None), None)
+
+    def velocity(self, system: int, table: Floats) -> TimeSeries | None:
+        """Velocity over ground of a system, by the clock of a table of readings."""
+        ahead = float(np.median(table[:, CLOCK] - table[:, SINCE]))
+        fixes = (self.table(system, number) for number in reversed(PLACES))
+        found = (TimeSeries.of(each[:, 3] + ahead, each[:, 4:]) for each in fixes)
         return next((each for each in found if each is not None), None)
 
     def attitude(self, system: int, table: Floats) -> tuple[AttitudeSeries | None, int]:
@@ -374,6 +395,7 @@ def _instrument(file: File, telemetry: _Telemetry, system: int, message: int, *,
         device_id=last.device_id,
         mounting=last.mounting_angles if is_turned else None,
         beginning=float(table[0, CLOCK]),
+        velocity=telemetry.velocity(system, table),
         readings=len(table),
         notes=(*remarks, *["readings were sent in whole mG, cut towards zero"] * (units is WHOLE)),
         file=file,

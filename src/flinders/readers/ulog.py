@@ -106,14 +106,14 @@ def open_ulog(file: File) -> Log:
             if max((one.readings or 0 for one in others), default=0) > MUCH_MORE * most:
                 instruments = [*others, *instruments]
         damage = tuple(_damage(file, flight))
+        velocity = _velocity(flight)
         version = () if flight.version is None else (f"PX4 {flight.version[0]}.{flight.version[1]}",)
         return Log(
             file.name,
             "PX4 ULog",
-            tuple(instruments),
+            tuple(replace(one, velocity=velocity) for one in instruments),
             position=_position(flight),
             begun=_begun(flight),
-            velocity=_velocity(flight),
             notes=(*version, *damage),
             damage=damage,
         )
