@@ -24,10 +24,9 @@ from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
 from flinders.estimators.data import concatenated
 from flinders.findings import VERDICTS
-from flinders.fitting.calibrate import estimator_of, fit
+from flinders.fitting.calibrate import estimator_of, fit, judged_dip
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
-from flinders.likelihood.site_field import judged_dip
 from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:

@@ -39,7 +39,6 @@ from flinders.heading.error_propagation import HeadingError, alignment_error_deg
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
-from flinders.likelihood.site_field import judged_dip
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics, Summary, is_flat
 
@@ -127,6 +126,17 @@ class Request:
     def likelihood(self) -> Auto:
         """The estimator that claims of others are compared with."""
         return Auto(self.prior, dip_deg=self.dip_deg)
+
+
+def judged_dip(dip_deg: float | None, site: Site | None) -> tuple[float, bool]:
+    """Dip that headings are judged at, and whether it is assumed: as given, else that of the site, else 60°.
+
+    >>> from flinders.likelihood.site_field import Site
+    >>> judged_dip(None, Site(inclination_deg=-66.0)), judged_dip(None, None)
+    ((-66.0, False), (60.0, True))
+    """
+    known = site.inclination_deg if dip_deg is None and site is not None else dip_deg
+    return (ASSUMED_DIP_DEG, True) if known is None else (known, False)
 
 
 class _Frame(NamedTuple):

@@ -24,8 +24,8 @@ from flinders.errors import NotExportable, UsageError
 from flinders.geometry.ellipsoid import gathered
 from flinders.geometry.sphere import fibonacci
 from flinders.targets import ExportOptions, mounting_table
-from flinders.targets._gates import SIGMAS, TILT_DEG, Gates
 from flinders.targets._mounting import euler
+from flinders.targets._target import SIGMAS, TILT_DEG, Gates
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

@@ -40,11 +40,10 @@ from flinders.errors import AxesError, TooFewSamples, UnitError, Unmoved, UsageE
 from flinders.estimators.data import concatenated, recording_of
 from flinders.findings import limit_of
 from flinders.fitting.aid_selection import aided_by
-from flinders.fitting.calibrate import judged_as
+from flinders.fitting.calibrate import judged_as, judged_dip
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
-from flinders.likelihood.site_field import judged_dip
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:

@@ -19,6 +19,7 @@ import math
 import re
 import textwrap
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
 import numpy as np
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import Rotation
     from flinders.core.disturbance import Disturbance
-    from flinders.targets._gates import Gates
     from flinders.targets._mounting import MountingTable
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
@@ -78,6 +78,29 @@ BEYOND_ALL: Final = 1e15
 """Numbers that no target gets to see, nor what is next to nothing: products of two of them suit single precision."""
 MOTORS: Final = {"current": 2, "throttle": 1}
 """What autopilots compensate, the better witness first, and the number of their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
+
+
+CHANCE: Final = 1e-4
+"""How often a clean reading is beyond a limit of `Gates`, at most."""
+SIGMAS: Final = NormalDist().inv_cdf(1.0 - CHANCE / 2.0)
+"""The limits, in standard deviations."""
+TILT_DEG: Final = 1.0
+"""1 σ of the vertical that firmware takes from its accelerometer, about each axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """Limits of a corrected reading that nothing disturbs: firmware can tell a disturbed one by them."""
+
+    strength_limit: float  # how far its length may be off the field strength, in the calibration's unit
+    # the dip, and how far the angle to the horizon may be off it; NaN where that cannot be told
+    dip_deg: float = math.nan
+    dip_limit_deg: float = math.nan
+
+    @property
+    def has_dip(self) -> bool:
+        """There is a limit of dip."""
+        return not math.isnan(self.dip_limit_deg)
 
 
 @dataclass(frozen=True, slots=True)
