@@ -18,7 +18,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.core.samples import Samples, frame_of
+from flinders.core.samples import Samples, frame_of, in_memory
 from flinders.core.units import Unit
 from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
@@ -26,7 +26,7 @@ from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
 from flinders.estimators import Readings, method_of, within_range
 from flinders.estimators.auto import Auto, hides_plane
-from flinders.estimators.data import concatenated, recording_of
+from flinders.estimators.data import recording_of
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
@@ -519,7 +519,7 @@ def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aidin
     if readings.recording is None:
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
     recording = readings.recording
-    samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    samples = in_memory(recording)
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, request.aiding)
     from flinders.fitting.aid_selection import aided_by

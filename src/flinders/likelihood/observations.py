@@ -48,7 +48,16 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.geometry.rotation import across, applied, cross_matrices, in_pieces, on_the_sphere, product, rotations, transformed
+from flinders.geometry.rotation import (
+    across,
+    applied,
+    cross_matrices,
+    in_pieces,
+    on_the_sphere,
+    product,
+    rotations,
+    transformed,
+)
 from flinders.likelihood import attitude, dip, disturbance, gyro
 
 if TYPE_CHECKING:
