@@ -663,7 +663,7 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evi
     is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
     if estimate.plane or is_corrected or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
-    return vertical_error_deg(samples, samples.acceleration, calibration, estimate)
+    return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
 
 
 def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:
