@@ -519,7 +519,7 @@ def calibration_record(corrected: Corrected) -> Record:
             "nothing": 0.0,
         },
         axes=lambda: str(correction.axes),
-        length=lambda: f"{figures(correction.field_strength, 4)} {label(correction.unit)}",
+        length=f"{figures(correction.field_strength, 4)} {label(correction.unit)}",
     )
 
 
