@@ -22,6 +22,7 @@ from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
+from flinders.core import files
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, fault_words
 from flinders.live.hub import _timed
 from flinders.live.session import LiveSession
@@ -318,8 +319,8 @@ def _packed(path: Path, chunk: int) -> Path:
 def test_a_packed_table_of_text_is_weighed_before_most_of_it_is_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_source, "LARGE", 1 << 19)
-    monkeypatch.setattr(_source, "MOST_RATIO", 20)
+    monkeypatch.setattr(files, "LARGE", 1 << 19)
+    monkeypatch.setattr(files, "MOST_RATIO", 20)
     path = tmp_path / "bomb.csv.gz"
     path.write_bytes(gzip.compress(b"x,y,z\n" + b"1,2,3\n" * 1_000_000))
     recording = flinders.open_recording(path, unit="uT")

@@ -14,8 +14,9 @@ import numpy.testing as npt
 import pytest
 from tests.trials import daily
 
+from flinders.core import files
 from flinders.errors import FlindersError, MissingExtra, UnitError, UnreadableInput
-from flinders.readers import _source, ros
+from flinders.readers import ros
 from flinders.readers._source import File
 from flinders.readers.ros import READERS, is_bag_folder, open_ros
 
@@ -350,7 +351,7 @@ def test_packed_messages_without_their_description_ask_for_the_folder(tmp_path: 
 @pytest.mark.parametrize("kind", ["mcap-packed", "sqlite-packed-messages", "sqlite-packed-file"])
 def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     folder = second(tmp_path, kind)
-    for module, name in ((_source, "MOST_PIECE"), (ros, "MOST_PIECE"), (ros, "MOST_MEMBER")):
+    for module, name in ((files, "MOST_PIECE"), (ros, "MOST_PIECE"), (ros, "MOST_MEMBER")):
         monkeypatch.setattr(module, name, 50)
     with pytest.raises(UnreadableInput, match=r"too long|more than"):
         opened(folder)
@@ -358,7 +359,7 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest
 
 def test_a_bag_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = first(tmp_path, packed=True)
-    monkeypatch.setattr(_source, "MOST_PIECE", 50)
+    monkeypatch.setattr(files, "MOST_PIECE", 50)
     with pytest.raises(UnreadableInput, match="a packed piece of the recording has more than"):
         opened(file)
 
