@@ -7,7 +7,8 @@ faults make its readings. Nothing here is shared with `flinders.simulate`, so th
 Prints Markdown.
 
 A fit is *wrong* where its worst level heading is off by more than 1° and by more than twice the claim. What a true
-claim would give stands in brackets: the same count over errors drawn from the covariance that the fit claims.
+claim would give stands in brackets: the same count over errors drawn from what the fit claims, its covariance and, of
+structure over direction, harmonics of each axis.
 *Ratio* is the true over the claimed worst level heading error, of good fits: 1.2 in the median and 2.1 at 90 % where
 the claim is true. *Cautious* is the share of fits that are not good although they are within half the target.
 
@@ -21,7 +22,7 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from typing import TYPE_CHECKING, Final
 
@@ -440,11 +441,17 @@ def stream(seed: int, what: str) -> Generator:
     return np.random.default_rng([SEED, seed, *what.encode()])
 
 
+def level_field() -> Floats:
+    """(72, 3) the direction of the field in the axes of a level body that stands at each of `HEADINGS`."""
+    dip = np.radians(DIP_DEG)
+    return np.stack(
+        [np.cos(dip) * np.cos(HEADINGS), -np.cos(dip) * np.sin(HEADINGS), np.full_like(HEADINGS, np.sin(dip))], axis=1
+    )
+
+
 def level(seed: int, of: Sensor, effect: Effect) -> Floats:
     """(72, 3) readings without noise of the sensor on a level body that stands at each of `HEADINGS`."""
-    across = STRENGTH_UT * np.cos(np.radians(DIP_DEG))
-    down = np.full_like(HEADINGS, NORTH_DOWN[2])
-    readings = np.stack([across * np.cos(HEADINGS), -across * np.sin(HEADINGS), down], axis=1) @ of.iron
+    readings: Floats = STRENGTH_UT * level_field() @ of.iron
     readings = readings if effect.axes is None else effect.axes(stream(seed, "axes"), readings)
     return readings + of.offset
 
@@ -457,27 +464,45 @@ def headings(corrected: Floats) -> Floats:
     return off
 
 
-def probability(fit: Fit) -> float:
-    """How likely a true claim looks wrong: from errors that are drawn from the covariance of the fit."""
-    worst = fit.heading_error_deg.worst
-    covariance = fit.covariance
-    if not (np.isfinite(worst) and np.isfinite(covariance).all()):
-        return 0.0
-    iron = fit.calibration.field_strength * np.linalg.inv(fit.calibration.matrix)
-    dip = np.radians(DIP_DEG)
-    unit_field = np.stack(
-        [np.cos(dip) * np.cos(HEADINGS), -np.cos(dip) * np.sin(HEADINGS), np.full_like(HEADINGS, np.sin(dip))], axis=1
+def turned_by(off: Floats) -> Floats:
+    """(D, 72) errors of heading, degrees, their mean removed, of errors (D, 72, 3) of the level field's direction."""
+    turns = np.degrees(
+        -(np.sin(HEADINGS) * off[:, :, 0] + np.cos(HEADINGS) * off[:, :, 1]) / np.cos(np.radians(DIP_DEG))
     )
-    values, vectors = np.linalg.eigh(covariance)
+    centred: Floats = turns - turns.mean(axis=1, keepdims=True)
+    return centred
+
+
+def of_unit_worst(turns: Floats) -> Floats:
+    """(D, 72) errors of heading, scaled to a root mean square of 1 at the worst heading."""
+    scaled: Floats = turns / max(np.sqrt(np.mean(turns**2, axis=0)).max(), 1e-12)
+    return scaled
+
+
+@cache
+def of_structure() -> Floats:
+    """(`DRAWS`, 72) errors of heading where each axis is off by a harmonic of degree three of its own."""
+    rng, field = np.random.default_rng(SEED), level_field()
+    return of_unit_worst(turned_by(np.stack([warped(rng, field, rms=1.0) - field for _ in range(DRAWS)])))
+
+
+def of_parameters(fit: Fit) -> Floats:
+    """(`DRAWS`, 72) errors of heading that are drawn from the covariance of the fit."""
+    iron = fit.calibration.field_strength * np.linalg.inv(fit.calibration.matrix)
+    values, vectors = np.linalg.eigh(fit.covariance)
     errors = np.random.default_rng(SEED).standard_normal((DRAWS, 9)) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     shape = errors[:, [3, 6, 7, 6, 4, 8, 7, 8, 5]].reshape(-1, 3, 3)
-    off = -np.einsum(
-        "ij,dhj->dhi", np.linalg.inv(iron), errors[:, None, :3] + np.einsum("dij,hj->dhi", shape, unit_field)
-    )
-    turns = np.degrees(-(np.sin(HEADINGS) * off[:, :, 0] + np.cos(HEADINGS) * off[:, :, 1]) / np.cos(dip))
-    turns = turns - turns.mean(axis=1, keepdims=True)
-    spread = np.sqrt(np.mean(turns**2, axis=0)).max()
-    largest = np.abs(turns).max(axis=1) * worst / max(spread, 1e-12)
+    moved = errors[:, None, :3] + np.einsum("dij,hj->dhi", shape, level_field())
+    return of_unit_worst(turned_by(-np.einsum("ij,dhj->dhi", np.linalg.inv(iron), moved)))
+
+
+def probability(fit: Fit) -> float:
+    """How likely a true claim looks wrong: from errors that are drawn from all that the fit claims."""
+    worst, structure = fit.heading_error_deg.worst, fit.structure_deg
+    if not (np.isfinite(worst) and np.isfinite(fit.covariance).all()):
+        return 0.0
+    rest = np.sqrt(max(worst**2 - structure**2, 0.0))
+    largest = np.abs(rest * of_parameters(fit) + structure * of_structure()).max(axis=1)
     return float(np.mean(largest > max(TARGET_DEG, 2.0 * worst)))
 
 
@@ -491,18 +516,25 @@ def fitted(source: Recording) -> Fit | None:
         return None
 
 
-def tried(case: tuple[str, str, int], *, elsewhere: bool = False) -> Trial:
-    """One trial of an effect on a path; with `elsewhere` a second recording is taken at another place."""
-    name, path, seed = case
+def tried(row: tuple[str, int], seed: int, paths: Sequence[Path]) -> Trial:
+    """One trial of an effect, with a recording at so many places."""
+    name, places = row
     effect, of = EFFECTS[name], sensor(stream(seed, "sensor"))
-    places = range(2 if elsewhere else 1)
-    each = [recorded(seed, of, effect, PATHS[path](stream(seed, f"path {place}")), place=place) for place in places]
-    fit = fitted(Joined(tuple(each)) if elsewhere else each[0])
+    each = [recorded(seed, of, effect, path, place=place) for place, path in enumerate(paths[:places])]
+    fit = fitted(each[0] if places == 1 else Joined(tuple(each)))
     if fit is None:
         return Trial("refused")
     true = float(np.abs(headings(fit.calibration.apply(level(seed, of, effect)))).max())
     codes = tuple(finding.code for finding in fit.findings)
     return Trial(fit.verdict, codes, fit.conditions, fit.heading_error_deg.worst, true, probability(fit))
+
+
+def tried_on(case: tuple[str, int], *, rows: Sequence[tuple[str, int]]) -> list[Trial]:
+    """A trial of each row of the table with one seed: paths take longer than fits, and are the same for all."""
+    path, seed = case
+    places = range(max(places for _, places in rows))
+    paths = [PATHS[path](stream(seed, f"path {place}")) for place in places]
+    return [tried(row, seed, paths) for row in rows]
 
 
 def is_named(case: tuple[str, str, int]) -> bool:
@@ -542,19 +574,17 @@ SILENT: Final = frozenset({"rotation-unknown", "scale-unknown", "correlated", "s
 
 def table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
     """A row for each effect; what no recording shows has one more, with a second recording elsewhere."""
-    yield HEAD
+    rows = [(name, places) for name in effects for places in ((1,) if EFFECTS[name].seen else (1, 2))]
     with ProcessPoolExecutor(processes) as pool:
-        for name in effects:
-            cases = cases_of(name, paths, trials)
-            yield row(name, list(pool.map(tried, cases, chunksize=4)))
-            if not EFFECTS[name].seen:
-                again = pool.map(partial(tried, elsewhere=True), cases, chunksize=4)
-                yield row(f"{name}; recorded elsewhere too", list(again))
+        each = list(pool.map(partial(tried_on, rows=rows), cases_of(paths, trials)))
+    yield HEAD
+    for (name, places), tried_of in zip(rows, zip(*each, strict=True), strict=True):
+        yield row(name if places == 1 else f"{name}; recorded elsewhere too", tried_of)
 
 
-def cases_of(name: str, paths: Sequence[str], trials: int) -> list[tuple[str, str, int]]:
-    """An effect on each path, with so many seeds in all."""
-    return [(name, path, seed) for path, seed in product(paths, range(-(-trials // len(paths))))]
+def cases_of(paths: Sequence[str], trials: int) -> list[tuple[str, int]]:
+    """Each path with its seeds, so many in all."""
+    return list(product(paths, range(-(-trials // len(paths)))))
 
 
 def felt_table(effects: Sequence[str], paths: Sequence[str], trials: int, processes: int) -> Iterator[str]:
@@ -562,7 +592,7 @@ def felt_table(effects: Sequence[str], paths: Sequence[str], trials: int, proces
     yield "| effect | recordings | " + " | ".join(paths) + " |\n|---|---:|" + "---:|" * len(paths)
     with ProcessPoolExecutor(processes) as pool:
         for name in effects:
-            cases = cases_of(name, paths, trials)
+            cases = [(name, *case) for case in cases_of(paths, trials)]
             named = np.reshape(list(pool.map(is_named, cases, chunksize=4)), (len(paths), -1)).sum(axis=1)
             yield f"| {name} | {len(cases)} | " + " | ".join(map(str, named)) + " |"
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.flight_log import dataflash
+from tests.trials import daily
 
 from flinders import simulate
 from flinders.core.axes import Axes
@@ -393,7 +394,7 @@ def growing(rows: Floats, every_s: float) -> Iterator[SessionState]:
         yield session_state(session)
 
 
-@pytest.mark.parametrize(("every_s", "fits"), [(0.5, 2), (2.0, 1)])
+@pytest.mark.parametrize(("every_s", "fits"), daily([(0.5, 2), (2.0, 1)]))
 def test_a_target_is_reached_when_several_fits_say_so(every_s: float, fits: int) -> None:
     shown = list(itertools.islice(growing(rows_of(simulate.tumble(seed=1).samples), every_s), int(24 / every_s)))
     almost = [one.words.startswith("Almost: ") for one in shown]
@@ -452,7 +453,7 @@ def test_an_axis_that_stops_is_named_while_the_others_move() -> None:
     assert shown.words.startswith("Axis y has been the same for 20.0 s while the others change")
 
 
-@pytest.mark.parametrize("motion", ["hand", "tilted", "level", "sweeps"])
+@pytest.mark.parametrize("motion", daily(["hand", "tilted", "level", "sweeps"], 2))
 def test_a_sound_sensor_that_is_turned_is_never_called_wrong(motion: str) -> None:
     """Seeds 1 and 2, also with a resolution far coarser than the noise."""
     for seed in (1, 2):
@@ -475,7 +476,7 @@ def test_what_is_fitted_keeps_the_acceleration() -> None:
     assert used_readings(after(replace(samples, acceleration=None)))[0].acceleration is None
 
 
-@pytest.mark.parametrize("together", [1, 3, 7])
+@pytest.mark.parametrize("together", daily([1, 3, 7], 2))
 @pytest.mark.parametrize("speed", [1.0, 10.0])
 def test_the_rate_is_that_of_the_readings_however_they_come(together: int, speed: float) -> None:
     """50 Hz in batches, also played back ten times as fast."""

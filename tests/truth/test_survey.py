@@ -107,6 +107,7 @@ def test_an_error_beyond_the_target_limits_or_refuses(target_deg: float, severit
     assert [(finding.code, finding.severity) for finding in fit.findings] == [("pointing-error", severity)]
 
 
+@pytest.mark.nightly
 def test_the_direction_to_shoot_next_lowers_the_error_as_is_said() -> None:
     """The claim of more shots is as was expected before, but for the noise in what is claimed."""
     few, more = fit_survey(simulated(24, seed=7).shots), fit_survey(simulated(56, seed=7).shots)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
-from scipy import signal as scipy_signal
 from tests.program import flinders_
 
 import flinders
@@ -193,12 +192,15 @@ def test_the_cosine_transform_is_that_of_scipy() -> None:
     npt.assert_allclose(cosine_transform(columns), dct(columns, axis=0, norm="ortho"), atol=1e-12)
 
 
+@pytest.mark.nightly
 def test_the_usual_recipe_leaves_no_less() -> None:
     """Band-pass of fourth order, forwards and backwards, ends cut, least squares: as MagNav.jl does it."""
-    band = scipy_signal.butter(4, [0.1, 0.9], "bandpass", fs=10.0, output="sos")
+    from scipy.signal import butter, sosfiltfilt
+
+    band = butter(4, [0.1, 0.9], "bandpass", fs=10.0, output="sos")
     taken = Signal.of(FLIGHT.samples)
     columns = np.column_stack([taken.terms(), 1000.0 * taken.strength])
-    passed = scipy_signal.sosfiltfilt(band, columns, axis=0)[20:-20]
+    passed = sosfiltfilt(band, columns, axis=0)[20:-20]
     usual = np.linalg.lstsq(passed[:, :-1], passed[:, -1], rcond=None)[0]
     theirs = spread(OTHER, OTHER.interference - Signal.of(OTHER.samples).terms() @ usual)
     ours = spread(OTHER, OTHER.interference - FIT.interference(OTHER.samples))

@@ -460,7 +460,7 @@ def _finished(problem: JointProblem, iterate: JointIterate) -> Aided:
 def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations) -> tuple[JointIterate, Equations]:
     """Weigh verticals for as many as say something of their own: else they would outvote all that is thought before."""
     for _ in range(SPANNED):
-        span = span_of(problem, iterate)
+        span = span_of(iterate)
         is_same = abs(math.log(span.readings / iterate.weights.span)) < SAME_SPAN
         if is_same and (not problem.is_long or _left(equations) < EASED):
             break
@@ -468,7 +468,7 @@ def _spanned(problem: JointProblem, iterate: JointIterate, equations: Equations)
             iterate = replace(iterate, weights=iterate.weights._replace(span=span.readings))
         iterate, equations = bias_corrected(problem, iterate)
         if not is_same:
-            iterate = replace(iterate, weights=iterate.weights._replace(vertical=span_of(problem, iterate).noise))
+            iterate = replace(iterate, weights=iterate.weights._replace(vertical=span_of(iterate).noise))
     return iterate, equations
 
 

@@ -36,6 +36,8 @@ from flinders.likelihood.observations import (
     ObservationRows,
     inverse_of,
     mixed_of,
+    orthonormal,
+    own_of,
     residuals_of,
     rows_of,
 )
@@ -96,7 +98,7 @@ def _moved(
     def jacobian(group: ObservationGroup, directions: Floats) -> Floats:
         return projected(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[0]
 
-    own = rows_of(group, iterate.at, directions, problem.layout, iterate.weights).own
+    own = own_of(group, iterate.at, directions, iterate.weights)
     covariance = inverse_of(np.einsum("wkna,wknb->wab", own, own))
     values, vectors = np.linalg.eigh(covariance)
     for steps in np.moveaxis(vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis], 2, 0):
@@ -156,7 +158,7 @@ class CorrelationLength(NamedTuple):
     noise: float  # standard deviation of dᵀq in rad, of verticals that are weighed as they are
 
 
-def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
+def span_of(iterate: JointIterate) -> CorrelationLength:
     """Look at the verticals' residuals, one after the other.
 
     Weighed as one of τ a row has the variance 1/τ, so that of the share Q of it that its direction leaves the square is
@@ -172,7 +174,7 @@ def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
             observed = group.trust > 0.0
             rows.append(group.rows[observed])
             residuals.append(beside[..., 0][observed] * np.sqrt(group.trust[observed]))
-            left = _left_of(rows_of(group, iterate.at, directions, problem.layout, iterate.weights))[observed]
+            left = _left_of(own_of(group, iterate.at, directions, iterate.weights))[observed]
             expected += float(np.sum(left**2 + span * (left - left**2)))
     if not rows:
         return CorrelationLength(1.0, iterate.weights.vertical)
@@ -182,11 +184,10 @@ def span_of(problem: JointProblem, iterate: JointIterate) -> CorrelationLength:
     return CorrelationLength(max(1.0, time_of(alone.autocovariance())), noise)
 
 
-def _left_of(rows: ObservationRows) -> Floats:
-    """(W, n) of each vertical's row, what the direction of its group leaves."""
-    inverse = inverse_of(np.einsum("wkna,wknb->wab", rows.own, rows.own))
-    upright = rows.own[:, 3]
-    left: Floats = 1.0 - np.einsum("wna,wab,wnb->wn", upright, inverse, upright)
+def _left_of(own: Floats) -> Floats:
+    """(W, n) of each vertical's row, what the direction of its group leaves; of `own_of`."""
+    upright = orthonormal(own)[0][:, 3]
+    left: Floats = 1.0 - np.einsum("wna,wna->wn", upright, upright)
     return left
 
 
@@ -294,15 +295,13 @@ def _looked_at(groups: Sequence[ObservationGroup]) -> tuple[float, set[int]]:
 
 def projected(rows: ObservationRows) -> tuple[Floats, Floats]:
     """Jacobian (W, k, n, P) and residuals (W, k, n) without what the windows' own directions take up."""
-    own = rows.own
-    inverse = inverse_of(np.einsum("wkna,wknb->wab", own, own))
-    taken = np.einsum("wkna,wab->wknb", own, inverse, out=np.empty_like(own))
+    own, _ = orthonormal(rows.own)
     pulled = np.einsum("wkna,wkn->wa", own, rows.residual)
-    mixed = mixed_of(rows)[:, np.newaxis, np.newaxis]
+    mixed = mixed_of(rows.jacobian, own)[:, np.newaxis, np.newaxis]
     jacobian, part = rows.jacobian.copy("K"), np.empty_like(rows.jacobian)
     for axis in range(2):
-        jacobian -= np.multiply(taken[..., axis, np.newaxis], mixed[..., axis], out=part)
-    return jacobian, rows.residual - np.einsum("wkna,wa->wkn", taken, pulled)
+        jacobian -= np.multiply(own[..., axis, np.newaxis], mixed[..., axis], out=part)
+    return jacobian, rows.residual - np.einsum("wkna,wa->wkn", own, pulled)
 
 
 def _add_blocks(evidence: _Evidence, block: NDArray[np.intp], jacobian: Floats, residual: Floats) -> Floats:

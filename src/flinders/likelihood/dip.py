@@ -39,7 +39,7 @@ import numpy as np
 
 from flinders.geometry.ellipsoid import symmetric
 from flinders.geometry.quaternions import inverse, rotated
-from flinders.geometry.rotation import lengths, transformed
+from flinders.geometry.rotation import components, lengths, transformed, vectors_of
 from flinders.likelihood.equations import NormalEquations
 from flinders.likelihood.term import Block, Term
 
@@ -154,7 +154,7 @@ def upright(down: Floats, errors: Floats) -> tuple[Floats, Floats]:
     square = np.maximum(np.einsum("...i,...i->...", scaled, scaled), LEAST_REST**2)
     root = np.sqrt(np.maximum(along**2 + square * (1.0 - bias @ bias), LEAST_REST**2))
     rest = np.maximum((root - along) / square, LEAST_REST)
-    return scaled + np.moveaxis(np.divide.outer(bias, rest), 0, -1), rest
+    return scaled + vectors_of(np.divide.outer(bias, rest)), rest
 
 
 def by_errors(rows: Floats, down: Floats, errors: Floats) -> Floats:
@@ -164,9 +164,9 @@ def by_errors(rows: Floats, down: Floats, errors: Floats) -> Floats:
     lengthened = np.einsum("...i,...i->...", vertical, transformed(whole, down))
     share = np.einsum("...i,i->...", rows, whole @ errors[:3]) / (rest * np.maximum(lengthened, LEAST_REST))
     rows = rows + share[..., np.newaxis] * vertical  # ρ moves with the errors, too
-    felt = down + np.moveaxis(np.divide.outer(errors[:3], rest), 0, -1)
+    felt = down + vectors_of(np.divide.outer(errors[:3], rest))
     parts = transformed(whole, rows) / rest[..., np.newaxis], by_symmetric(rows, felt)
-    return np.moveaxis(np.concatenate([np.moveaxis(part, -1, 0) for part in parts]), 0, -1)
+    return vectors_of(np.concatenate([components(part) for part in parts]))
 
 
 def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
@@ -175,9 +175,9 @@ def by_symmetric(rows: Floats, vectors: Floats) -> Floats:
     >>> by_symmetric(np.array([1.0, 2.0, 3.0]), np.array([1.0, 1.0, 0.0]))
     array([1., 2., 0., 3., 3., 3.])
     """
-    first, second = np.moveaxis(rows, -1, 0), np.moveaxis(vectors, -1, 0)
+    first, second = components(rows), components(vectors)
     crossed = [first[i] * second[j] + first[j] * second[i] for i, j in ((0, 1), (0, 2), (1, 2))]
-    return np.moveaxis(np.stack([*(first * second), *crossed]), 0, -1)
+    return vectors_of(np.stack([*(first * second), *crossed]))
 
 
 def verticals_of(attitude: Floats) -> tuple[Floats, Floats]:

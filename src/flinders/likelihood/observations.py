@@ -48,7 +48,17 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from flinders.geometry.rotation import across, applied, cross_matrices, in_pieces, on_the_sphere, product, rotations, transformed
+from flinders.geometry.rotation import (
+    across,
+    applied,
+    cross_matrices,
+    in_pieces,
+    on_the_sphere,
+    product,
+    rotations,
+    transformed,
+    vectors_of,
+)
 from flinders.likelihood import attitude, dip, disturbance, gyro
 
 if TYPE_CHECKING:
@@ -63,6 +73,8 @@ if TYPE_CHECKING:
 ROOM: Final = 8192
 """Readings worked on at a time, whatever the length of the recording."""
 
+LEAST_SEEN: Final = 1e-12
+"""Determinant of what a window says of its direction, of the squared trace, below which it says nothing."""
 
 RUN: Final = 32
 """Readings in a row of which some stand for all."""
@@ -224,9 +236,9 @@ class Linearised:
     gradient: Floats  # (P,)
     cost: float  # Σ r²
     bent: Floats  # (P,): mean gradient that noise makes on the sphere
-    inverse: Floats  # (W, 2, 2): covariance of each direction, were the parameters known
-    mixed: Floats  # (W, P, 2)
-    own: Floats  # (W, 2): gradient of each direction
+    root: Floats  # (W, 2, 2) T: of T Tᵀ, the covariance of each direction, were the parameters known
+    mixed: Floats  # (W, P, 2): JᵀV, see `orthonormal`
+    own: Floats  # (W, 2): Vᵀr
     squares: Floats  # (K,): Σ r² of each kind of residual, once directions have settled
     expected: Floats  # (K,): the same if the weights are right, but for what the parameters take up
     # (K, K): how the squares hang on the variance of each kind: Fisher's information, twice, per relative change
@@ -244,7 +256,7 @@ class Linearised:
         """Of groups with a direction of its own for each window."""
         if len(parts) == 1:
             return parts[0]
-        by_window = ("inverse", "mixed", "own")
+        by_window = ("root", "mixed", "own")
         values = {
             field.name: np.concatenate(each) if field.name in by_window else sum(each)
             for field in dataclasses.fields(cls)
@@ -255,7 +267,7 @@ class Linearised:
     def follow(self, directions: Floats, step: Floats) -> Floats:
         """(W, 3) directions that go with a step of the parameters."""
         left = self.own - np.einsum("p,wpa->wa", step, self.mixed)
-        return on_the_sphere(directions, np.einsum("wab,wb->wa", self.inverse, left))
+        return on_the_sphere(directions, np.einsum("wab,wb->wa", self.root, left))
 
 
 def residuals_of(group: ObservationGroup, at: Parameters, directions: Floats) -> tuple[Floats, Floats | None]:
@@ -279,46 +291,62 @@ def _modelled(group: ObservationGroup, at: Parameters, q: Floats) -> Floats:
 
 def eliminated(rows: ObservationRows) -> Linearised:
     """Sum up rows, and take their own directions out."""
-    width, own, lean = rows.jacobian.shape[-1], rows.own, rows.lean
+    width, lean = rows.jacobian.shape[-1], rows.lean
     flat = rows.jacobian.transpose(3, 1, 0, 2).reshape(width, -1)  # (P, k W n)
-    squares = [np.einsum("wkna,wknb->wab", own[kind], own[kind]) for kind in rows.kinds]
-    inverse = inverse_of(np.sum(squares, axis=0))
-    mixed = mixed_of(rows)
+    own, root = orthonormal(rows.own)
+    mixed = mixed_of(rows.jacobian, own)
+    beside = mixed.transpose(1, 2, 0).reshape(width, -1)  # (P, 2 W)
     pull = np.einsum("wkna,wkn->wa", own, rows.residual)
-    eased = np.einsum("wab,wb->wa", inverse, pull)
-    share = 0.5 * (inverse[:, 0, 0] + inverse[:, 1, 1])
-    left = 1.0 - np.einsum("wkna,wkna->wkn", np.einsum("wkna,wab->wknb", own, inverse), own)  # what own do not take
+    share = 0.5 * np.einsum("wab,wab->w", root, root)
+    left = 1.0 - np.einsum("wkna,wkna->wkn", own, own)  # what own do not take
     off = rows.model * share[:, np.newaxis, np.newaxis] + lean * (1.0 + left)
     weighing = np.stack([np.swapaxes(one, 0, 1).ravel() for one in (rows.residual, off, lean * left)])
     gradient, bent, leaning = weighing @ flat.T
-    beside, spread = (
-        part.transpose(1, 2, 0).reshape(width, -1) for part in (mixed, np.einsum("wpa,wab->wpb", mixed, inverse))
-    )  # (P, 2 W)
-    matrix = flat @ flat.T - spread @ beside.T
-    gradient = gradient - beside @ eased.T.ravel()
-    bent = bent - spread @ np.einsum("wkna,wkn->aw", own, off).ravel() - leaning * rows.still
-    settled = rows.residual - np.einsum("wkna,wa->wkn", own, eased)
+    matrix = flat @ flat.T - beside @ beside.T
+    gradient = gradient - beside @ pull.T.ravel()
+    bent = bent - beside @ np.einsum("wkna,wkn->aw", own, off).ravel() - leaning * rows.still
+    settled = rows.residual - np.einsum("wkna,wa->wkn", own, pull)
     remaining = np.array([np.sum(settled[kind] ** 2) for kind in rows.kinds])
-    expected, curvature = _components(squares, inverse, np.asarray(rows.counts))
+    expected, curvature = _components([own[kind] for kind in rows.kinds], np.asarray(rows.counts))
     cost = float(np.sum(rows.residual**2))
-    return Linearised(matrix, gradient, cost, bent, inverse, mixed, pull, remaining, expected, curvature)
+    return Linearised(matrix, gradient, cost, bent, root, mixed, pull, remaining, expected, curvature)
 
 
-def mixed_of(rows: ObservationRows) -> Floats:
-    """(W, P, 2) JᵀV."""
-    count, width = len(rows.jacobian), rows.jacobian.shape[-1]
+def orthonormal(own: Floats) -> tuple[Floats, Floats]:
+    """(W, k, n, 2) columns V = own T with VᵀV = 1 (Gram–Schmidt), and T (W, 2, 2), of each window.
+
+    T Tᵀ is the covariance of the window's direction. Both are zero for a window that says nothing.
+    """
+    first, second = own[..., 0], own[..., 1]
+    a, b, d = (
+        np.einsum("wkn,wkn->w", one, other) for one, other in ((first, first), (first, second), (second, second))
+    )
+    determinant = a * d - b * b
+    is_sound = determinant > LEAST_SEEN * (a + d) ** 2
+    length, rest = np.sqrt(np.where(is_sound, a, 1.0)), np.sqrt(np.where(is_sound, determinant, 1.0))
+    zero = np.zeros_like(a)
+    root = vectors_of(vectors_of(np.array([[1.0 / length, -b / (length * rest)], [zero, length / rest]]) * is_sound))
+    made = np.empty_like(own)
+    made[..., 0] = first * root[:, 0, 0, np.newaxis, np.newaxis]
+    made[..., 1] = first * root[:, 0, 1, np.newaxis, np.newaxis] + second * root[:, 1, 1, np.newaxis, np.newaxis]
+    return made, root
+
+
+def mixed_of(jacobian: Floats, own: Floats) -> Floats:
+    """(W, P, 2) JᵀV of (W, k, n, P) and (W, k, n, 2)."""
+    count, width = len(jacobian), jacobian.shape[-1]
     mixed = np.moveaxis(np.empty((width, 2, count)), 2, 0)
-    return np.einsum("wknp,wkna->wpa", rows.jacobian, rows.own, out=mixed)
+    return np.einsum("wknp,wkna->wpa", jacobian, own, out=mixed)
 
 
-def _components(squares: Sequence[Floats], inverse: Floats, counts: Floats) -> tuple[Floats, Floats]:
+def _components(own: Sequence[Floats], counts: Floats) -> tuple[Floats, Floats]:
     """Expected squares (K,) of each kind, and (K, K) how they follow a relative change of each variance.
 
-    With Q = 1 − V C Vᵀ of a window: tr Q over the rows of each kind, and tr Q_ab Q_ba; of (W, 2, 2) VᵀV of each kind.
+    With Q = 1 − V Vᵀ of a window: tr Q over the rows of each kind, and tr Q_ab Q_ba; of the rows of V of each kind.
     """
-    shares = [np.einsum("wab,wbc->wac", inverse, of_kind) for of_kind in squares]
+    shares = [np.einsum("wkna,wknb->wab", of_kind, of_kind) for of_kind in own]
     traces = np.array([float(np.einsum("waa->", share)) for share in shares])
-    products = np.array([[float(np.einsum("wab,wba->", a, b)) for a in shares] for b in shares])
+    products = np.array([[float(np.einsum("wab,wab->", a, b)) for a in shares] for b in shares])
     return counts - traces, np.diag(counts - 2.0 * traces) + products
 
 
@@ -329,27 +357,60 @@ def rows_of(
     q, back = group.seen(at, directions)
     windows, n = group.weight.shape
     residual, model, lean = np.swapaxes(np.zeros((3, group.tall, windows, n)), 1, 2)
-    own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
-    linear, shape, gain = _modelled(group, at, q), at.ellipsoid_like, group.gain(at)
-    scale = (np.sqrt(group.weight) / weights.noise)[:, np.newaxis]
+    linear = _modelled(group, at, q)
+    scale = _steepness_of_readings(group, weights)
     model[:, :3] = np.swapaxes(linear, 1, 2) * scale
     residual[:, :3] = np.swapaxes(group.centred(at) - linear, 1, 2) * scale
-    tangent = across(directions)[:, np.newaxis]
-    turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
-    for axis in range(2):
-        moved = np.swapaxes(transformed(shape, turned[..., axis]), 1, 2) * scale
-        own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
     rows = ObservationRows(
         residual,
         jacobian_of(group, at, q, layout, weights),
-        own,
+        _own_of(group, at, directions, back, weights),
         model,
         lean,
         *_still_and_counts(group, layout, weights),
     )
     if group.trust is not None:
-        _add_beside(rows, group, at, q, turned, weights)
+        _add_beside(rows, group, at, q, weights)
     return rows
+
+
+def own_of(group: ObservationGroup, at: Parameters, directions: Floats, weights: Weights) -> Floats:
+    """(W, k, n, 2) Jacobian of a group for its own directions (W, 3), in standard deviations."""
+    return _own_of(group, at, directions, group.seen(at, directions)[1], weights)
+
+
+def _own_of(
+    group: ObservationGroup, at: Parameters, directions: Floats, back: Floats | None, weights: Weights
+) -> Floats:
+    """`own_of`, with the rotations (W, n, 3, 3) of `ObservationGroup.seen`."""
+    windows, n = group.weight.shape
+    own = np.empty((2, group.tall, windows, n)).transpose(2, 1, 3, 0)
+    tangent = across(directions)[:, np.newaxis]
+    turned = np.broadcast_to(tangent, (windows, n, 3, 2)) if back is None else product(back, tangent)
+    gain, scale = group.gain(at), _steepness_of_readings(group, weights)
+    for axis in range(2):
+        moved = np.swapaxes(transformed(at.ellipsoid_like, turned[..., axis]), 1, 2) * scale
+        own[:, :3, :, axis] = moved if gain is None else moved * gain[:, np.newaxis]
+    steep = _steepness_beside(group, weights)[..., np.newaxis]
+    if group.attitudes is not None:
+        own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis], 1, 2)
+    elif (down := group.upright(at)) is not None:
+        own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep
+    return own
+
+
+def _steepness_of_readings(group: ObservationGroup, weights: Weights) -> Floats:
+    """(W, 1, n) what residuals of readings count for, in 1/unit."""
+    steep: Floats = (np.sqrt(group.weight) / weights.noise)[:, np.newaxis]
+    return steep
+
+
+def _steepness_beside(group: ObservationGroup, weights: Weights) -> Floats:
+    """(W, n) what residuals of verticals or attitudes count for, in 1/rad."""
+    if group.trust is None:
+        return np.zeros(group.weight.shape)
+    steep: Floats = np.sqrt(group.trust) * weights.steepness
+    return steep
 
 
 def _still_and_counts(
@@ -365,34 +426,28 @@ def _still_and_counts(
     return still, counts
 
 
-def _add_beside(
-    rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, turned: Floats, weights: Weights
-) -> None:
+def _add_beside(rows: ObservationRows, group: ObservationGroup, at: Parameters, q: Floats, weights: Weights) -> None:
     """Write what verticals or attitudes add to residuals and to what stands with them.
 
     Parameters
     ----------
     rows : ObservationRows
-        But for their Jacobian.
+        But for their Jacobians.
     q : (W, n, 3) float
         The field's direction at each reading.
-    turned : (W, n, 3, 2) float
-        What is across the direction of the window, at each reading.
     """
     trust = np.zeros(group.weight.shape) if group.trust is None else group.trust
-    steep = np.sqrt(trust) * weights.steepness
+    steep = _steepness_beside(group, weights)
     if group.attitudes is not None:
         stands = applied(group.attitudes, q) * steep[..., np.newaxis]
         rows.model[:, 3:] = np.swapaxes(stands, 1, 2)
         rows.residual[:, 3:] = np.swapaxes(at.direction * steep[..., np.newaxis] - stands, 1, 2)
-        rows.own[:, 3:] = np.swapaxes(product(group.attitudes, turned) * steep[..., np.newaxis, np.newaxis], 1, 2)
     elif (down := group.upright(at)) is not None:
         usual = np.count_nonzero(trust) / max(float(trust.sum()), 1e-300)  # a variance is one of trust 1
         across_it = usual * weights.own * weights.vertical**2 / max(1.0 - at.sine**2, 1e-3)
         rows.lean[:, 3] = at.sine * across_it * steep
         rows.model[:, 3] = dip.heights(down, q) * steep
         rows.residual[:, 3] = dip.residuals(down, q, at.sine) * steep
-        rows.own[:, 3] = np.einsum("wni,wnij->wnj", down, turned) * steep[..., np.newaxis]
 
 
 def jacobian_of(
@@ -403,7 +458,7 @@ def jacobian_of(
     turned = group.turned
     moved = None if turned is None else gyro.moved(turned, q, at.turning(turned.rate), layout.columns)
     _fill(jacobian, group, at, q, layout, moved)
-    jacobian[:, :3] *= (np.sqrt(group.weight) / weights.noise)[:, np.newaxis, :, np.newaxis]
+    jacobian[:, :3] *= _steepness_of_readings(group, weights)[..., np.newaxis]
     if group.trust is None:
         return jacobian
     of_gyro = gyro.columns_of(layout.columns)
@@ -416,7 +471,7 @@ def jacobian_of(
             jacobian[:, 3], layout.columns, group.down, q,
             sine=at.sine, errors=at.accelerometer, of_gyro=of_gyro, moved=moved,
         )  # fmt: skip
-    jacobian[:, 3:] *= (np.sqrt(group.trust) * weights.steepness)[:, np.newaxis, :, np.newaxis]
+    jacobian[:, 3:] *= _steepness_beside(group, weights)[:, np.newaxis, :, np.newaxis]
     return jacobian
 
 
@@ -446,6 +501,6 @@ def inverse_of(matrices: Floats) -> Floats:
     """(W, 2, 2) inverses of symmetric matrices; of one that says nothing, zero."""
     a, b, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
     determinant = a * d - b * b
-    sound = determinant > 1e-12 * (a + d) ** 2
+    sound = determinant > LEAST_SEEN * (a + d) ** 2
     inverse = np.array([[d, -b], [-b, a]]) * (sound / np.where(sound, determinant, 1.0))
     return np.moveaxis(inverse, 2, 0)
