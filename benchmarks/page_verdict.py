@@ -29,7 +29,7 @@ from benchmarks.fits import WORLDS, recordings
 from benchmarks.recordings import FOLDER
 from flinders.core.samples import Samples
 from flinders.core.units import label
-from flinders.likelihood.site_field import judged_dip
+from flinders.fitting.calibrate import judged_dip
 from flinders.live.buffer import rows_of
 from flinders.live.evaluation import evaluate
 from flinders.live.messages import SourceState

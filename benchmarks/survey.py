@@ -1,12 +1,15 @@
 """How good a calibration of a survey instrument is: its errors beside the bound, and beside what it claims.
 
-    python -m benchmarks.survey [--trials 200] [--aim 0.1] [--recordings FOLDER]
+    python -m benchmarks.survey [--trials 200] [--shots 24] [--aim 0.1] [--curve 0.03 [--linear]] [--recordings FOLDER]
 
 Instruments have gains that are off by up to 2 %, axes that lean by up to 1°, offsets of up to a tenth, and noise of
 0.2 % of the field and of gravity; shots are aimed to 0.1° (1 σ about each axis). Errors are those of shots
 within 30° of level at all azimuths and rolls, root mean square. The bound is the Cramér-Rao bound at the true
 parameters and noises, with the prior of the fit, which is no narrower than 10 % and 20°. Ratios are root mean squares
 over the trials: 1 for an efficient estimate, and for true claims.
+
+`--curve` bends accelerometers by up to so much of gravity at 1 g, axis by axis, and fits quadratic terms; `--linear`
+fits none to them.
 
 `--recordings` fits real shots too: a folder of JSON files of mag-cal, such as tests/fixtures/SAP6 of
 https://github.com/furbrain/CircuitPython_mag_cal (four instruments aimed at the same two targets).
@@ -28,6 +31,7 @@ from flinders.heading.pointing_error import (
     AZIMUTHS_DEG,
     INCLINATIONS_DEG,
     angle_gradients,
+    curved,
     pointing_errors,
     posed,
 )
@@ -64,6 +68,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="How good a calibration of a survey instrument is.")
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--aim", type=float, default=0.1, metavar="DEG")
+    parser.add_argument("--shots", type=int, nargs="*", default=SHOTS)
+    parser.add_argument("--curve", type=float, default=0.0, metavar="SHARE")
+    parser.add_argument("--linear", action="store_true")
     parser.add_argument("--recordings", type=Path)
     options = parser.parse_args()
     if options.recordings is not None:
@@ -71,42 +78,49 @@ def main() -> None:
             fit = fit_survey(read_shots(path, axes=SAP6_AXES[0], acceleration_axes=SAP6_AXES[1]))
             print(path.stem, fit, _means(fit))
         return
+    non_linear = options.curve > 0.0 and not options.linear
     print("| shots | angle | error ÷ bound | error ÷ claim | error, ° | claim, ° | good |")
     print("|---:|---|---:|---:|---:|---:|---:|")
-    for shots in SHOTS:
-        trials = [tried(seed, shots, options.aim) for seed in range(options.trials)]
+    for shots in options.shots:
+        trials = [tried(seed, shots, options.aim, options.curve, non_linear) for seed in range(options.trials)]
         for angle, name in enumerate(("azimuth", "inclination")):
             print(f"| {shots} | {name} | {_row(trials, angle)} |", flush=True)
 
 
-def tried(seed: int, shots: int, aim_deg: float) -> Trial:
+def tried(seed: int, shots: int, aim_deg: float, curve: float, non_linear: bool) -> Trial:
     """Simulate an instrument, fit it, and hold it against the truth."""
     simulated = survey_shots(seed, shots=shots, noise=NOISE, aim_deg=aim_deg)
-    fit = fit_survey(simulated.shots)
+    quadratic = np.random.default_rng([seed, 9]).uniform(-curve, curve, 3)
+    bent = replace(simulated.shots, gravity=curved(simulated.shots.gravity, quadratic))
+    fit = fit_survey(bent, non_linear=non_linear)
     claim = np.array([fit.azimuth_error_deg.rms, fit.inclination_error_deg.rms])
-    return Trial(errors_deg(fit, simulated), claim, bound_deg(simulated, aim_deg), fit.verdict == "good")
+    bound = bound_deg(simulated, aim_deg, quadratic)
+    return Trial(errors_deg(fit, simulated, quadratic), claim, bound, fit.verdict == "good")
 
 
-def errors_deg(fit: SurveyFit, simulated: SimulatedSurvey) -> Floats:
+def errors_deg(fit: SurveyFit, simulated: SimulatedSurvey, quadratic: Floats) -> Floats:
     """(2,) errors of azimuth and inclination, rms over poses."""
     attitudes = posed(*POSES)
-    truth, seen = true_angles(attitudes), fit.calibration.angles(*simulated.read(attitudes))
+    magnetic, gravity = simulated.read(attitudes)
+    truth, seen = true_angles(attitudes), fit.calibration.angles(magnetic, curved(gravity, quadratic))
     off = folded(np.stack([seen.azimuth_deg - truth.azimuth_deg, seen.inclination_deg - truth.inclination_deg]))
     rms: Floats = np.sqrt(np.mean(off**2, axis=1))
     return rms
 
 
-def bound_deg(simulated: SimulatedSurvey, aim_deg: float) -> Floats:
-    """(2,) the same at the bound."""
+def bound_deg(simulated: SimulatedSurvey, aim_deg: float, quadratic: Floats) -> Floats:
+    """(2,) the same at the bound, with quadratic terms where there are some."""
     shots = simulated.shots
     assert shots.groups is not None
-    problem = SurveyProblem.of(shots.magnetic, shots.gravity, shots.groups)
-    at = true_parameters(simulated)
+    gravity = curved(shots.gravity, quadratic)
+    problem = SurveyProblem.of(shots.magnetic, gravity, shots.groups, is_quadratic=bool(quadratic.any()))
+    at = replace(true_parameters(simulated), quadratic=quadratic)
     weights = np.array([NOISE, NOISE, max(np.radians(aim_deg), FINEST_AIM)])
     iterate = Iterate(at, (problem.group,), (problem.group.guess(at),), weights)
     covariance = np.linalg.inv(Equations.of(problem, iterate).whole.matrix)
     own = problem.layout.instrument
-    return np.array([error.rms for error in pointing_errors(angle_gradients(at), covariance[own, own])])
+    gradients = angle_gradients(at, problem.layout.gravity)
+    return np.array([error.rms for error in pointing_errors(gradients, covariance[own, own])])
 
 
 def true_parameters(simulated: SimulatedSurvey) -> SurveyParameters:

@@ -22,12 +22,15 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 GOLDEN = ROOT / "tests" / "golden" / "files"
-# A worker takes a file at a time. These take longest, and one that is begun last keeps the others waiting.
+# A worker takes a file at a time. These take longest, and one that is begun last keeps the others waiting. Tests that
+# wait for a browser or a port stand between tests that compute, so that no core is idle.
 LONGEST = (
-    "test_page", "test_serial", "test_report_page", "test_fleet", "test_simulated", "test_replay", "test_live_program",
-    "test_cli", "test_disturbance_findings", "test_disturbances", "test_aided", "test_text_reader", "test_readers",
-    "test_together", "test_native_memory", "test_send_mavlink", "test_record", "test_feeds", "test_auto_aids",
-    "test_two_axis",
+    "test_page", "test_cli", "test_disturbances", "test_standalone", "test_fleet", "test_together", "test_serial",
+    "test_native_memory", "test_page_lines", "test_simulated", "test_text_reader", "test_page_engine",
+    "test_live_program", "test_disturbance_findings", "test_auto_aids", "test_report_page", "test_firmware",
+    "test_foreign_files", "test_states", "test_two_axis", "test_fleet_dates", "test_replay", "test_native",
+    "test_live_server", "test_fleet_report", "test_readers", "test_ros", "test_send_mavlink", "test_record",
+    "test_feeds",
 )  # fmt: skip
 ON_CI = bool(os.environ.get("CI"))
 
@@ -37,8 +40,8 @@ for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "
     os.environ.setdefault(_threads, "1")
 
 # A shared machine is sometimes slow for a moment: no deadline. On CI the same examples every time.
-settings.register_profile("default", deadline=None, max_examples=20)
-settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True, max_examples=20)
+settings.register_profile("default", deadline=None, max_examples=10)
+settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True, max_examples=10)
 settings.register_profile("full", deadline=None, print_blob=True, max_examples=100)
 settings.load_profile("ci" if ON_CI else "default")
 

@@ -13,7 +13,7 @@ a smoke test of few trials still fails where the claim is wrong by more than tha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -57,10 +57,23 @@ Choose: TypeAlias = Callable[[int, int], Trials]
 
 
 def examples(complete: int) -> settings:
-    """Settings of a law: so many examples under ``--hypothesis-profile=full``, else three in ten, at least three."""
+    """Settings of a law: so many examples under ``--hypothesis-profile=full``, else one in ten, at least three."""
     return settings(max_examples=max(min(3, complete), complete * settings().max_examples // 100))
 
 
 def nightly(*values: object) -> ParameterSet:
     """A case of a parametrised test that only a night runs, because others go the same path."""
     return pytest.param(*values, marks=pytest.mark.nightly)
+
+
+def daily(cases: Collection[object], every: int | None = None) -> list[ParameterSet]:
+    """Cases of one path: every run takes the first and then each `every`-th, a night takes the others too.
+
+    A tuple holds the values of a case.
+
+    >>> [len(case.marks) for case in daily(["bag", "mcap", ("db3", 3), "zip"], 2)]
+    [0, 1, 0, 1]
+    """
+    sets = [case if isinstance(case, tuple) else (case,) for case in cases]
+    step = every or len(sets)
+    return [pytest.param(*values) if place % step == 0 else nightly(*values) for place, values in enumerate(sets)]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.trials import daily
 
 from flinders.core.samples import Samples
 from flinders.diagnostics.axis_swap import SWAPS
@@ -163,7 +164,7 @@ def assert_alike(found: BatchColumns, place: int, fit: Fit) -> None:
         assert np.abs(numbers - expected).max() <= AGREED * np.abs(expected).max(), (place, name)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", daily(KINDS, 3))
 def test_a_batch_gives_what_each_gives_alone(
     kind: Callable[[np.random.Generator, int], list[Floats]], monkeypatch: pytest.MonkeyPatch, trials: Choose
 ) -> None:

@@ -21,6 +21,7 @@ DFReader = pytest.importorskip("pymavlink.DFReader")
 dialect = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
 
 
+@pytest.mark.nightly
 def test_every_message_and_field_of_a_flight_as_pymavlink_reads_it(recordings: Callable[[str], Path]) -> None:
     path = recordings("dronekit_log171_3mags/log171.bin")
     theirs: dict[str, list[dict[str, Any]]] = defaultdict(list)

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from flinders.arrays import Floats
     from flinders.geometry.ellipsoid import Ellipsoid
 
+pytestmark = pytest.mark.nightly  # algorithms of others, which `benchmarks` compares with
+
 BARE: Final = simulate.Sensor(offset=HARD_IRON, noise=0.0)
 CALM: Final = simulate.Imu(gyro_noise=0.0)
 WITH_A_GYRO: Final = [sar_ls, sar_kf, px4_observer, magyc_ls]

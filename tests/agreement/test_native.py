@@ -16,6 +16,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.numpy_likelihood import NumpyLikelihood, foot_directions
+from tests.trials import daily
 
 from flinders.core.samples import Joined, Samples
 from flinders.diagnostics.axis_swap import SWAPS, moments_of
@@ -127,7 +128,9 @@ def wandering(*, memory: float = 0.0, bent: float = 0.0, creep: float = 0.0) -> 
 
 @pytest.mark.parametrize(
     "field",
-    [wandering(), wandering(memory=0.9), wandering(bent=0.8), wandering(creep=0.3), tumble(30_000, noise=1.0)],
+    daily(
+        [wandering(), wandering(memory=0.9), wandering(bent=0.8), wandering(creep=0.3), tumble(30_000, noise=1.0)], 2
+    ),
     ids=["white", "memory", "distortion", "creep", "long"],
 )
 def test_the_covariance_of_correlated_residuals_is_the_same(field: Floats) -> None:
@@ -145,7 +148,7 @@ def test_the_covariance_of_correlated_residuals_is_the_same(field: Floats) -> No
     )
 
 
-@pytest.mark.parametrize("lengths", [(400, 700), (30_000, 400, 20_000)])
+@pytest.mark.parametrize("lengths", daily([((400, 700),), ((30_000, 400, 20_000),)]))
 def test_nothing_goes_across_from_one_recording_to_the_next(lengths: tuple[int, ...]) -> None:
     whole = np.concatenate([wandering(memory=0.9)] * 17)
     parts = tuple(map(Samples, np.split(whole[: sum(lengths)], np.cumsum(lengths)[:-1])))

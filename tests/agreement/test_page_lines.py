@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import re
+from functools import cache, partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,6 +16,7 @@ import pytest
 from tests.agreement.test_line_shapes import TUMBLE, with_noise
 from tests.javascript import run
 from tests.sketches import SHAPES, printed
+from tests.trials import daily
 from tests.truth import test_printed_lines, test_prints
 
 import flinders
@@ -64,21 +66,34 @@ COLUMNS: Final = (
 """Names of columns of many kinds, and of none."""
 
 
-def texts() -> Iterator[tuple[str, str]]:
-    """Name and text of each print: the shapes, those of other tests, and tables."""
+def texts() -> Iterator[tuple[str, Callable[[], str]]]:
+    """Name of each print, and what makes its text: the shapes, those of other tests, and tables."""
     for shape in SHAPES:
-        yield shape["name"], "\r\n".join([*with_noise(shape, printed(shape, TUMBLE)[0]), ""])
+        yield shape["name"], partial(shaped, shape)
     for name, (lines_of_reading, unit) in test_prints.READ.items():
-        readings = printed({"lines": lines_of_reading, "unit": unit}, TUMBLE)[0]
-        yield name, "\n".join(["starting", *chain.from_iterable(readings), ""])
+        yield name, partial(booted, lines_of_reading, unit)
     for name, (line, _) in test_prints.REFUSED.items():
-        readings = printed({"lines": [line, "{mx}{my}{mz}"], "unit": ""}, TUMBLE)[0]
-        yield name, "\n".join([*(first for first, _ in readings), ""])
+        yield name, partial(first_lines, line)
     for name, read in test_printed_lines.READ.items():
-        yield name, "\n".join(["booting", *read, ""])
+        yield name, partial("\n".join, ["booting", *read, ""])
     for name, (refused, _) in test_printed_lines.REFUSED.items():
-        yield f"{name}, refused", "\n".join([*refused, ""])
-    yield from TABLES.items()
+        yield f"{name}, refused", partial("\n".join, [*refused, ""])
+    yield from ((name, partial(str, table)) for name, table in TABLES.items())
+
+
+def shaped(shape: dict[str, Any]) -> str:
+    return "\r\n".join([*with_noise(shape, printed(shape, TUMBLE)[0]), ""])
+
+
+def booted(lines_of_reading: list[str], unit: str) -> str:
+    readings = printed({"lines": lines_of_reading, "unit": unit}, TUMBLE)[0]
+    return "\n".join(["starting", *chain.from_iterable(readings), ""])
+
+
+def first_lines(line: str) -> str:
+    """Each reading without its second line, in which `printed` finds the numbers."""
+    readings = printed({"lines": [line, "{mx}{my}{mz}"], "unit": ""}, TUMBLE)[0]
+    return "\n".join([*(first for first, _ in readings), ""])
 
 
 FIELD: Final = TUMBLE.field.round(3).tolist()
@@ -106,6 +121,12 @@ TABLES: Final = {
     }.items()
 }  # fmt: skip
 CASES: Final = dict(texts())
+"""What makes each text: collecting the tests needs the names alone."""
+
+
+@cache
+def text_of(name: str) -> str:
+    return CASES[name]()
 
 
 def cut(text: str) -> list[str]:
@@ -117,8 +138,8 @@ def cut(text: str) -> list[str]:
 @pytest.fixture(scope="module")
 def by_page() -> dict[str, Any]:
     """What the page makes of each text, dropped and as it arrives."""
-    contents = [{"name": "print.txt", "content": base64.b64encode(text.encode()).decode()} for text in CASES.values()]
-    wires = [{"pieces": cut(text), "later": LATER_S} for text in CASES.values()]
+    contents = [{"name": "print.txt", "content": base64.b64encode(text_of(name).encode()).decode()} for name in CASES]
+    wires = [{"pieces": cut(text_of(name)), "later": LATER_S} for name in CASES]
     done = run(PROGRAM, {"lines": lines.data(), "files": contents, "wires": wires})
     return {name: (file, wire) for name, file, wire in zip(CASES, done["files"], done["wires"], strict=True)}
 
@@ -127,7 +148,7 @@ def by_page() -> dict[str, Any]:
 def test_a_dropped_text_gives_the_numbers_of_the_library(name: str, by_page: dict[str, Any], tmp_path: Path) -> None:
     """Or both refuse it."""
     path, found = tmp_path / "print.txt", by_page[name][0]
-    path.write_text(CASES[name], encoding="utf-8", newline="")
+    path.write_text(text_of(name), encoding="utf-8", newline="")
     try:
         samples = flinders.read(path)
     except FlindersError:
@@ -139,11 +160,11 @@ def test_a_dropped_text_gives_the_numbers_of_the_library(name: str, by_page: dic
     assert found["time"] == (None if samples.time is None else samples.time.tolist())
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", daily(CASES, 3))
 def test_what_arrives_gives_the_numbers_of_the_live_page(name: str, by_page: dict[str, Any]) -> None:
     """Time of arrival where the lines have none, and the same readings from the same pieces."""
     transcript, found = Transcript("the board"), by_page[name][1]
-    taken = [transcript.take(piece.encode(), LATER_S * place) for place, piece in enumerate(cut(CASES[name]))]
+    taken = [transcript.take(piece.encode(), LATER_S * place) for place, piece in enumerate(cut(text_of(name)))]
     readings = [each.readings for each in taken if each.readings is not None]
     field = np.concatenate([each.field for each in readings]).ravel().tolist() if readings else []
     assert found["field"] == field
@@ -153,6 +174,7 @@ def test_what_arrives_gives_the_numbers_of_the_live_page(name: str, by_page: dic
         np.testing.assert_allclose(np.diff(np.array(found["time"], float)), np.diff(times), atol=1e-9)
 
 
+@pytest.mark.nightly
 def test_text_logs_of_the_shared_data_give_the_numbers_of_the_library(recordings: Callable[[str], Path]) -> None:
     """Every one that the library reads as text, but blackboxes, which may be corrected on board."""
     texts = {}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 import pytest
 from benchmarks import terms_recordings as real
+from tests.trials import daily
 
 import flinders
 from flinders.estimators.aiding import solve
@@ -39,7 +40,7 @@ DIPS: Final = {
 }
 
 
-@pytest.mark.parametrize("name", DIPS)
+@pytest.mark.parametrize("name", daily(DIPS))
 def test_the_dip_spreads_less_once_the_accelerometers_axes_are_found(
     name: str, recordings: Callable[[str], Path]
 ) -> None:
@@ -54,7 +55,7 @@ def test_the_dip_spreads_less_once_the_accelerometers_axes_are_found(
 
 
 @pytest.mark.parametrize(
-    "name", ["20231014_apex5_mag_on_tpu_02.csv", "calTest1_215_253_0.csv", "calTest1_222_240_-8.csv"]
+    "name", daily(["20231014_apex5_mag_on_tpu_02.csv", "calTest1_215_253_0.csv", "calTest1_222_240_-8.csv"])
 )
 def test_thirds_of_a_tumble_agree_with_the_whole_within_their_claim(
     name: str, recordings: Callable[[str], Path]
@@ -86,7 +87,9 @@ def test_a_gyro_whose_scales_are_held_leaves_three_times_as_much(recordings: Cal
     assert found.noise < 0.6 * held.noise
 
 
-@pytest.mark.parametrize(("name", "angle_deg"), [("ckexplorer_acc_mag/acc_mag_log.csv", 0.9), (real.SPHERE, 3.8)])
+@pytest.mark.parametrize(
+    ("name", "angle_deg"), daily([("ckexplorer_acc_mag/acc_mag_log.csv", 0.9), (real.SPHERE, 3.8)])
+)
 def test_auto_keeps_the_rotation_of_a_tumble_with_an_accelerometer(
     name: str, angle_deg: float, recordings: Callable[[str], Path]
 ) -> None:
@@ -101,6 +104,7 @@ def test_auto_keeps_the_rotation_of_a_tumble_with_an_accelerometer(
     assert turned == pytest.approx(angle_deg, abs=0.8)
 
 
+@pytest.mark.nightly
 def test_auto_follows_the_current_of_a_flight(recordings: Callable[[str], Path]) -> None:
     """Of the external compass it explains 4° at 27 A, and takes the claim from 1.7° to 0.7°."""
     flight = replace(flinders.read(recordings("dronekit_log171_3mags/log171.bin")), temperature=None)
@@ -109,6 +113,7 @@ def test_auto_follows_the_current_of_a_flight(recordings: Callable[[str], Path])
     assert told[0].changed_deg == pytest.approx(4.0, abs=0.6)
 
 
+@pytest.mark.nightly
 def test_scripted_turns_are_a_quarter_apart(recordings: Callable[[str], Path]) -> None:
     """Rolled and tilted by hand at 0°, 45° and 90°: the outer two are 90.0° apart with the dip, 98.1° without it."""
     assert recordings(real.SCRIPTED).exists()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from benchmarks.drift import Fleet, simulated
+from tests.trials import daily
 
 from flinders.fleet.aggregate import overview_of
 from flinders.fleet.drift import drift_of
@@ -32,7 +33,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "fleet.html"
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", daily(["light", "dark"]))
 def test_it_opens_from_the_disk_without_an_error_or_a_request(browser: Browser, written: Path, scheme: str) -> None:
     page = browser.new_page(color_scheme=scheme)  # type: ignore[arg-type]
     complaints: list[str] = []
@@ -105,7 +106,7 @@ def crowded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "fleet.html"
 
 
-@pytest.mark.parametrize(("width", "highest"), [(390, 260), (1200, 120)])
+@pytest.mark.parametrize(("width", "highest"), daily([(390, 260), (1200, 120)]))
 def test_all_that_a_row_says_is_in_sight(browser: Browser, crowded: Path, width: int, highest: int) -> None:
     """A long name pushes nothing out, findings are not one word a line, and all verdicts are in the bar."""
     page = browser.new_page(viewport={"width": width, "height": 900})

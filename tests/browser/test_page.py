@@ -14,6 +14,7 @@ from benchmarks.stage import Program
 from click.testing import CliRunner
 from playwright.sync_api import Error, Locator, expect
 from tests.browser.visitor import Visitor, grave, until
+from tests.trials import daily
 
 from flinders.cli import main
 from flinders.core import calibration_file
@@ -138,6 +139,7 @@ def test_what_is_downloaded_is_what_the_server_has_and_flinders_reads_it(
     assert "<title>" in files["Report"].read_text(encoding="utf-8")
 
 
+@pytest.mark.nightly
 def test_an_export_is_copied_as_it_is_shown(visitor: Visitor) -> None:
     context = visitor.context(permissions=["clipboard-read", "clipboard-write"])
     page = done(visitor.page(context))
@@ -207,6 +209,7 @@ def test_a_stretch_is_left_out_and_put_back_by_keys_alone(visitor: Visitor) -> N
     until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
 
 
+@pytest.mark.nightly
 def test_x_marks_a_stretch_and_leaves_it_out_as_the_list_of_keys_says(visitor: Visitor) -> None:
     page = done(visitor.page())
     page.keyboard.press("x")
@@ -218,6 +221,7 @@ def test_x_marks_a_stretch_and_leaves_it_out_as_the_list_of_keys_says(visitor: V
     until(page, f"flinders.store.state.excluded.length === 0 && {SETTLED}")
 
 
+@pytest.mark.nightly
 def test_a_stretch_that_is_none_is_refused_with_words(visitor: Visitor) -> None:
     page = done(visitor.page())
     page.keyboard.press("x")
@@ -352,6 +356,7 @@ LAID = """async ([counts, view]) => {
 """Draws the readings in so many steps, and returns the pixels."""
 
 
+@pytest.mark.nightly
 def test_readings_drawn_onto_a_picture_that_was_kept_look_as_when_all_are_drawn(visitor: Visitor) -> None:
     page = done(visitor.page(draws=True))
     view = page.evaluate("flinders.store.view")
@@ -375,6 +380,7 @@ INK = """text => {
 """How far a number reaches to the right of the middle, and how far the arc is there, in units of the gauge."""
 
 
+@pytest.mark.nightly
 def test_no_number_covers_the_arc(visitor: Visitor) -> None:
     page = done(visitor.page())
     for width, text in product((1280, 900), ("12.3", "0.043", "0.0043", "> 90", "–")):
@@ -415,6 +421,7 @@ def test_a_log_that_is_dropped_gets_the_same_views_and_leaves_again(visitor: Vis
     expect(page.locator("#source-name")).to_have_text("tumble.csv")
 
 
+@pytest.mark.nightly
 def test_a_log_without_times_has_no_duration(visitor: Visitor, tumble: Path) -> None:
     page = done(visitor.page())
     rows = [row.partition(",")[2] for row in tumble.read_text(encoding="utf-8").splitlines()[:325]]
@@ -509,6 +516,7 @@ def test_a_phone_shows_everything_without_scrolling_sideways(visitor: Visitor) -
     assert small == [], f"targets of less than {TOUCH_PX} pixels"
 
 
+@pytest.mark.nightly
 def test_a_phone_gives_each_view_its_room_and_keeps_advice_and_finish_in_sight(visitor: Visitor) -> None:
     page = done(visitor.page(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True))
     assert page.evaluate("document.documentElement.scrollHeight") > 740
@@ -534,6 +542,7 @@ def test_a_phone_gives_each_view_its_room_and_keeps_advice_and_finish_in_sight(v
 ON_PHONE: dict[str, Any] = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 
 
+@pytest.mark.nightly
 def test_a_phone_shows_number_phase_sphere_and_advice_on_one_screen(visitor: Visitor) -> None:
     page = done(visitor.page(draws=True, **ON_PHONE))
     places = [
@@ -560,7 +569,7 @@ SAY_LONG = """words => {
 }"""
 
 
-@pytest.mark.parametrize("width", [360, 1280])
+@pytest.mark.parametrize("width", daily([360, 1280]))
 def test_a_word_of_two_hundred_letters_breaks_no_layout(visitor: Visitor, width: int) -> None:
     page = done(visitor.page(viewport={"width": width, "height": 740}))
     assert page.evaluate(SAY_LONG, LONG) == []
@@ -594,11 +603,13 @@ SMALL = """() => [...document.querySelectorAll("body *")].filter(one => one.chec
 """Texts of less than 12 pixels, and their sizes."""
 
 
+@pytest.mark.nightly
 def test_no_text_of_a_small_screen_is_smaller_than_twelve_pixels(visitor: Visitor) -> None:
     page = done(visitor.page(viewport={"width": 1280, "height": 720}))
     assert page.evaluate(SMALL) == []
 
 
+@pytest.mark.nightly
 def test_the_legend_names_the_colours_that_are_drawn(visitor: Visitor) -> None:
     page = done(visitor.page())
     rows = page.locator("#legend p")
@@ -611,6 +622,7 @@ def test_the_legend_names_the_colours_that_are_drawn(visitor: Visitor) -> None:
         expect(rows).to_have_text([*clouds, "left out"])
 
 
+@pytest.mark.nightly
 def test_the_deviation_is_drawn_on_one_scale_at_a_time(visitor: Visitor) -> None:
     page = done(visitor.page())
     raw, corrected = page.locator("#deviation path.raw"), page.locator("#deviation path.corrected")
@@ -629,7 +641,7 @@ BOTH = {"strength": 2, "projections": 6, "residuals": 1}
 """Marks of a reading: raw and corrected over time and in three squares, and its residual."""
 
 
-@pytest.mark.parametrize("chart", ["strength", "projections", "residuals", "scene"])
+@pytest.mark.parametrize("chart", daily(["strength", "projections", "residuals", "scene"], 3))
 def test_a_reading_under_the_pointer_is_marked_in_every_view(visitor: Visitor, chart: str) -> None:
     page = done(visitor.page(draws=chart == "scene"))
     box = page.locator(f"#{chart}").bounding_box()
@@ -711,6 +723,7 @@ def test_help_opens_by_its_key_tells_all_keys_and_gives_the_focus_back(visitor: 
     expect(page.locator("#theme")).to_be_focused()
 
 
+@pytest.mark.nightly
 def test_shortcuts_act_and_can_be_switched_off(visitor: Visitor) -> None:
     page = done(visitor.page())
     for key, mode in (("2", "clouds"), ("3", "raw"), ("4", "corrected"), ("1", "sphere")):

@@ -27,7 +27,7 @@ LOGS = [
         "michaelwro_fxos8700/mag-readings.txt", id="a table without header or times", marks=pytest.mark.nightly
     ),
     pytest.param("sunsided_hmc5883l/full-sphere.csv", id="a table with times, acceleration and rate"),
-    pytest.param("dronekit_log171_3mags/log171.bin", id="a log of ArduPilot"),
+    pytest.param("dronekit_log171_3mags/log171.bin", id="a log of ArduPilot", marks=pytest.mark.nightly),
 ]
 
 

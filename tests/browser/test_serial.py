@@ -81,6 +81,7 @@ def test_a_good_board_becomes_good_and_its_calibration_is_true(
     assert is_near(calibration_file.read(tmp_path / "cal.json").calibration.offset, 0.1)
 
 
+@pytest.mark.nightly
 def test_a_board_that_lies_still_is_asked_to_be_turned(bench: Bench, lines: list[bytes]) -> None:
     still = np.array([22.0, -8.0, 41.0]) + 0.5 * np.random.default_rng(1).normal(size=(2000, 3))
     bench.board.play(motioncal(still), 100)
@@ -92,6 +93,7 @@ def test_a_board_that_lies_still_is_asked_to_be_turned(bench: Bench, lines: list
     expect(page.locator("#empty")).to_be_hidden()
 
 
+@pytest.mark.nightly
 def test_a_noisy_board_is_said_to_be_noisy(bench: Bench) -> None:
     noisy = simulate.tumble(seed=3, noise=6.0).samples.field
     bench.board.play(motioncal(noisy), 500)
@@ -131,6 +133,7 @@ def test_garbage_between_lines_is_passed_over(bench: Bench, lines: list[bytes]) 
     assert page.evaluate("flinders.store.state.rejected") == 0
 
 
+@pytest.mark.nightly
 def test_a_wrong_baud_rate_is_suspected_where_only_garbage_comes(bench: Bench) -> None:
     rng = np.random.default_rng(2)
     bench.board.play([rng.integers(128, 256, 60, np.uint8).tobytes() for _ in range(100)], 50)
@@ -140,6 +143,7 @@ def test_a_wrong_baud_rate_is_suspected_where_only_garbage_comes(bench: Bench) -
     assert page.evaluate("flinders.store.state.readings") == 0
 
 
+@pytest.mark.nightly
 def test_one_reading_a_second_is_slow_and_no_fault(bench: Bench, lines: list[bytes]) -> None:
     bench.board.play(lines[::50], 1)
     page = bench.page()
@@ -148,6 +152,7 @@ def test_one_reading_a_second_is_slow_and_no_fault(bench: Bench, lines: list[byt
     assert page.evaluate("flinders.store.state.reasons.filter(reason => reason.severity === 'warning')") == []
 
 
+@pytest.mark.nightly
 def test_a_thousand_readings_a_second_are_all_recorded_and_shown(bench: Bench, lines: list[bytes]) -> None:
     count = 4000
     numbered = [line.replace(b",0,0,0,", b",0,0,%d," % number) for number, line in enumerate((3 * lines)[:count])]

@@ -61,6 +61,7 @@ def test_it_collects_becomes_good_and_is_exported(visitor: Visitor, tmp_path: Pa
 POSES = """() => [...document.querySelectorAll("#drawn .side, #drawn .way")].map(part => part.getAttribute("d"))"""
 
 
+@pytest.mark.nightly
 def test_a_drawn_board_turns_as_the_sensor_is_to_be_turned(visitor: Visitor) -> None:
     context = visitor.context(reduced_motion="no-preference")
     page = visitor.page(context)

@@ -37,6 +37,7 @@ def test_a_state_of_the_page_is_for_everybody(browser: Browser, axe: str, tmp_pa
         visitor.close()
 
 
+@pytest.mark.nightly
 def test_a_sensor_that_lies_still_is_not_a_broken_one(browser: Browser, tmp_path: Path) -> None:
     played = ("--replay", str(log("still", tmp_path)), "--speed", "1")
     with Program(tmp_path, *played) as program:

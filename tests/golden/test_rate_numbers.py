@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from flinders.geometry.ellipsoid import Ellipsoid
 
+pytestmark = pytest.mark.nightly  # algorithms of others, which `benchmarks` compares with
+
 FIELD_MG: Final = np.array([227.207, 51.796, 411.731])
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 from tests.worlds import HARD_IRON, SIX_READINGS, SOFT_IRON
 
 import flinders
@@ -127,6 +128,7 @@ def test_a_ring_errs_by_the_figures_of_the_table_to_a_fifth(
     npt.assert_allclose(np.median(swept("ring", dip_deg, claim.count), axis=0), printed, rtol=0.2 * claim.widening)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("half", [180.0, 90.0], ids=["ring", "arch"])
 def test_the_cost_of_the_paper_runs_away(half: float) -> None:
     """Σ (|T(h − b)| − 1)² from the truth, at a dip of 31°: it shrinks as the ellipsoid grows, without end."""
@@ -160,6 +162,7 @@ def directions(rng: np.random.Generator, motion: str, n: int = 1000) -> Floats:
     return np.stack([across * np.cos(around), across * np.sin(around), height], axis=1)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("motion", "sigma", "printed"),
     [
@@ -188,7 +191,7 @@ def test_median_centre_errors_of_partial_coverage(
     )
 
 
-@pytest.mark.parametrize(("sigma", "bias", "noise"), [(2.0, 1.6, 1.99), (5.0, 10.5, 4.99)])
+@pytest.mark.parametrize(("sigma", "bias", "noise"), daily([(2.0, 1.6, 1.99), (5.0, 10.5, 4.99)]))
 def test_half_a_sphere_biases_plain_least_squares_and_not_the_consistent_fit(
     sigma: float, bias: float, noise: float
 ) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.trials import examples
+from tests.trials import daily, examples
 
 from flinders import simulate
 from flinders.core.samples import Samples
@@ -123,7 +123,7 @@ def test_every_method_has_a_row() -> None:
         assert row.why or row[:3] == ("yes", "yes", "yes"), f"say why {name} does not"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", daily(NAMES, 2))
 @given(shift=shifts)
 @few
 def test_moving_the_readings_moves_the_centre(name: str, shift: Floats) -> None:
@@ -133,7 +133,7 @@ def test_moving_the_readings_moves_the_centre(name: str, shift: Floats) -> None:
         assert farthest(name, (np.eye(3), shift)) < SAME
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", daily(NAMES, 2))
 @given(power=st.floats(-3, 3))
 @few
 def test_another_unit_gives_the_same_ellipsoid_in_that_unit(name: str, power: float) -> None:
@@ -141,7 +141,7 @@ def test_another_unit_gives_the_same_ellipsoid_in_that_unit(name: str, power: fl
         assert farthest(name, still(10.0**power * np.eye(3))) < SAME
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", daily(NAMES, 2))
 @given(quaternion=quaternions, angle=angles)
 @few
 def test_turning_the_readings_turns_the_ellipsoid(

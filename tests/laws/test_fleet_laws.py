@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.trials import examples
 
 import flinders
 from flinders import simulate
@@ -144,7 +145,7 @@ def test_any_way_to_give_it_in_memory_does_too(alone: UnitResults) -> None:
         np.testing.assert_allclose(rows.offset, alone.offset, rtol=1e-9)
 
 
-@settings(max_examples=10, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(examples(40), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.integers(1, 400), min_size=1, max_size=4), st.integers(50, 400), st.integers(10, 100))
 def test_each_reading_is_in_one_partition(
     tmp_path_factory: pytest.TempPathFactory, cuts: list[int], largest: int, group: int

@@ -168,6 +168,7 @@ def test_a_field_is_the_same_in_whichever_unit_it_was_written(name: str, field: 
     assert scaled.unit.inside == "uT"
 
 
+@pytest.mark.nightly
 def test_every_cell_has_a_hundredth_of_the_sphere() -> None:
     rng = np.random.default_rng(5)
     counts = np.zeros(100)

@@ -43,6 +43,7 @@ def test_the_mean_is_that_of_least_squares() -> None:
     assert np.allclose(found.covariance, np.linalg.inv(sum(precisions)))
 
 
+@pytest.mark.nightly
 def test_chi_square_is_that_of_true_claims() -> None:
     rng = np.random.default_rng(2)
     chances = [pool(*some(rng, 3, 9)).p_value for _ in range(400)]

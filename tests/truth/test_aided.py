@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 from tests.worlds import SOFT_IRON
 
 import flinders
@@ -83,6 +84,7 @@ def leaning(samples: Samples, bias: Floats) -> Samples:
     return replace(samples, acceleration=samples.acceleration + bias)
 
 
+@pytest.mark.nightly
 def test_each_aid_improves_the_heading_and_all_of_them_most() -> None:
     """Of instruments that have been calibrated; ``python -m benchmarks.terms`` has those that have not been, too."""
     errors = dict.fromkeys([(), ("rate",), ("dip",), ("rate", "dip")], 0.0)
@@ -96,7 +98,7 @@ def test_each_aid_improves_the_heading_and_all_of_them_most() -> None:
     assert np.sqrt(errors["rate", "dip"] / alone) <= 0.35
 
 
-@pytest.mark.parametrize("terms", [("rate",), ("dip",), ("rate", "dip")])
+@pytest.mark.parametrize("terms", daily([(("rate", "dip"),), (("rate",),), (("dip",),)]))
 def test_the_claimed_covariance_is_true(terms: tuple[str, ...], trials: Choose) -> None:
     """30 trials a term; 200 of each in ``python -m benchmarks.terms``."""
     claim = trials(30, 4)
@@ -177,6 +179,7 @@ def test_a_driver_is_found_beside_the_rest() -> None:
     assert np.all(np.abs(found.parameters.disturbances[0] - pull) < 4.0 * np.sqrt(np.diag(covariance)))
 
 
+@pytest.mark.nightly
 def test_strays_are_left_out() -> None:
     true = swayed(7)
     field = true.samples.field.copy()
@@ -197,7 +200,7 @@ def test_a_gyro_in_degrees_is_named_and_not_used() -> None:
     assert found.aiding == ()
 
 
-@pytest.mark.parametrize("aid", ["rate", "dip"])
+@pytest.mark.parametrize("aid", daily(["rate", "dip"]))
 def test_swapped_axes_are_named(aid: str) -> None:
     true = swayed(9)
     swap = [1, 0, 2], np.array([1.0, 1.0, -1.0])
@@ -207,6 +210,7 @@ def test_swapped_axes_are_named(aid: str) -> None:
     assert codes(true.samples, (aid,)) == []
 
 
+@pytest.mark.nightly
 def test_a_site_a_thousand_kilometres_off_is_named() -> None:
     true = swayed(10)
     assert codes(true.samples, ("rate", "dip"), Site(None, DIP_DEG - 9.0)) == ["site-differs"]

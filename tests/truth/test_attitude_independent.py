@@ -14,6 +14,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.trials import daily
 
 import flinders
 from flinders import simulate
@@ -104,7 +105,7 @@ def test_the_jacobian_is_that_of_theta() -> None:
 
 
 @pytest.mark.parametrize(
-    "method", [AlonsoShuster(), AlonsoShuster("prior"), Sequential(), Sequential(form="published")]
+    "method", daily([AlonsoShuster(), AlonsoShuster("prior"), Sequential(), Sequential(form="published")], 2)
 )
 def test_a_varying_strength_gives_offset_and_matrix(method: Estimator) -> None:
     """Where an ellipsoid of one strength is off: within four times the claim, and the scale known."""
@@ -118,6 +119,7 @@ def test_a_varying_strength_gives_offset_and_matrix(method: Estimator) -> None:
         assert estimate.noise == pytest.approx(noise / 1.06, rel=0.1)
 
 
+@pytest.mark.nightly
 def test_step_one_is_off_as_much_as_the_notes_say() -> None:
     """Notes, seed 2: b = (49.9995, 29.989, 60.022) at σ = 0.5 mG and (49.94, 29.98, 59.90) at 3, 0.025 and 0.118 off.
 
@@ -147,6 +149,7 @@ def test_a_strength_that_varies_by_little_more_than_the_noise_makes_step_one_too
         npt.assert_allclose(found_b(estimator, samples), B, atol=0.4)
 
 
+@pytest.mark.nightly
 def test_the_covariance_is_that_of_many_orbits(trials: Choose) -> None:
     """All nine of centre and shape, 100 draws, seeds 0 to 99."""
     off, claims, claim = [], [], trials(100, 25)
@@ -300,6 +303,7 @@ def test_a_constant_strength_leaves_the_offset_to_be_found_and_refuses_the_rest(
     npt.assert_allclose(found.ellipsoid.shape, 350.0 * np.eye(3), atol=1e-3)
 
 
+@pytest.mark.nightly
 def test_the_claim_for_an_offset_is_that_of_many_recordings(trials: Choose) -> None:
     """Centre and radius of a bare sensor on three quarters of the sphere, 150 draws, seeds 0 to 149."""
     off, claims, claim = [], [], trials(150, 30)
@@ -314,7 +318,9 @@ def test_the_claim_for_an_offset_is_that_of_many_recordings(trials: Choose) -> N
     npt.assert_allclose(np.std(off, axis=0), np.sqrt(np.mean(claims, axis=0)), rtol=0.2 * claim.widening)
 
 
-@pytest.mark.parametrize("estimator", [Sequential(), Sequential(find="offset"), Ekf(), Ekf(start="zero", spread=1.0)])
+@pytest.mark.parametrize(
+    "estimator", daily([Sequential(), Sequential(find="offset"), Ekf(), Ekf(start="zero", spread=1.0)], 2)
+)
 def test_it_can_be_watched_while_it_settles(estimator: Sequential | Ekf) -> None:
     readings = Readings.of(orbit(1.0, varies=0.0 if getattr(estimator, "find", "") == "offset" else 100.0))
     settling, last = estimator.converge(readings, steps=20), estimator.estimate(readings)
@@ -353,6 +359,7 @@ def test_the_filter_converges_from_a_start_of_28_tenths_of_the_truth() -> None:
         assert np.abs(reached[0.1]).max() > 5.0
 
 
+@pytest.mark.nightly
 def test_a_wide_start_leads_the_filter_astray_and_a_narrow_one_does_not() -> None:
     """Tumbles by hand, whose directions come one beside the other, seeds 0 to 7."""
     refused = 0
@@ -380,7 +387,7 @@ def test_the_filter_is_as_good_as_the_batch_where_attitudes_are_random() -> None
 
 @pytest.mark.parametrize(
     ("motion", "n", "draws", "ratio"),
-    [("uniform", 100, 60, 1.06), ("uniform", 200, 100, 1.05), ("hand", 1000, 30, 1.05)],
+    daily([("uniform", 100, 60, 1.06), ("uniform", 200, 100, 1.05), ("hand", 1000, 30, 1.05)]),
 )
 def test_the_filter_claims_what_it_costs(motion: str, n: int, draws: int, ratio: float, trials: Choose) -> None:
     """True heading error over the claimed one, rms over so many draws, seeds from 1."""

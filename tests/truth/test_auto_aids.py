@@ -79,7 +79,7 @@ def all_at_once(samples: Samples) -> Samples:
         nightly(with_another_mounting, ("rate", "dip")),
         nightly(fifty_milliseconds_late, ("rate",)),
         nightly(shaken, ("rate",)),
-        (all_at_once, ("rate",)),
+        nightly(all_at_once, ("rate",)),
     ],
 )
 def test_an_aid_that_helps_is_kept(spoilt: Callable[[Samples], Samples], kept: tuple[str, ...]) -> None:
@@ -109,6 +109,7 @@ def test_the_scales_of_the_gyro_are_found() -> None:
     assert "gyro_scale" not in solve(true.samples, ("rate",), gyro_scale=0.0).layout
 
 
+@pytest.mark.nightly
 def test_a_gyro_that_knows_nothing_of_the_motion_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.rate is not None
@@ -118,6 +119,7 @@ def test_a_gyro_that_knows_nothing_of_the_motion_is_left_out() -> None:
     assert aiding.each[0].words
 
 
+@pytest.mark.nightly
 def test_a_gyro_a_fifth_too_strong_is_left_out() -> None:
     true = swayed(2)
     assert true.samples.rate is not None
@@ -134,6 +136,7 @@ def test_an_accelerometer_that_points_anywhere_is_left_out() -> None:
     assert [aid.name for aid in aiding.each if not aid.kept] == ["dip"]
 
 
+@pytest.mark.nightly
 def test_an_accelerometer_in_coordinated_turns_is_left_out() -> None:
     flight = simulate.tumble(seed=1, motion="flight", n=1500, imu=IMU)
     _, aiding = aided_by(flight.samples, "auto")

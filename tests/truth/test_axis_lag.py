@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.trials import daily
 
 import flinders
 from flinders import Samples
@@ -57,7 +58,7 @@ def test_readings_across_a_gap_say_nothing_of_it() -> None:
     assert record["lag_by_chance"] > 1e-3
 
 
-@pytest.mark.parametrize("time_s", [0.0, 1.0, 10.0])
+@pytest.mark.parametrize("time_s", daily([0.0, 1.0, 10.0]))
 def test_noise_is_not_taken_for_it(time_s: float, trials: Choose) -> None:
     """White noise, and noise that is correlated for a second or ten."""
     chances = []

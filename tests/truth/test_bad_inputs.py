@@ -19,7 +19,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
-from tests.trials import nightly
+from tests.trials import daily, nightly
 
 from flinders import simulate
 from flinders.cli import main
@@ -218,8 +218,9 @@ ODD: dict[str, Odd] = {
 }  # fmt: skip
 
 REAL = (
-    "nothing through a pipe", "a folder", "gzip through a pipe", "no such folder", "another alphabet in the name",
-    *map(nightly, ("nothing", "random bytes", "two axes constant", "a negative scale", "over the raw recording")),
+    "nothing through a pipe", "gzip through a pipe", "another alphabet in the name",
+    *map(nightly, ("a folder", "no such folder", "nothing", "random bytes", "two axes constant", "a negative scale")),
+    nightly("over the raw recording"),
 )  # fmt: skip
 """Those that are also run as a program of their own."""
 
@@ -314,7 +315,9 @@ def program(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
-@pytest.mark.parametrize("words", ["demo --json", "--help", "calibrate good.csv", "apply calibration.json good.csv"])
+@pytest.mark.parametrize(
+    "words", daily(["demo --json", "--help", "calibrate good.csv", "apply calibration.json good.csv"], 3)
+)
 def test_a_full_disk_behind_standard_output_ends_with_6_and_a_line(words: str, folder: Path) -> None:
     with Path("/dev/full").open("wb") as full:
         done = program(words.split(), stdout=full.fileno())

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.trials import daily
 
 from flinders import simulate
 from flinders.estimators.aiding import solve
@@ -54,7 +55,7 @@ def scores(seed: int, terms: tuple[str, ...], *, is_known: bool) -> Floats:
 
 @pytest.mark.parametrize(
     ("terms", "is_known"),
-    [((), True), (("dip",), False), (("tilt",), False), (("attitude",), False), (("rate", "attitude"), True)],
+    daily([((), True), (("dip",), False), (("tilt",), False), (("attitude",), False), (("rate", "attitude"), True)], 4),
 )
 def test_errors_are_as_large_as_claimed(terms: tuple[str, ...], is_known: bool, trials: Choose) -> None:
     claim = trials(30, 8)

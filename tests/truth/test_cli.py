@@ -21,6 +21,7 @@ import pytest
 from benchmarks.emulations import EMULATIONS
 from click.testing import CliRunner
 from tests.program import flinders_
+from tests.trials import daily
 from tests.waiting import wait_until
 
 import flinders
@@ -659,7 +660,7 @@ def wait_for(happened: Callable[[], object], process: subprocess.Popen[bytes]) -
     assert process.poll() is None, process.communicate()[1].decode()
 
 
-@pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("stop", daily(["SIGINT", "SIGTERM", "SIGHUP"]))
 def test_apply_that_is_interrupted_leaves_nothing_behind(
     stop: str, large: Path, calibration: Calibration, scratch: Path, home: Path
 ) -> None:
@@ -686,7 +687,7 @@ def test_calibrate_that_is_interrupted_leaves_nothing_behind(large: Path, scratc
 
 
 @pytest.mark.parametrize(
-    "words", [("calibrate", "-", "-o", "out.json"), ("apply", "calibration.json", "-", "-o", "out.csv")]
+    "words", daily([(("calibrate", "-", "-o", "out.json"),), (("apply", "calibration.json", "-", "-o", "out.csv"),)])
 )
 def test_ctrl_c_while_reading_standard_input(
     words: tuple[str, ...], calibration: Calibration, scratch: Path, home: Path
@@ -745,6 +746,7 @@ def test_appending_to_the_recording_itself_is_refused(calibration: Calibration) 
     assert Path("tumble.csv").read_bytes() == before
 
 
+@pytest.mark.nightly
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="no /proc here")
 def test_apply_takes_no_more_memory_for_a_longer_recording(large: Path, calibration: Calibration, home: Path) -> None:
     short = home / "short.csv"
@@ -797,7 +799,7 @@ def without_colours(shown: str) -> str:
     return re.sub(r"\x1b\[[0-9;]*m", "", shown)
 
 
-@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("columns", daily([80, 120]))
 def test_a_terminal_gets_colours_and_lines_that_fit(columns: int, home: Path) -> None:
     hemisphere = simulate.tumble(seed=5, motion="hemisphere").samples.field
     Path("half.csv").write_text(text(hemisphere, header="mx_uT,my_uT,mz_uT"), encoding="utf-8")
@@ -829,11 +831,13 @@ def test_the_numbers_stand_below_each_other_on_their_points(home: Path) -> None:
 
 @pytest.mark.parametrize(
     ("environment", "words"),
-    [
-        ({"NO_COLOR": "1"}, "calibrate tumble.csv --target 0.001"),
-        ({"NO_COLOR": "1"}, "methods"),
-        ({"TERM": "dumb"}, "calibrate tumble.csv"),
-    ],
+    daily(
+        [
+            ({"NO_COLOR": "1"}, "calibrate tumble.csv --target 0.001"),
+            ({"NO_COLOR": "1"}, "methods"),
+            ({"TERM": "dumb"}, "calibrate tumble.csv"),
+        ]
+    ),
 )
 def test_no_colours_where_they_are_not_wanted(environment: dict[str, str], words: str, home: Path) -> None:
     _, shown = terminal(*words.split(), environment=environment)

@@ -294,6 +294,7 @@ def level_and_all_round(seed: int, axes: str = "x,y,z") -> tuple[Fit, Fit]:
     return tuple(fit for fit in fits)  # type: ignore[return-value]
 
 
+@pytest.mark.nightly
 def test_a_level_turn_is_held_against_a_calibration_in_the_plane_that_it_knows(trials: Choose) -> None:
     """As often beyond chance as chance is, and off by what both claim: it says nothing of what it has not seen."""
     claim = trials(60, 12)

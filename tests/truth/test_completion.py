@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from tests.trials import daily
 
 
 def completed(words: str) -> list[str]:
@@ -23,15 +24,18 @@ def completed(words: str) -> list[str]:
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [
-        ("flinders comp", ["plain,compare", "plain,compare-methods"]),
-        ("flinders export --li", ["plain,--list"]),
-        ("flinders export --to px", ["plain,px4", "plain,px4-shell"]),
-        ("flinders calibrate --method like", ["plain,likelihood"]),
-        ("flinders calibrate tum", ["file,tum"]),
-        ("flinders calibrate tumble.csv -o cal", ["file,cal"]),
-        ("flinders two-axis --method ell", ["plain,ellipse"]),
-    ],
+    daily(
+        [
+            ("flinders comp", ["plain,compare", "plain,compare-methods"]),
+            ("flinders export --li", ["plain,--list"]),
+            ("flinders export --to px", ["plain,px4", "plain,px4-shell"]),
+            ("flinders calibrate --method like", ["plain,likelihood"]),
+            ("flinders calibrate tum", ["file,tum"]),
+            ("flinders calibrate tumble.csv -o cal", ["file,cal"]),
+            ("flinders two-axis --method ell", ["plain,ellipse"]),
+        ],
+        3,
+    ),
 )
 def test_a_shell_completes(words: str, expected: list[str]) -> None:
     assert completed(words) == expected

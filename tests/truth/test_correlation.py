@@ -10,6 +10,7 @@ import numpy.testing as npt
 import pytest
 from benchmarks.claims import by_hand, remembering
 from benchmarks.datasets import bound, dataset, parameter_error
+from tests.trials import daily
 
 import flinders
 from flinders.estimators import Readings
@@ -79,7 +80,7 @@ def test_white_residuals_leave_the_covariance_as_it_is(motion: str, trials: Choo
     assert float(np.mean(wider)) < 1.15**claim.widening
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8, 0.95])
+@pytest.mark.parametrize("memory", daily([0.0, 0.5, 0.8, 0.95], 2))
 def test_noise_with_a_memory_is_allowed_for(memory: float, trials: Choose) -> None:
     claim = trials(40, 6)
     claimed, textbook = claims(lambda seed: by_hand(seed, memory=memory), claim)
@@ -98,7 +99,7 @@ def test_a_distortion_that_belongs_to_the_direction_is_allowed_for(trials: Choos
     assert textbook > 5.0 * low
 
 
-@pytest.mark.parametrize("walk_s", [1.0, 3.0])
+@pytest.mark.parametrize("walk_s", daily([1.0, 3.0]))
 def test_a_gradient_along_the_path_of_the_hand_is_allowed_for(walk_s: float, trials: Choose) -> None:
     """Where a walk takes three seconds, the claim is twice the error: 0.28 in variance, of 40 seeds."""
     claim = trials(40, 6)
@@ -108,7 +109,7 @@ def test_a_gradient_along_the_path_of_the_hand_is_allowed_for(walk_s: float, tri
     assert textbook > 5.0 * 0.3**claim.widening
 
 
-@pytest.mark.parametrize("memory", [0.5, 0.8, 0.95])
+@pytest.mark.parametrize("memory", daily([0.5, 0.8, 0.95]))
 def test_independent_samples_are_those_of_an_autoregressive_process(memory: float, trials: Choose) -> None:
     """N (1 − ρ)/(1 + ρ)."""
     claim = trials(12, 5)
@@ -117,7 +118,9 @@ def test_independent_samples_are_those_of_an_autoregressive_process(memory: floa
     assert float(np.median(found)) == pytest.approx(3000 * (1 - memory) / (1 + memory), rel=0.25 * claim.widening)
 
 
-@pytest.mark.parametrize(("motion", "n"), [("hand", 1000), ("uniform", 300), ("eight", 600), ("hemisphere", 400)])
+@pytest.mark.parametrize(
+    ("motion", "n"), daily([("hand", 1000), ("uniform", 300), ("eight", 600), ("hemisphere", 400)], 2)
+)
 def test_white_noise_is_no_distortion(motion: str, n: int, trials: Choose) -> None:
     claim = trials(500, 20)
     fields = (tumble(seed=seed, motion=motion, n=n, noise=0.3).samples.field for seed in claim.seeds)
@@ -134,6 +137,7 @@ def test_the_direction_of_a_distortion_is_told_from_its_time() -> None:
     assert float(np.median(sizes)) == pytest.approx(0.5, rel=0.5)
 
 
+@pytest.mark.nightly
 def test_long_recordings_are_judged_by_stretches_and_agree_with_the_whole(trials: Choose) -> None:
     """A quarter of the readings is looked at, in stretches."""
     ratios, claim = [], trials(6, 2)
@@ -156,6 +160,7 @@ def test_few_readings_say_nothing_of_their_correlation() -> None:
     assert fit.as_dict()["independent_samples"] == 49
 
 
+@pytest.mark.nightly
 def test_a_variance_is_never_below_the_textbook() -> None:
     for seed in range(12):
         recording = by_hand(seed, gradient=0.01, walk_s=3.0)

@@ -80,6 +80,7 @@ def test_iron_tells_the_coefficients_to_first_order() -> None:
     npt.assert_allclose(found, np.rad2deg(rows), atol=0.05)
 
 
+@pytest.mark.nightly
 def test_the_claimed_uncertainty_is_what_repeats_scatter_by() -> None:
     rng = np.random.default_rng(4)
     truth = np.array([0.5, 3.0, -2.0, 1.0, 0.4])
@@ -125,6 +126,7 @@ def test_residuals_larger_than_was_claimed_enlarge_the_uncertainty() -> None:
     assert 0.6 < boasting.sigma_deg < 1.4
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("given", [True, False])
 def test_a_calibration_that_holds_is_seldom_said_not_to(given: bool, trials: Choose) -> None:
     """2,000 swings on nine headings by compasses that are off as claimed; p below 0.05 in about a twentieth."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from tests.trials import nightly
+from tests.trials import daily, nightly
 from tests.worlds import ARMS, MOTORS, PER_AMPERE
 
 import flinders
@@ -62,7 +62,7 @@ def current_of(samples: Samples) -> Floats:
 QUIET: Final = {f"disturbance-{of}" for of in ("monotone", "noisy", "lag", "range", "collinear-attitude", "constant")}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", daily(range(4)))
 def test_nothing_is_said_of_a_current_that_is_right(seed: int) -> None:
     assert not codes(flown(seed), "current") & QUIET
 
@@ -102,6 +102,7 @@ def test_a_temperature_that_only_rises_is_named_whether_or_not_it_is_the_cause()
     assert "disturbance-monotone" not in codes(up_and_down, "temperature")
 
 
+@pytest.mark.nightly
 def test_a_noisy_meter_is_named_with_what_it_costs(trials: Choose) -> None:
     """Noise of 3 A: the offset per ampere is 15 % too small, and said to be so by 12 %, in seeds 0 to 5."""
     losses, told = [], []
@@ -124,7 +125,7 @@ METERS: Final[dict[str, Callable[[Floats, np.random.Generator], Floats]]] = {
 }
 
 
-@pytest.mark.parametrize("meter", ["noise of 3 A", "told twice a second", "whole 2 A", nightly("noise of 1 A")])
+@pytest.mark.parametrize("meter", daily(["whole 2 A", "noise of 3 A", "told twice a second", "noise of 1 A"]))
 def test_a_claim_is_as_wide_as_its_meter_makes_it(meter: str, trials: Choose) -> None:
     """Seeds 0 to 11, nees of x: 14, 78, 17 and 5 by the scatter of the readings alone, 0.7 to 2.1 as claimed."""
     nees, claim = [], trials(4, 2)
@@ -155,8 +156,8 @@ def metered(seed: int, rate_hz: float, lag_s: float, noise: float) -> Samples:
     return replace(simulated.samples, field=field, current=drawn + rng.normal(scale=noise, size=len(time)))
 
 
-@pytest.mark.parametrize("noise", [0.0, nightly(0.3), 1.0])
-@pytest.mark.parametrize("readings", [0.0, nightly(0.5), nightly(2.5), 3.0])
+@pytest.mark.parametrize("noise", daily([1.0, 0.0, 0.3]))
+@pytest.mark.parametrize("readings", daily([3.0, 0.0, 0.5, 2.5]))
 def test_a_noisy_meter_makes_no_lag_and_hides_none(readings: float, noise: float, trials: Choose) -> None:
     """Seeds 0 to 9: between two readings interpolation halves the noise, so that a lag by half of one would fit."""
     claim = trials(10, 3)
@@ -180,6 +181,7 @@ def by_four(seed: int, noise: float) -> simulate.Simulated:
     return simulate.tumble(seed=seed, disturbances=[simulate.Motors(ARMS, apart=0.05, noise=noise)])
 
 
+@pytest.mark.nightly
 def test_noisy_meters_of_motors_that_go_together_are_in_the_claim(trials: Choose) -> None:
     """Seeds 0 to 9: little but noise parts these motors. Of P, and of the heading where none runs."""
     claim = trials(10, 3)
@@ -272,7 +274,7 @@ def test_a_noisy_current_on_the_bench_is_named() -> None:
     assert of_bench(bench(RUNS, noise=0.5)) == set()  # less than 2 %
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", daily(range(3)))
 def test_a_sensor_that_a_motor_lifts_is_named_by_the_vertical(seed: int) -> None:
     """Four degrees over the range: nothing of it is left in the readings; a quarter of a degree is not named."""
     rng = np.random.default_rng(seed)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
-from tests.trials import nightly
+from tests.trials import daily, nightly
 from tests.worlds import ARMS, MOTORS, OFFSET_SENSOR, PER_AMPERE
 
 import flinders
@@ -64,6 +64,7 @@ def given() -> Calibration:
     )
 
 
+@pytest.mark.nightly
 def test_what_motors_do_is_found_within_what_is_claimed(trials: Choose) -> None:
     """Seeds 0 to 11: nees of the three numbers 0.97 in 40 trials, 1.0 ± 0.24 in these by chance."""
     claim = trials(12, 4)
@@ -337,11 +338,13 @@ def strength(samples: Samples, calibration: Calibration) -> Floats:
 
 @pytest.mark.parametrize(
     ("sensor", "before", "after"),
-    [
-        ("1", (0.0155, 0.0194), (0.0132, 0.0024)),
-        ("2", (0.064, 0.072), 2 * (0.0312,)),
-        ("3", (0.093, 0.102), (0.033, 0.032)),
-    ],
+    daily(
+        [
+            ("1", (0.0155, 0.0194), (0.0132, 0.0024)),
+            ("2", (0.064, 0.072), 2 * (0.0312,)),
+            ("3", (0.093, 0.102), (0.033, 0.032)),
+        ]
+    ),
     ids=["external", "internal", "second internal"],
 )
 @pytest.mark.parametrize("held_out", [1, nightly(0)])
@@ -457,6 +460,7 @@ def flown_by_four(seed: int, apart: float, n: int = 1500) -> Samples:
     return simulate.tumble(seed=seed, n=n, sensor=OFFSET_SENSOR, disturbances=[motors]).samples
 
 
+@pytest.mark.nightly
 def test_what_each_of_four_motors_does_is_found_within_what_is_claimed(trials: Choose) -> None:
     """Seeds 0 to 5: twelve numbers each; 60 seeds of twice the length in `benchmarks.disturbances`."""
     claim = trials(6, 2)
@@ -505,6 +509,7 @@ def test_the_battery_of_four_motors_leaves_what_they_do_apart() -> None:
     assert whole.noise > 1.1 * each.noise
 
 
+@pytest.mark.nightly
 def test_motors_earn_their_place_one_by_one_where_they_make_fields_of_their_own() -> None:
     """And not where all make the same, for which the battery's current is enough."""
     samples = flown_by_four(6, 0.2, n=800)
@@ -583,6 +588,7 @@ def test_motors_run_one_after_the_other_on_a_bench_are_told_apart_and_all_at_onc
 # what a claim leans on
 
 
+@pytest.mark.nightly
 def test_a_claim_that_leans_on_one_reading_says_so(trials: Choose) -> None:
     """Readings of one half, and one of the other that is off by 0.6 µT: nees of z 23 without, 2.6 with, 16 seeds."""
     sensor = replace(OFFSET_SENSOR, noise=0.1)

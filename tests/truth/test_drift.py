@@ -11,7 +11,7 @@ import pytest
 from benchmarks import adversary
 from benchmarks.claims import by_hand
 from tests.numpy_likelihood import NumpyLikelihood
-from tests.trials import nightly
+from tests.trials import daily, nightly
 from tests.worlds import SENSOR, judged
 
 import flinders
@@ -82,7 +82,7 @@ def test_a_ramp_is_found_and_has_its_size(size: float, axis: int) -> None:
     assert float(sizes[:, axis].mean()) == pytest.approx(size, rel=0.15)
 
 
-@pytest.mark.parametrize("size", [0.3, 0.5, 1.0, 3.0])
+@pytest.mark.parametrize("size", daily([0.3, 0.5, 1.0, 3.0], 2))
 def test_a_step_is_found_as_the_ramp_that_is_nearest_to_it(size: float) -> None:
     """Least squares make a ramp of one and a half times its height of a step in the middle."""
     change = size * np.array([0.6, 0.0, 0.8])
@@ -150,7 +150,7 @@ UNCHANGED: Final[dict[str, Callable[[int], Floats]]] = {
 }
 
 
-@pytest.mark.parametrize("name", UNCHANGED)
+@pytest.mark.parametrize("name", daily(UNCHANGED))
 def test_what_did_not_change_is_not_told_to_have(name: str, trials: Choose) -> None:
     """Not one of thirty recordings; and the chance that is stated is one: not small more often than it says."""
     claim = trials(30, 8)
@@ -209,6 +209,7 @@ def weighed(field: Floats, method: Likelihood | NumpyLikelihood) -> float:
     return float(off @ np.linalg.solve(found.covariance, off)) / 9.0
 
 
+@pytest.mark.nightly
 def test_an_offset_that_wanders_slowly_below_the_noise_widens_the_claim(
     monkeypatch: pytest.MonkeyPatch, trials: Choose
 ) -> None:

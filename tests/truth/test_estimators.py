@@ -208,6 +208,7 @@ def test_a_given_field_strength_scales_the_matrix_and_nothing_else() -> None:
     assert free.heading_error_deg.worst == pytest.approx(scaled.heading_error_deg.worst, rel=1e-9)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("n", [12, 20])
 def test_few_readings_claim_what_few_residuals_tell_of_their_noise(n: int) -> None:
     """Three and eleven residuals beyond the unknowns: taken for exact, their noise would claim too little."""

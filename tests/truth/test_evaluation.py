@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 
 from flinders import simulate
 from flinders.comparison.evaluation import evaluate
@@ -74,7 +75,7 @@ def test_soft_iron_and_scale_are_told_apart() -> None:
     assert told.matrix_error == pytest.approx(np.hypot(0.02, 1 - 1 / 1.02))
 
 
-@pytest.mark.parametrize("motion", ["uniform", "tilted", "level"])
+@pytest.mark.parametrize("motion", daily(["uniform", "tilted", "level"]))
 def test_fits_are_as_wrong_as_they_claim(motion: str, trials: Choose) -> None:
     """Over 30 seeds the ratio of true to claimed error has a root mean square of one, and p is small as rarely as it
     should be."""

@@ -145,6 +145,7 @@ def test_the_simulated_sensor_is_calibrated_to_its_truth() -> None:
     np.testing.assert_array_equal(again.field, readings.field)
 
 
+@pytest.mark.nightly
 def test_it_is_rocked_at_first_and_good_after_half_a_minute() -> None:
     """A newcomer sees what the page says while the calibration is not good, and a mistake by its name."""
     readings, events = asked(SimulatedFeed(seed=1, speed=None), lambda readings, _: len(readings) >= 1700)

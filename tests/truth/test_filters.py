@@ -9,6 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.trials import daily
 
 import flinders
 from flinders import simulate
@@ -66,8 +67,8 @@ def written(path: Path, field: Floats, time: Floats | None = None) -> str:
 # What a uniform turn loses.
 
 
-@pytest.mark.parametrize("step_deg", [0.5, 2.0, 5.0, 10.0, 20.0, 30.0])
-@pytest.mark.parametrize("width", [3, 5, 9, 21])
+@pytest.mark.parametrize("step_deg", daily([0.5, 2.0, 5.0, 10.0, 20.0, 30.0], 3))
+@pytest.mark.parametrize("width", daily([3, 5, 9, 21], 2))
 @pytest.mark.parametrize("name", ["moving-average", "kalman"])
 def test_a_mean_and_a_kalman_filter_shrink_a_circle_by_their_formula(name: Name, width: int, step_deg: float) -> None:
     by = Filter(name, width)
@@ -91,7 +92,7 @@ def test_a_median_cuts_the_ends_of_each_axis_off(width: int, step_deg: float) ->
 
 
 @ALL
-@pytest.mark.parametrize("width", [5, 15, 45])
+@pytest.mark.parametrize("width", daily([5, 15, 45]))
 def test_a_constant_field_gets_as_quiet_as_the_mean_of_its_width(name: Name, width: int) -> None:
     """Variance 1/width, of the median π/2 times that where it is wide."""
     noise = np.random.default_rng(1).normal(size=(20_000, 3))
@@ -152,18 +153,21 @@ def test_turns_at_unlike_rates_are_bent_into_a_false_soft_iron(
 
 @pytest.mark.parametrize(
     ("rate_hz", "by", "radius", "true_deg"),
-    [
-        (50.0, None, 0.0, 0.08),
-        (50.0, "moving-average:5", 0.10, 0.11),
-        (50.0, "median:5", 0.03, 0.08),
-        (50.0, "kalman:5", 0.29, 0.22),
-        (25.0, "moving-average:5", 0.40, 0.18),
-        (25.0, "kalman:5", 1.14, 0.42),
-        (10.0, None, 0.0, 0.10),
-        (10.0, "moving-average:5", 2.93, 1.0),
-        (10.0, "median:5", 0.38, 0.27),
-        (10.0, "kalman:5", 6.1, 1.9),
-    ],
+    daily(
+        [
+            (50.0, None, 0.0, 0.08),
+            (50.0, "moving-average:5", 0.10, 0.11),
+            (50.0, "median:5", 0.03, 0.08),
+            (50.0, "kalman:5", 0.29, 0.22),
+            (25.0, "moving-average:5", 0.40, 0.18),
+            (25.0, "kalman:5", 1.14, 0.42),
+            (10.0, None, 0.0, 0.10),
+            (10.0, "moving-average:5", 2.93, 1.0),
+            (10.0, "median:5", 0.38, 0.27),
+            (10.0, "kalman:5", 6.1, 1.9),
+        ],
+        3,
+    ),
 )
 def test_a_tumble_by_hand_shrinks_and_its_claim_stays_honest(
     rate_hz: float, by: str | None, radius: float, true_deg: float, trials: Choose
@@ -200,6 +204,7 @@ def test_spikes_do_not_come_through(name: Name) -> None:
         assert stream.dropped == len(struck)
 
 
+@pytest.mark.nightly
 def test_noise_alone_is_hardly_ever_dropped() -> None:
     """The gate is that of once in ten thousand; the scale is estimated, which makes it a little more."""
     stream = Filter("kalman", 9).start(centred=True)
@@ -258,10 +263,12 @@ def test_a_clock_without_pauses_is_not_cut() -> None:
 
 @pytest.mark.parametrize(
     ("name", "moved_deg"),
-    [
-        ("michaelwro_fxos8700/mag-readings.txt", {"median": 1.8, "moving-average": 5.1, "kalman": 13.7}),
-        ("sunsided_hmc5883l/full-sphere.csv", {"median": 0.036, "moving-average": 0.065, "kalman": 0.27}),
-    ],
+    daily(
+        [
+            ("michaelwro_fxos8700/mag-readings.txt", {"median": 1.8, "moving-average": 5.1, "kalman": 13.7}),
+            ("sunsided_hmc5883l/full-sphere.csv", {"median": 0.036, "moving-average": 0.065, "kalman": 0.27}),
+        ]
+    ),
 )
 def test_real_recordings_are_bent_by_how_far_a_reading_turns(
     name: str, moved_deg: dict[Name, float], recordings: Callable[[str], Path]

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from tests.flight_log import dataflash
+from tests.trials import daily
 from tests.waiting import running_in, wait_until
 
 import flinders
@@ -193,7 +194,7 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(logs: Path, tmp_path: Path
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", daily([signal.SIGKILL, signal.SIGINT, signal.SIGTERM]))
 def test_workers_end_with_their_driver(logs: Path, tmp_path: Path, number: signal.Signals) -> None:
     """However it ends; the server that they are started from ends, too."""
     command = [sys.executable, "-m", "flinders", "fleet", str(logs), "--out", str(tmp_path / "out.parquet")]

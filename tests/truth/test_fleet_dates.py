@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from benchmarks.drift import Fleet, simulated
 from click.testing import CliRunner
+from tests.trials import daily
 
 from flinders.cli import main
 from flinders.fleet.aggregate import overview_of
@@ -136,7 +137,7 @@ def test_clocks_of_some_recordings_must_agree_with_the_dates_in_all_names() -> N
     assert arranged(["2026-01-08 b", "2026-01-10 a"], np.array([NONE, noon])).is_dated
 
 
-@pytest.mark.parametrize("against", ["first", "previous"])
+@pytest.mark.parametrize("against", daily(["first", "previous"]))
 def test_seconds_since_a_boot_give_no_order_and_dates_in_names_do(tmp_path: Path, against: str) -> None:
     rows, _ = fleet(step_deg=5.0)
     boot = with_starts(rows, DAYS, np.tile([900.0, 700.0, 400.0, 20.0, 3.0], 120))
@@ -164,7 +165,7 @@ def test_without_dates_names_tell_the_order_and_a_step_is_told_by_them(tmp_path:
     assert "No dates are known of 120 units" in page(overview_of([tmp_path / "fleet.parquet"]), drift)
 
 
-@pytest.mark.parametrize("claimed", [1.0, 0.5])
+@pytest.mark.parametrize("claimed", daily([1.0, 0.5]))
 def test_nothing_is_reported_of_undated_fleets_in_which_nothing_moved(tmp_path: Path, claimed: float) -> None:
     rows, _ = fleet(is_dated=False, claimed=claimed)
     drift, _ = drifts(written(tmp_path / "t", rows))
@@ -193,7 +194,7 @@ def test_a_unit_in_no_order_is_said_to_be_and_nothing_else_is(tmp_path: Path) ->
     assert f"the order of recordings is not known of 1 unit ({mixed})" in told
 
 
-@pytest.mark.parametrize("is_dated", [True, False])
+@pytest.mark.parametrize("is_dated", daily([True, False]))
 def test_a_table_named_twice_over_changes_nothing(tmp_path: Path, is_dated: bool) -> None:
     rows, _ = fleet(step_deg=5.0, is_dated=is_dated)
     early = rows[np.flatnonzero(np.arange(len(rows)) % 5 < 3)]

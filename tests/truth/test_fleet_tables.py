@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from tests.trials import daily
 
 import flinders
 from flinders import simulate
@@ -270,7 +271,7 @@ def test_paths_of_hive_are_decoded(folder: Path) -> None:
     assert rows.batch.tolist() == ["8", "7", "9"]
 
 
-@pytest.mark.parametrize("column", ["batch", "HW_Batch", "lot", "revision"])
+@pytest.mark.parametrize("column", daily(["batch", "HW_Batch", "lot", "revision"]))
 def test_the_batch_of_hardware_stands_in_the_table(folder: Path, column: str) -> None:
     """Of several the first by name, whichever row is met first; empty where there is none."""
     named = ["2026-04", "2026-05", None]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pytest
-from tests.trials import nightly
+from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
@@ -125,13 +125,14 @@ CASES: Final[list[tuple[str, Goal]]] = [
 """A level heading needs nothing beyond a level turn."""
 
 
-@pytest.mark.parametrize(("start", "goal"), CASES)
+@pytest.mark.parametrize(("start", "goal"), daily(CASES, 3))
 def test_a_user_who_obeys_is_done_in_few_batches(start: str, goal: Goal, trials: Choose) -> None:
     """Ten readings a batch, after 150 in a level turn, in a band of 35° of tilt, or within 40° of one direction."""
     for followed in ("advice", "words"):
         assert steps(followed, start, goal, trials(8, 3).count).max() <= 10
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("start", "goal"), [*CASES[:3], *(nightly(*case) for case in CASES[3:])])
 def test_and_sooner_than_one_who_fills_holes_or_turns_at_random(start: str, goal: Goal, trials: Choose) -> None:
     claim = trials(8, 3)
@@ -255,7 +256,7 @@ def standing_on(down: Floats) -> Floats:
     return np.stack([np.cross(east, down), east, down])
 
 
-@pytest.mark.parametrize("dip_deg", [-75.0, -60.0, -30.0, 0.0, 20.0, 45.0, 60.0, 67.0, 75.0])
+@pytest.mark.parametrize("dip_deg", daily([-75.0, -60.0, -30.0, 0.0, 20.0, 45.0, 60.0, 67.0, 75.0], 4))
 @pytest.mark.parametrize("frame", ["vehicle", "sensor"])
 def test_whoever_does_what_the_words_say_meets_the_field_where_it_was_wanted(frame: Frame, dip_deg: float) -> None:
     misses = []

@@ -35,6 +35,7 @@ def with_rate(samples: Samples, rate: Floats) -> Samples:
     return replace(samples, rate=rate)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", [1, nightly(4)])
 def test_scales_that_run_away_are_held(seed: int) -> None:
     """In coordinated turns a vertical that leans makes a gyro that hardly turns likely: 1,000 µT of offset error."""
@@ -112,6 +113,7 @@ def test_a_gyro_at_its_limit_is_named_and_not_used(limit: float) -> None:
     assert [(one.code, one.drops) for one in told.mistakes] == [("gyro-clipped", True)]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("step", [1e-3, 0.02])
 def test_a_coarse_gyro_is_not_at_its_limit(step: float) -> None:
     """In steps of a thousandth, or of a fiftieth of a rad/s, as small ones have them on a wide range."""
@@ -145,6 +147,7 @@ def test_a_dip_of_the_other_sign_is_no_other_place(seen: float, words: str) -> N
     assert words in wrong_dip(seen, Site(None, 66.0)).words
 
 
+@pytest.mark.nightly
 def test_a_reversed_accelerometer_is_named_where_only_its_rotation_is_kept() -> None:
     true = simulate.tumble(seed=3, n=800, dip_deg=60.0, imu=simulate.Imu(acceleration_noise=0.5))
     turned = -np.asarray(true.samples.acceleration) @ rotations(np.array([[0.06, -0.05, 0.08]]))[0].T

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.flight_log import dataflash
+from tests.trials import daily
 
 from flinders import simulate
 from flinders.core.axes import Axes
@@ -185,10 +186,22 @@ def test_the_interval_in_which_something_stood_beside_it_is_offered_to_be_left_o
 def test_the_dip_of_a_place_is_that_of_the_world_magnetic_model() -> None:
     session, (notice,) = step(LiveSession(), Requested(1.0, SetPlace(52.5, 13.4, 2026.5)))
     assert session.dip_deg == pytest.approx(68.3, abs=0.3)  # Berlin
-    assert "WMM-2025" in notice.words
+    assert "the strength of the field 50.1 µT (WMM-2025" in notice.words
     for place in (SetPlace(95.0, 0.0, 2026.5), SetPlace(0.0, 0.0, 1900.0), SetPlace(-64.0, 136.0, 2026.5)):
         with pytest.raises(UsageError):
             step(session, Requested(2.0, place))
+
+
+@pytest.mark.parametrize("unit", ["uT", "counts"])
+def test_the_strength_of_a_place_counts_for_readings_in_microtesla(unit: str) -> None:
+    tumble = simulate.tumble(seed=1, field_strength=49.9).samples
+    session, _ = step(
+        after(Samples.of(tumble.field, unit=unit, time=tumble.time)), Requested(90.0, SetPlace(52.5, 13.4, 2026.5))
+    )
+    fit = evaluate(session).fit
+    assert fit is not None
+    assert fit.calibration.field_strength_known == (unit == "uT")
+    assert fit.dip_deg == pytest.approx(68.3, abs=0.3)
 
 
 def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwise(tmp_path: Path) -> None:
@@ -205,7 +218,8 @@ def test_a_log_that_states_its_place_is_judged_there_until_somebody_says_otherwi
     assert fit.calibration.field_strength_known
     session, _ = step(session, Requested(2.0, SetPlace(52.5, 13.4, 2026.5)))
     assert session_state(session).dip_deg == pytest.approx(68.3, abs=0.3)
-    assert session.shown.site is None
+    assert session.shown.site is not None
+    assert session.shown.site.strength == pytest.approx(50.1, abs=0.1)
     session, _ = step(session, Requested(3.0, BackToLive()))
     assert not session_state(session).dip_assumed
 
@@ -380,7 +394,7 @@ def growing(rows: Floats, every_s: float) -> Iterator[SessionState]:
         yield session_state(session)
 
 
-@pytest.mark.parametrize(("every_s", "fits"), [(0.5, 2), (2.0, 1)])
+@pytest.mark.parametrize(("every_s", "fits"), daily([(0.5, 2), (2.0, 1)]))
 def test_a_target_is_reached_when_several_fits_say_so(every_s: float, fits: int) -> None:
     shown = list(itertools.islice(growing(rows_of(simulate.tumble(seed=1).samples), every_s), int(24 / every_s)))
     almost = [one.words.startswith("Almost: ") for one in shown]
@@ -439,7 +453,7 @@ def test_an_axis_that_stops_is_named_while_the_others_move() -> None:
     assert shown.words.startswith("Axis y has been the same for 20.0 s while the others change")
 
 
-@pytest.mark.parametrize("motion", ["hand", "tilted", "level", "sweeps"])
+@pytest.mark.parametrize("motion", daily(["hand", "tilted", "level", "sweeps"], 2))
 def test_a_sound_sensor_that_is_turned_is_never_called_wrong(motion: str) -> None:
     """Seeds 1 and 2, also with a resolution far coarser than the noise."""
     for seed in (1, 2):
@@ -462,7 +476,7 @@ def test_what_is_fitted_keeps_the_acceleration() -> None:
     assert used_readings(after(replace(samples, acceleration=None)))[0].acceleration is None
 
 
-@pytest.mark.parametrize("together", [1, 3, 7])
+@pytest.mark.parametrize("together", daily([1, 3, 7], 2))
 @pytest.mark.parametrize("speed", [1.0, 10.0])
 def test_the_rate_is_that_of_the_readings_however_they_come(together: int, speed: float) -> None:
     """50 Hz in batches, also played back ten times as fast."""

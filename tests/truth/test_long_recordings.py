@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.trials import daily
 
 import flinders
 from flinders.core.axes import Axes
@@ -51,7 +52,7 @@ def peak_of(recording: Long) -> int:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize("outliers", [0.0, 0.01])
+@pytest.mark.parametrize("outliers", daily([0.01, 0.0]))
 def test_memory_does_not_grow_with_the_recording(outliers: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(data, "HELD", 20_000)
     short, long = (peak_of(Long(blocks, outliers)) for blocks in (12, 36))

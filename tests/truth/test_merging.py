@@ -13,6 +13,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from tests.program import Ended, flinders_
+from tests.trials import daily
 from tests.worlds import RANDOM_SENSOR
 
 import flinders
@@ -65,7 +66,7 @@ def parameters(calibration: Calibration) -> Floats:
 
 @pytest.mark.parametrize(
     ("known", "fields", "motion"),
-    [(True, (50.0, 50.0), "uniform"), (False, (45.0, 60.0), "uniform"), (False, (50.0, 50.0), "tilted")],
+    daily([(True, (50.0, 50.0), "uniform"), (False, (45.0, 60.0), "uniform"), (False, (50.0, 50.0), "tilted")]),
 )
 def test_it_is_as_good_as_it_claims(known: bool, fields: tuple[float, float], motion: str, trials: Choose) -> None:
     """With 400 pairs of 500 readings 0.94 (0.02), 0.94 (0.02), and 1.04 (0.04) with 200 of 1,000."""

@@ -133,8 +133,8 @@ def test_options_that_mean_nothing_are_refused(options: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("motion", "n"),
     [
-        ("uniform", 20), nightly("uniform", 500), nightly("uniform", 5000), ("hemisphere", 500), ("tilted", 1000),
-        ("hand", 3000),
+        ("uniform", 20), nightly("uniform", 500), nightly("uniform", 5000), nightly("hemisphere", 500),
+        nightly("tilted", 1000), ("hand", 3000),
     ],
 )  # fmt: skip
 def test_the_claim_covers_the_error(iron: str, motion: str, n: int) -> None:

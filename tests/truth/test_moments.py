@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 from tests.worlds import SOFT_IRON
 
 from flinders.estimators import Readings
@@ -56,7 +57,7 @@ def exact_scatter(readings: NDArray[np.int64], origin: NDArray[np.int64], scale:
     return unpacked(np.array([total / scale ** sum(e) for total, e in zip(sums, EXPONENTS.tolist(), strict=True)]))
 
 
-@pytest.mark.parametrize(("strengths", "bound"), [(0.0, 1e-15), (1.0, 3e-15), (3.0, 1e-13), (10.0, 1e-10)])
+@pytest.mark.parametrize(("strengths", "bound"), daily([(0.0, 1e-15), (1.0, 3e-15), (3.0, 1e-13), (10.0, 1e-10)], 2))
 def test_shifted_sums_are_the_exact_ones(strengths: float, bound: float) -> None:
     """Measured: off by 1e-16, 5e-16, 1e-14 and 2e-11 of the count at 0, 1, 3 and 10 field strengths."""
     readings = counts(strengths)
@@ -66,7 +67,7 @@ def test_shifted_sums_are_the_exact_ones(strengths: float, bound: float) -> None
     assert error < bound
 
 
-@pytest.mark.parametrize("strengths", [0.0, 10.0])
+@pytest.mark.parametrize("strengths", daily([0.0, 10.0]))
 def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_uncertainty(strengths: float) -> None:
     """Measured: off by 2e-15 and 3e-11 of the field at 0 and 10 field strengths, where σ is 2e-5 of it."""
     readings = counts(strengths)
@@ -82,6 +83,7 @@ def test_the_consistent_fit_is_that_of_exact_sums_to_a_ten_thousandth_of_its_unc
     npt.assert_allclose(exact.centre, strengths * FIELD * DIRECTION, atol=5 * sigma[:3].max())
 
 
+@pytest.mark.nightly
 def test_a_million_readings_added_in_blocks_of_a_thousand_lose_nothing_more() -> None:
     readings = counts(10.0)
     streamed = Moments.empty()

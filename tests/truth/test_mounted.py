@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 
 import flinders
 from flinders import simulate
@@ -67,7 +68,7 @@ def test_of_any_turn_the_start_is_the_truth_without_noise() -> None:
         assert np.rad2deg(np.arccos(np.clip((np.trace(found @ turn.T) - 1.0) / 2.0, -1.0, 1.0))) < 20.0
 
 
-@pytest.mark.parametrize("aid", ["tilt", "attitude"])
+@pytest.mark.parametrize("aid", daily(["tilt", "attitude"]))
 def test_an_attitude_from_world_to_body_is_named_and_turns_nothing(aid: str) -> None:
     attitude = attitudes(1.2)
     samples = recorded(attitude, np.eye(3), inverse(attitude))
@@ -86,7 +87,7 @@ def test_a_rotation_that_is_hardly_known_is_said() -> None:
     assert said == {0.2: 1, 6.0: 0}
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", daily(range(3)))
 def test_the_bias_of_an_accelerometer_is_no_rotation(seed: int) -> None:
     """0.3 to 0.5 m/s² lean the vertical by 3°; seeds as stated."""
     bias = np.array([0.5, 0.3, -0.3])
@@ -110,6 +111,7 @@ def heading_off_deg(found: Aided) -> float:
     return float(np.rad2deg(np.sqrt(np.mean(np.angle(error / error.mean()) ** 2))))
 
 
+@pytest.mark.nightly
 def test_the_bias_of_an_accelerometer_bends_no_offset() -> None:
     """The same bias, believed to be 0, leads farther astray than found with the rest, which keeps its claim."""
     off: dict[float, list[tuple[float, float]]] = {0.3: [], 0.0: []}
@@ -207,7 +209,7 @@ def fitted_anyway(samples: Samples) -> Fit:
         return refusal.fit
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", daily(range(3)))
 def test_accelerations_that_last_outvote_no_prior(seed: int) -> None:
     """A boat that is pushed to and fro, 0.3 m/s² for seconds: nobody learns the bias of its accelerometer to 0.02."""
     samples = recorded(attitudes(0.15, 1500), np.eye(3), seed=seed, bias=np.zeros(3))
@@ -222,7 +224,7 @@ def test_accelerations_that_last_outvote_no_prior(seed: int) -> None:
     assert np.all(np.abs(9.80665 * found.parameters.accelerometer[:3]) < 3.0 * sigma)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", daily(range(3)))
 def test_a_gyro_that_sits_askew_beside_its_accelerometer_leads_no_rotation_astray(seed: int) -> None:
     """One degree about each axis: axes of the body are those of the accelerometer."""
     true = simulate.tumble(seed=seed, motion="hand", n=1500)

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 
 from flinders.arrays import floats
 from flinders.core.calibration import Calibration
@@ -172,7 +173,7 @@ def recorded(name: str, truth: Floats) -> Calibration:
     return Calibration(now.T @ truth @ IRON[name], HARD, **common)
 
 
-@pytest.mark.parametrize("name", FIRMWARE)
+@pytest.mark.parametrize("name", daily(FIRMWARE, 2))
 def test_firmware_with_the_mounting_reads_what_it_should(name: str) -> None:
     """24 rotations by right angles and 100 others."""
     counts = name in ("betaflight", "inav")

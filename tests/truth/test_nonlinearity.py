@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from tests.trials import daily
 
 import flinders
 from flinders import Samples
@@ -60,7 +61,7 @@ def test_the_claim_covers_what_the_axis_costs() -> None:
     assert worst < 2.0 * fit.heading_error_deg.worst
 
 
-@pytest.mark.parametrize("memory", [0, 20, 100])
+@pytest.mark.parametrize("memory", daily([0, 20, 100], 2))
 def test_noise_is_not_taken_for_it(memory: int, trials: Choose) -> None:
     """White noise, and slow noise of 20 and 100 readings, which its autocovariance alone would take for curves."""
     rng = np.random.default_rng(memory)

@@ -34,6 +34,7 @@ def cut_off(field: Floats, share: float) -> Floats:
     return limited
 
 
+@pytest.mark.nightly
 def test_coarse_steps_are_not_saturated(trials: Choose) -> None:
     """Of 1,000 turns in every step."""
     chosen = trials(1000, 20)
@@ -41,6 +42,7 @@ def test_coarse_steps_are_not_saturated(trials: Choose) -> None:
     assert np.mean(called) < 0.01 * chosen.widening
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("share", "power"), [(0.03, 0.5), (0.1, 0.95)])
 def test_a_range_that_is_too_small_is_saturated(share: float, power: float, trials: Choose) -> None:
     """In steps as real sensors have them."""

@@ -24,10 +24,11 @@ from tests.samples import BY_NAME, LOGS, WRITERS, write_ros, written
 import flinders
 from flinders import simulate
 from flinders.cli import main
+from flinders.core import files
 from flinders.core.samples import Samples
 from flinders.core.units import Unit
 from flinders.errors import FlindersError, MissingExtra, NoMagnetometer, UnreadableInput, UsageError
-from flinders.readers import READERS, Instrument, Log, Reader, TableRecording, _source
+from flinders.readers import READERS, Instrument, Log, Reader, TableRecording
 from flinders.readers._log import Stored
 
 if TYPE_CHECKING:
@@ -283,7 +284,7 @@ def test_a_gzip_bomb_is_refused_while_it_is_unpacked(tmp_path: Path) -> None:
 
 
 def test_a_gzip_bomb_of_text_is_refused_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(_source, "LARGE", 1 << 20)
+    monkeypatch.setattr(files, "LARGE", 1 << 20)
     bomb = tmp_path / "bomb.csv.gz"
     bomb.write_bytes(gzip.compress(b"1,2,3\n" * 400_000))
     with pytest.raises(UnreadableInput, match=r"bomb.csv.gz unpacks to more than \d+ MB from [\d,]+ bytes"):

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.terms_recordings import clusters
+from tests.trials import daily
 
 import flinders
 from flinders.errors import FitError, InputError
@@ -149,7 +150,7 @@ def test_doubtful_recordings_are_not_called_good(name: str, recordings: Callable
     assert codes(fit) & DOUBTFUL[name]
 
 
-@pytest.mark.parametrize("name", sorted(HOPELESS))
+@pytest.mark.parametrize("name", daily(sorted(HOPELESS), 2))
 def test_recordings_without_enough_motion_are_refused(name: str, recordings: Callable[[str], Path]) -> None:
     with pytest.raises(FitError) as caught:
         fitted(recordings(name))

@@ -282,6 +282,7 @@ def wait_for(path: str, rows: int) -> None:
     )
 
 
+@pytest.mark.nightly
 def test_two_thousand_lines_at_five_hundred_a_second_arrive_complete() -> None:
     board, lines = Board(), [raw(np.array([[n / 10, 20.0, 30.0]])) for n in range(2000)]
     source = Serial(str(board.port))

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import numpy.testing as npt
 import pytest
-from scipy.spatial.transform import Rotation
+from tests.trials import daily
 
 from flinders import simulate
 from flinders.core.calibration import Calibration
@@ -24,6 +24,7 @@ from flinders.diagnostics.random_walk import walk_through
 from flinders.errors import FitError, TooFewSamples
 from flinders.fitting import calibrate
 from flinders.fitting.result import Fit, Refused
+from flinders.geometry.rotation import rotations
 from flinders.geometry.sphere import tile_of, tiles
 from flinders.likelihood.site_field import Site
 from flinders.report import html_file
@@ -244,7 +245,7 @@ def test_a_calibration_that_was_written_gives_the_same_report_numbers() -> None:
         assert not doubts(fit.calibration, samples)
 
 
-@pytest.mark.parametrize("known", ["shown", "elsewhere", "open"])
+@pytest.mark.parametrize("known", daily(["shown", "elsewhere", "open"]))
 def test_what_is_known_of_z_at_a_level_turn_is_told_of_the_file_as_of_the_fit(known: str, tmp_path: Path) -> None:
     samples = fitted("level")[1]
     felt = np.tile([0.0, 0.0, -9.81 if known == "shown" else 9.81], (len(samples), 1))
@@ -383,7 +384,7 @@ def test_the_path_of_an_offset_is_drawn_for_the_axes_that_were_seen() -> None:
 def test_the_map_is_in_the_axes_of_corrected_readings() -> None:
     """A rotation turns the map with the readings: each tile has the error of the direction that is turned into it."""
     fit, _ = fitted("tilted")
-    turn = Rotation.from_rotvec([0.2, -0.4, 0.9]).as_matrix()
+    turn = rotations(np.array([[0.2, -0.4, 0.9]]))[0]
     matrix = turn @ fit.calibration.matrix
     turned = replace(fit, calibration=replace(fit.calibration, matrix=matrix, rotation="estimated"))
     errors, moved = tile_errors_deg(fit), tile_errors_deg(turned)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks import adversary
+from tests.trials import daily
 from tests.worlds import SENSOR, Streamed, moved_alike, passed_by_a_magnet
 
 import flinders
@@ -40,7 +41,7 @@ def weighed(found: Estimate, truth: Simulated) -> float:
     return float(off @ np.linalg.solve(found.covariance, off)) / 9.0
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.5, 2.0])
+@pytest.mark.parametrize("noise", daily([0.1, 0.5, 2.0]))
 def test_gross_outliers_cost_no_more_than_the_readings_they_are(noise: float, trials: Choose) -> None:
     """3 % at up to three field strengths: as good as the likelihood of the other 97 %, and as good as it claims."""
     claim = trials(25, 8)
@@ -215,6 +216,7 @@ def test_nonsense_is_no_minority() -> None:
     assert fit.verdict != "good"
 
 
+@pytest.mark.nightly
 def test_rejected_runs_that_may_be_noise_do_not_sharpen_the_claim() -> None:
     """Near steel noise comes and goes: a claim from the quiet part alone would be too small."""
     near_steel = adversary.Effect(place=partial(adversary.desk, rms=1.0))

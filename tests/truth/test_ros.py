@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 
+from flinders.core import files
 from flinders.errors import FlindersError, MissingExtra, UnitError, UnreadableInput
-from flinders.readers import _source, ros
+from flinders.readers import ros
 from flinders.readers._source import File
 from flinders.readers.ros import READERS, is_bag_folder, open_ros
 
@@ -229,7 +231,7 @@ def test_a_real_bag_of_which_half_the_rows_are_nan(recordings: Callable[[str], P
     npt.assert_allclose(np.median(blocks[0].acceleration[:, 2]), -9.87, atol=0.02)  # upside down: its z points down
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", daily(KINDS, 2))
 def test_folders_of_ros_2(tmp_path: Path, kind: str) -> None:
     folder = second(tmp_path, kind)
     assert is_bag_folder(folder)
@@ -238,14 +240,14 @@ def test_folders_of_ros_2(tmp_path: Path, kind: str) -> None:
     check_boat(log)
 
 
-@pytest.mark.parametrize("kind", ["mcap", "mcap-packed", "sqlite"])
+@pytest.mark.parametrize("kind", daily(["mcap", "mcap-packed", "sqlite"]))
 def test_single_files_of_ros_2_whatever_they_are_called(tmp_path: Path, kind: str) -> None:
     (file,) = (path for path in second(tmp_path, kind).iterdir() if path.suffix != ".yaml")
     check_boat(opened(file))
     check_boat(opened(file.rename(tmp_path / "50%25 of it?#1.tmp")))
 
 
-@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("packed", daily([False, True]))
 def test_bags_of_ros_1(tmp_path: Path, *, packed: bool) -> None:
     log = opened(first(tmp_path, packed=packed))
     assert (log.format, log.notes) == ("ROS 1 bag", ())
@@ -349,7 +351,7 @@ def test_packed_messages_without_their_description_ask_for_the_folder(tmp_path: 
 @pytest.mark.parametrize("kind", ["mcap-packed", "sqlite-packed-messages", "sqlite-packed-file"])
 def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     folder = second(tmp_path, kind)
-    for module, name in ((_source, "MOST_PIECE"), (ros, "MOST_PIECE"), (ros, "MOST_MEMBER")):
+    for module, name in ((files, "MOST_PIECE"), (ros, "MOST_PIECE"), (ros, "MOST_MEMBER")):
         monkeypatch.setattr(module, name, 50)
     with pytest.raises(UnreadableInput, match=r"too long|more than"):
         opened(folder)
@@ -357,7 +359,7 @@ def test_what_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest
 
 def test_a_bag_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = first(tmp_path, packed=True)
-    monkeypatch.setattr(_source, "MOST_PIECE", 50)
+    monkeypatch.setattr(files, "MOST_PIECE", 50)
     with pytest.raises(UnreadableInput, match="a packed piece of the recording has more than"):
         opened(file)
 
@@ -418,7 +420,7 @@ def check_beginning(log: Log, whole: Log, least: int) -> None:
 
 @pytest.mark.parametrize(
     ("kind", "least"),
-    [("bag", 15), ("bag-BZ2", 15), ("bag-LZ4", 15), ("mcap", 15), ("mcap-packed", 10)],
+    daily([("bag", 15), ("bag-BZ2", 15), ("bag-LZ4", 15), ("mcap", 15), ("mcap-packed", 10)], 3),
 )
 def test_a_recording_that_was_cut_short_gives_what_comes_before(tmp_path: Path, kind: str, least: int) -> None:
     """Half of the bytes; a packed piece loses less or all."""
@@ -443,7 +445,7 @@ def test_a_database_that_was_cut_short_is_refused_with_the_command_that_mends_it
             opened(file)
 
 
-@pytest.mark.parametrize("kind", ["bag", "mcap"])
+@pytest.mark.parametrize("kind", daily(["bag", "mcap"]))
 def test_zeros_at_its_end_are_damage(tmp_path: Path, kind: str) -> None:
     """As a file system leaves them after a loss of power."""
     file = storage(tmp_path, kind)
@@ -454,7 +456,7 @@ def test_zeros_at_its_end_are_damage(tmp_path: Path, kind: str) -> None:
     assert "cut short or damaged" in log.notes[0]
 
 
-@pytest.mark.parametrize("packed", ["", "BZ2", "LZ4"])
+@pytest.mark.parametrize("packed", daily(["", "BZ2", "LZ4"]))
 def test_a_bag_that_was_never_closed_is_read(tmp_path: Path, packed: str) -> None:
     """Its header knows no index, and its last chunk has no length: ``rosbag record`` writes both when it stops."""
     file = first(tmp_path, packed=packed)
@@ -472,7 +474,7 @@ def test_a_bag_that_was_never_closed_is_read(tmp_path: Path, packed: str) -> Non
     assert "its index is missing or broken, as after a loss of power: 280 whole messages are read" in log.notes[0]
 
 
-@pytest.mark.parametrize("kind", ["bag", "mcap"])
+@pytest.mark.parametrize("kind", daily(["bag", "mcap"]))
 def test_what_comes_before_a_hole_is_read_and_what_finds_the_rest_is_named(tmp_path: Path, kind: str) -> None:
     """Zeros, as of a lost page."""
     file = storage(tmp_path, kind)
@@ -525,7 +527,7 @@ def test_a_folder_with_a_damaged_file_names_what_to_give(tmp_path: Path) -> None
         opened(file.parent)
 
 
-@pytest.mark.parametrize("kind", ["bag", "mcap", "mcap-packed", "sqlite"])
+@pytest.mark.parametrize("kind", daily(["bag", "mcap", "mcap-packed", "sqlite"], 3))
 def test_broken_recordings_end_in_an_error_of_ours_or_in_readings(tmp_path: Path, kind: str, trials: Choose) -> None:
     folder = first(tmp_path).parent if kind == "bag" else second(tmp_path, kind)
     (whole,) = (path for path in folder.iterdir() if path.suffix in {".bag", ".mcap", ".db3"})

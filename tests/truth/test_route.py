@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tests.trials import Choose
 
 
+@pytest.mark.nightly
 def test_following_the_way_takes_less_than_seven_tenths_of_the_turning(trials: Choose) -> None:
     claim = trials(8, 2)
     followed = [until_done("route", 0.5, seed) for seed in claim.seeds]
@@ -33,6 +34,7 @@ def test_following_the_way_takes_less_than_seven_tenths_of_the_turning(trials: C
     assert np.median([one.true_worst_deg for one in followed]) < 1.5**claim.widening * TARGET_DEG
 
 
+@pytest.mark.nightly
 def test_a_hand_that_strays_still_gets_there_sooner_than_chance(trials: Choose) -> None:
     claim = trials(8, 2)
     followed = [until_done("route", 0.5, seed, stray_deg=20.0).turned_deg for seed in claim.seeds]

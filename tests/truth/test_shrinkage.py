@@ -47,6 +47,7 @@ def error_deg(fit: Fit, sensor: Sensor) -> float:
     return float(np.abs(adversary.headings(fit.calibration.apply(level))).max())
 
 
+@pytest.mark.nightly
 def test_a_compass_that_was_good_stays_good(trials: Choose) -> None:
     """Off by no more than a true claim allows, where a fit of the same readings by themselves is off by far more."""
     chosen = trials(60, 15)

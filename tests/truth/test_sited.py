@@ -12,6 +12,7 @@ import pytest
 from benchmarks.level import Turned, recorded
 from benchmarks.terms import tilted_error_deg
 from click.testing import CliRunner, Result
+from tests.trials import daily
 from tests.worlds import rms
 
 import flinders
@@ -62,6 +63,7 @@ def test_headings_of_a_level_vehicle_are_those_of_the_ellipse() -> None:
     assert rms(mounted) < 1.1 * rms(alone)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("mounted_deg", [2.0, 5.0])
 def test_a_stated_mounting_makes_tilts_usable_and_the_claim_true(mounted_deg: float) -> None:
     """Heading errors at 5° and 10° of tilt, of sensors that are mounted as well as was said."""
@@ -87,6 +89,7 @@ def test_without_a_stated_mounting_the_prior_holds_what_lies_across() -> None:
     assert max(ratios) < 2.0
 
 
+@pytest.mark.nightly
 def test_the_third_offset_is_found_as_well_as_is_claimed() -> None:
     weighed = []
     for number in range(10):
@@ -99,7 +102,7 @@ def test_the_third_offset_is_found_as_well_as_is_claimed() -> None:
 
 @pytest.mark.parametrize(
     "turned",
-    [Turned(arc_deg=180.0), Turned(wobble_deg=1.0), Turned(slope_deg=5.0), Turned(slope_deg=10.0)],
+    daily([Turned(arc_deg=180.0), Turned(wobble_deg=1.0), Turned(slope_deg=5.0), Turned(slope_deg=10.0)], 2),
     ids=["half a turn", "wobble", "slope 5°", "slope 10°"],
 )
 def test_no_turn_is_claimed_better_than_it_is(turned: Turned) -> None:
@@ -195,6 +198,7 @@ def test_what_is_taken_for_granted_of_z_is_said() -> None:
 OVER = np.array([1.0, -1.0, -1.0])
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("mounted_deg", [None, 2.0])
 def test_where_nothing_shows_which_way_z_points_the_claim_is_true_of_both(mounted_deg: float | None) -> None:
     """Ten sensors, each with z down and with z up: rms of true over claimed 0.95 level, 0.98 to 1.05 at a tilt."""

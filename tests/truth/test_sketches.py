@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.program import Ended, flinders_
 from tests.sketches import SHAPES, printed
+from tests.trials import daily
 
 import flinders
 from flinders import simulate
@@ -55,7 +56,7 @@ def record(shape: dict[str, Any]) -> Ended:
         os.close(master)
 
 
-@pytest.mark.parametrize("name", FIVE)
+@pytest.mark.parametrize("name", daily(FIVE, 4))
 def test_a_sketch_is_recorded_calibrated_and_exported_without_an_option(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 from tests.worlds import judged, with_slow_noise
 
 from flinders import Samples, simulate
@@ -38,6 +39,7 @@ def test_a_load_on_and_off_is_left_out_and_limits() -> None:
     assert not [fit for fit in fits if fit.method == "robust" and fit.noise > 0.35]
 
 
+@pytest.mark.nightly
 def test_slow_noise_is_not_taken_for_a_load(trials: Choose) -> None:
     """Of 1,200 recordings with it, 14 were, each of 600 readings."""
     many, robust = trials(400, 40), 0

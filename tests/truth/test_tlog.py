@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.testing as npt
 import pytest
+from tests.trials import daily
 
 from flinders import simulate
 from flinders.errors import InputError, MissingExtra, NoMagnetometer, UnreadableInput
@@ -269,7 +270,7 @@ def test_telemetry_with_broken_bytes_goes_on_behind_them(tmp_path: Path) -> None
     assert heard(bytes(hit), tmp_path).notes[0] == "1 packet with a wrong check sum left out"
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", daily(range(30), 3))
 def test_telemetry_that_was_cut_and_hit_anywhere_is_read_or_refused(seed: int, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
     content = bytearray(telemetry(QUIET)[0].content[:9000])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.testing as npt
 import pytest
-from tests.trials import nightly
+from tests.trials import daily, nightly
 from tests.worlds import TURNED, body
 
 import flinders
@@ -63,6 +63,7 @@ def test_offsets_shapes_and_rotation_are_those_of_the_sensors() -> None:
     npt.assert_allclose(found.noise, 0.5, rtol=0.1)
 
 
+@pytest.mark.nightly
 def test_what_is_claimed_is_what_is_off(trials: Choose) -> None:
     """Squared error over claimed variance, of offsets and of the rotation, mean over twelve bodies: near one."""
     claim = trials(12, 4)
@@ -91,6 +92,7 @@ def test_the_rotation_between_any_two_and_its_covariance() -> None:
     assert not first.rotation(0)[1].any()
 
 
+@pytest.mark.nightly
 def test_a_noisy_sensor_gains_most_from_a_good_one_beside_it() -> None:
     recordings, _, _ = body(4, motion="tilted", n=1500, noises=(0.3, 3.0))
     found = fit_multi(recordings)
@@ -151,7 +153,7 @@ def test_different_rates_meet_at_the_slower_ones_moments() -> None:
     npt.assert_allclose(fit_of(found["b"]).calibration.offset, sensors[1].offset, atol=0.3)
 
 
-@pytest.mark.parametrize("delay", [-0.37, 0.11])
+@pytest.mark.parametrize("delay", daily([-0.37, 0.11]))
 def test_a_clock_that_is_off_is_found_and_taken_off(delay: float) -> None:
     recordings, _, _ = body(8, n=3000)
     time = recordings["b"].time
@@ -162,6 +164,7 @@ def test_a_clock_that_is_off_is_found_and_taken_off(delay: float) -> None:
     assert np.rad2deg(np.linalg.norm(np.asarray(found["b"].rotation) - TURNED)) < 0.5
 
 
+@pytest.mark.nightly
 def test_equal_clocks_have_no_delay(trials: Choose) -> None:
     for seed in trials(4, 2).seeds:
         recordings, _, _ = body(20 + seed, n=1500)
@@ -308,7 +311,7 @@ def loose(recordings: dict[str, Samples], sensors: list[simulate.Sensor], direct
     return changed(recordings[name], field=sensor.read(FIELD * swung, np.random.default_rng(3)))
 
 
-@pytest.mark.parametrize("name", ["a", "b"])
+@pytest.mark.parametrize("name", daily(["a", "b"]))
 def test_of_two_that_disagree_all_the_time_neither_is_blamed_nor_bent(name: str) -> None:
     recordings, sensors, directions = body(41, n=1000, same=True)
     swinging = loose(recordings, sensors, directions, name)
@@ -346,6 +349,7 @@ def test_two_white_noises_are_no_disagreement(trials: Choose) -> None:
         assert not any({"disagree", "not-together"} & codes(member) for member in found.members)
 
 
+@pytest.mark.nightly
 def test_a_clock_that_is_off_by_more_than_is_looked_for_harms_nobody(trials: Choose) -> None:
     """Three seconds: the readings of that sensor belong to other moments."""
     for seed in trials(2, 1).seeds:
@@ -361,6 +365,7 @@ def test_a_clock_that_is_off_by_more_than_is_looked_for_harms_nobody(trials: Cho
             npt.assert_allclose(fit_of(member).calibration.offset, sensor.offset, atol=0.4)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("noises", [(0.5, 0.5, 0.5), nightly((0.5, 0.5, 0.5, 0.5))])
 def test_two_that_are_disturbed_alike_are_no_majority(noises: tuple[float, ...]) -> None:
     recordings, sensors, _ = body(62, n=1500, noises=noises)
@@ -392,6 +397,7 @@ def test_lengths_tell_against_a_majority_only_where_all_of_it_changed() -> None:
     assert {(run.sensor, run.by_length) for run in departures(one, time)} == {(0, False)}
 
 
+@pytest.mark.nightly
 def test_no_departure_where_there_is_none(trials: Choose) -> None:
     for seed in trials(3, 1).seeds:
         recordings, _, _ = body(30 + seed, n=1000, noises=(0.5, 1.0, 0.5))

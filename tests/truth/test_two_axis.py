@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -11,6 +13,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from click.testing import CliRunner
+from tests.trials import daily
 from tests.worlds import judged
 
 import flinders
@@ -122,6 +125,7 @@ def recovered(request: pytest.FixtureRequest, trials: Choose) -> tuple[str, Floa
     return request.param, np.array(rows), claim
 
 
+@pytest.mark.nightly
 def test_500_noisy_swings_scatter_as_theory_says(recovered: tuple[str, Floats, Trials]) -> None:
     """Means within three standard errors, scatter within a tenth of theory (its own standard error is 3%).
 
@@ -144,6 +148,7 @@ def test_500_noisy_swings_scatter_as_theory_says(recovered: tuple[str, Floats, T
     npt.assert_allclose(found.std(axis=0) / sigma, 1.0, atol=0.1 * claim.widening)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("method", METHODS)
 def test_the_claim_is_that_of_least_squares_for_both(method: str, trials: Choose) -> None:
     """A tenth too wide for the ellipse of 36 points; for the mean of even points another √2, as nobody can be sure."""
@@ -246,7 +251,7 @@ def test_a_slight_unevenness_is_a_limit_and_not_a_refusal() -> None:
     assert np.abs(off_deg(fit.calibration)).max() < 2.0 * fit.heading_error_deg.worst
 
 
-@pytest.mark.parametrize("arc", [120.0, 180.0, 240.0])
+@pytest.mark.parametrize("arc", daily([120.0, 180.0, 240.0]))
 def test_the_ellipse_of_an_arc_is_as_good_as_it_claims(arc: float, trials: Choose) -> None:
     scores, claim = [], trials(15, 6)
     for seed in claim.seeds:
@@ -298,7 +303,7 @@ def test_two_thousand_headings_at_random_are_not_even() -> None:
     assert ellipse.heading_error_deg.rms < 0.06
 
 
-@pytest.mark.parametrize("plane", PLANES)
+@pytest.mark.parametrize("plane", daily(PLANES, 2))
 @pytest.mark.parametrize("method", METHODS)
 def test_a_sweep_is_judged_about_the_axis_it_turns_about(plane: Plane, method: str) -> None:
     recording = simulate.tumble(seed=6, motion=f"sweep-{plane}", noise=0.3)
@@ -319,7 +324,7 @@ def test_a_tumble_is_no_turn() -> None:
         assert fit.verdict == "refused"
 
 
-@pytest.mark.parametrize("dip", [-70.0, 0.0, 60.0, 80.0])
+@pytest.mark.parametrize("dip", daily([-70.0, 0.0, 60.0, 80.0], 2))
 @pytest.mark.parametrize("method", METHODS)
 def test_the_dip_does_not_matter_to_a_level_heading(method: str, dip: float) -> None:
     field = read(np.arange(0.0, 360.0, 5.0))
@@ -413,7 +418,7 @@ def test_three_sweeps_recover_offsets_and_gains_exactly() -> None:
     assert loaded.rotation == "composed"
 
 
-@pytest.mark.parametrize(("size", "worst"), [(0.05, 0.078), (0.1, 0.31), (0.25, 1.97)])
+@pytest.mark.parametrize(("size", "worst"), daily([(0.05, 0.078), (0.1, 0.31), (0.25, 1.97)]))
 def test_three_sweeps_leave_what_is_of_second_order_in_the_soft_iron(size: float, worst: float, trials: Choose) -> None:
     """Of ten sensors that of the first seed is off by most; a second round of sweeps takes nothing off it."""
     once, twice = [], []
@@ -434,6 +439,7 @@ def test_one_sweep_is_right_while_level_and_nowhere_else() -> None:
     npt.assert_allclose(loaded.offset[:2], sensor.offset[:2] + lent, atol=1e-9)
 
 
+@pytest.mark.nightly
 def test_three_sweeps_are_as_good_as_they_claim_together(trials: Choose) -> None:
     """Where noise, not soft iron, is what is left."""
     scores, claim = [], trials(20, 7)
@@ -464,6 +470,7 @@ def claimed(loaded: Fit) -> HeadingError:
     return loaded.heading_error_deg
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("size", "planes", "ratios"),
     [
@@ -484,7 +491,7 @@ def test_what_a_composition_claims_is_what_it_costs(
     npt.assert_allclose(np.sqrt(np.mean(squares, axis=0)), ratios, atol=0.06 if claim.widening == 1.0 else 0.4)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", daily(range(5)))
 def test_the_rotation_of_the_matrix_tells_what_is_left(seed: int) -> None:
     """Without noise, soft iron of 25 %: of 0.3 to 1.1° of a level heading at the worst, to an eighth."""
     sensor = iron(seed, 0.25)
@@ -514,6 +521,7 @@ def test_a_composition_has_findings_of_its_own() -> None:
     assert (second.samples, third.samples) == (72, 108)
 
 
+@pytest.mark.nightly
 def test_raw_turns_are_told_from_loaded_ones(trials: Choose) -> None:
     """Of the second and third turns of 40 sensors; what passes has an offset below a fifth of the field."""
     loaded_refused, raw_passed, claim = 0, 0, trials(40, 10)
@@ -634,6 +642,29 @@ def test_a_turn_that_was_not_made_with_it_loaded_is_refused(
     assert not Path("1.json").exists()
 
 
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Recordings of turns, and of what is none, with the calibration c.json of the first."""
+    folder = tmp_path_factory.mktemp("bench")
+    field = read(np.arange(0.0, 360.0, 10.0))
+    noise = np.random.default_rng(2).normal(size=(50, 3)) / 1e3
+    turns = {
+        "turn": field,
+        "other": field + 1.0,
+        "few": field[:5],
+        "arc": field[:27],
+        "still": field[:20] / 1000.0 + 3000.0,
+        "line": np.outer(np.arange(50.0), [1.0, 2.0, 0.0]) + noise,
+        "side": sweep("yz", 60.0) * 50.0 + 0.1 * np.random.default_rng(1).normal(size=(36, 3)),
+    }
+    for name, readings in turns.items():
+        save(f"{folder / name}.csv", readings)
+    save(str(folder / "counts.csv"), field, "mx,my,mz")
+    with contextlib.chdir(folder):
+        assert run("two-axis turn.csv -o c.json").exit_code == 3
+    return folder
+
+
 @pytest.mark.parametrize(
     ("line", "code", "message"),
     [
@@ -672,17 +703,8 @@ def test_a_turn_that_was_not_made_with_it_loaded_is_refused(
         ("line.csv --method ellipse", 4, "Turn the sensor all the way round about the third axis"),
     ],
 )
-def test_what_a_tired_person_types_ends_in_a_message(line: str, code: int, message: str) -> None:
-    field = read(np.arange(0.0, 360.0, 10.0))
-    save("turn.csv", field)
-    save("other.csv", field + 1.0)
-    save("counts.csv", field, "mx,my,mz")
-    save("few.csv", field[:5])
-    save("arc.csv", field[:27])
-    save("still.csv", field[:20] / 1000.0 + 3000.0)
-    save("line.csv", np.outer(np.arange(50.0), [1.0, 2.0, 0.0]) + np.random.default_rng(2).normal(size=(50, 3)) / 1e3)
-    save("side.csv", sweep("yz", 60.0) * 50.0 + 0.1 * np.random.default_rng(1).normal(size=(36, 3)))
-    assert run("two-axis turn.csv -o c.json").exit_code == 3
+def test_what_a_tired_person_types_ends_in_a_message(bench: Path, line: str, code: int, message: str) -> None:
+    shutil.copytree(bench, ".", dirs_exist_ok=True)
     ended = run(f"two-axis {line}")
     assert ended.exit_code == code, ended.output
     assert message in " ".join(ended.output.split())

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from tests.trials import daily
 
 import flinders
 from flinders import simulate
@@ -98,7 +99,7 @@ def test_a_still_sensor_that_drifts_is_unmoved(noise: float, drift: float, trial
     assert all(code_of(handled(seed, noise=noise, drift=drift)[0]) == "unmoved" for seed in trials(25, 1).seeds)
 
 
-@pytest.mark.parametrize("kind", ["one", "both"])
+@pytest.mark.parametrize("kind", daily(["one", "both"]))
 @pytest.mark.parametrize("iron", [0.0, 10.0])
 @pytest.mark.parametrize("wobble_deg", [1.0, 3.0])
 def test_a_sensor_that_was_wobbled_is_unmoved(wobble_deg: float, iron: float, kind: str, trials: Choose) -> None:
@@ -242,7 +243,7 @@ def exact(n: int = 3000, *, resolution: float = 0.0) -> Floats:
 
 @pytest.mark.parametrize("n", [200, 3000, 20_000])
 @pytest.mark.parametrize("offset", [0.0, 500.0])
-@pytest.mark.parametrize("kept", [np.float64, np.float32])
+@pytest.mark.parametrize("kept", daily([np.float64, np.float32]))
 def test_a_recording_without_noise_is_good(n: int, offset: float, kept: type) -> None:
     """To the digits of double and of single precision: rounding says nothing of how readings hang together."""
     fit = flinders.fit((exact(n) + np.array([offset, 0.0, -offset])).astype(kept))

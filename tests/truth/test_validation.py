@@ -9,6 +9,7 @@ import numpy as np
 import numpy.testing as npt
 import pytest
 from benchmarks.datasets import dataset, heading_error_deg
+from tests.trials import daily
 from tests.worlds import rms
 
 from flinders import simulate
@@ -35,7 +36,7 @@ def true_error_deg(estimator: Estimator, recording: Simulated) -> float:
     return heading_error_deg(found.radius * np.linalg.inv(found.shape), found.centre, recording)
 
 
-@pytest.mark.parametrize("name", ["S1", "S3", "S4", "S7"])
+@pytest.mark.parametrize("name", daily(["S1", "S3", "S4", "S7"], 3))
 def test_it_is_the_true_error_where_noise_is_all_there_is(name: str, trials: Choose) -> None:
     method = Level() if name == "S7" else Likelihood()
     claim = trials(12, 5)
@@ -46,7 +47,7 @@ def test_it_is_the_true_error_where_noise_is_all_there_is(name: str, trials: Cho
 
 
 @pytest.mark.parametrize("method", ["sphere", "axes", "minmax"])
-@pytest.mark.parametrize("name", ["S1", "S3"])
+@pytest.mark.parametrize("name", daily(["S1", "S3"]))
 def test_it_is_the_true_error_where_the_model_is_too_simple(name: str, method: str) -> None:
     recordings = [dataset(name, trial, 0.5) for trial in range(6)]
     shown = rms([cross_validated(METHODS[method](), one.samples).heading_error_deg.rms for one in recordings])
@@ -55,6 +56,7 @@ def test_it_is_the_true_error_where_the_model_is_too_simple(name: str, method: s
     assert 0.85 < shown / true < 1.2
 
 
+@pytest.mark.nightly
 def test_a_simple_model_of_part_of_the_sphere_is_called_worse_than_it_is_and_never_better() -> None:
     """Level headings hang on what such a recording saw; the change of shape that it asks for reaches beyond."""
     recordings = [dataset("S4", trial, 0.5) for trial in range(12)]
@@ -62,6 +64,7 @@ def test_a_simple_model_of_part_of_the_sphere_is_called_worse_than_it_is_and_nev
     assert 1.5 < shown / rms([true_error_deg(MinMax(), one) for one in recordings]) < 4.0
 
 
+@pytest.mark.nightly
 def test_a_bias_of_the_equation_is_seen() -> None:
     """Plain least squares of readings tilted by up to 35°, which are noisy, is off by half a degree."""
     recordings = [dataset("S4", trial, 0.5) for trial in range(12)]

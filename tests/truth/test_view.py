@@ -66,6 +66,7 @@ def headings_deg(field: Floats, down: Floats, east: Floats) -> Floats:
     return angles
 
 
+@pytest.mark.nightly
 def test_tiles_predict_the_scatter_of_headings_in_repeated_fits(
     trials: tuple[list[Fit], simulate.Simulated],
 ) -> None:
@@ -84,6 +85,7 @@ def test_tiles_predict_the_scatter_of_headings_in_repeated_fits(
     assert predicted.max() > 4.0 * predicted.min()  # there is something to tell apart
 
 
+@pytest.mark.nightly
 def test_the_uncertainty_of_the_matrix_is_its_scatter(trials: tuple[list[Fit], simulate.Simulated]) -> None:
     fits, _ = trials
     scatter = np.std([fit.calibration.matrix for fit in fits], axis=0, ddof=1)

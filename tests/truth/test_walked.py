@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
+import pytest
 
 from flinders.geometry.rotation import rotations
 from flinders.likelihood import gyro
@@ -21,6 +22,7 @@ DRAWS, EACH_S, STEP = 200, 0.1, 5e-3
 """Pairs of mirrored draws, the time between readings in s, and a gyro's noise in a step in rad."""
 
 
+@pytest.mark.nightly
 def test_the_mean_gradient_of_a_gyro_s_noise_is_that_of_its_draws() -> None:
     """Two windows of twelve readings, without any other noise; mirrored pairs take the first order out."""
     rng = np.random.default_rng(0)

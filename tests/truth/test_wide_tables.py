@@ -273,6 +273,7 @@ def test_a_sensor_at_rest_is_judged_by_its_strength() -> None:
     assert "strength" not in advice(groups(still, range(10)))
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     ("every", "counts"),
     [

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from benchmarks.wrong_use import CASES, codes_of
-from tests.trials import nightly
+from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
@@ -44,13 +44,13 @@ def test_a_good_recording_is_left_in_peace(motion: str, trials: Choose) -> None:
     assert all(named("good", motion, seed, 0.0) == [] for seed in trials(4, 1).seeds)
 
 
-@pytest.mark.parametrize("motion", [*MOTIONS, "drive"])
+@pytest.mark.parametrize("motion", daily([*MOTIONS, "drive"], 2))
 @pytest.mark.parametrize("scale", [180.0 / np.pi, np.pi / 180.0, 1e3, -1.0])
 def test_a_rate_in_another_unit_is_named_on_all_motions(motion: str, scale: float, trials: Choose) -> None:
     assert all("gyro-unit" in named("gyro", motion, seed, scale) for seed in trials(4, 1).seeds)
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("motion", daily(MOTIONS, 2))
 @pytest.mark.parametrize("case", ["axes", "mirrored"])
 def test_a_gyro_with_exchanged_or_mirrored_axes_is_named(motion: str, case: str, trials: Choose) -> None:
     assert all({"swapped-axes", "gyro-unit"} & set(named(case, motion, seed, 0)) for seed in trials(4, 1).seeds)
@@ -75,7 +75,7 @@ def test_how_the_magnetometer_sits_is_found_whichever_way_it_is(turn: flinders.A
     assert by_rate(turned, about).axes == by_vertical(turned, about).axes == turn
 
 
-@pytest.mark.parametrize("motion", ["swayed", "hand", "rocked"])
+@pytest.mark.parametrize("motion", daily(["swayed", "hand", "rocked"]))
 def test_a_yaw_from_this_compass_is_named_whatever_the_motion(motion: str) -> None:
     attack = CASES["compass"][0](motion, 0, 10.0)
     found = circular(attack.samples, solve(attack.samples, ("tilt",)), 60.0)
@@ -83,7 +83,7 @@ def test_a_yaw_from_this_compass_is_named_whatever_the_motion(motion: str) -> No
     assert found.code == "circular-attitude"
 
 
-@pytest.mark.parametrize("motion", ["swayed", "hand", "flight"])
+@pytest.mark.parametrize("motion", daily(["swayed", "hand", "flight"]))
 def test_a_mounting_five_degrees_off_is_no_circular_attitude(motion: str) -> None:
     """The attitude is that of the accelerometer's axes; nothing else is asked for that would see how it sits."""
     attack = CASES["good"][0](motion, 3, 0.0)

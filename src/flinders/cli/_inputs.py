@@ -361,9 +361,12 @@ def site_of(place: str, date: str | None, recording: Recording | None = None) ->
 
 def stated_site(recording: object, otherwise: str, **more: Any) -> Site | None:
     """The site that a log, or a magnetometer of one, states, which is said; `more` goes to `Site`."""
+    log = getattr(recording, "recording", recording)
+    if getattr(log, "position", None) is None:  # such as a table
+        return None
     from flinders.likelihood.site_field import recorded_site
 
-    site, words = recorded_site(getattr(recording, "recording", recording), **more) or (None, "")
+    site, words = recorded_site(log, **more) or (None, "")
     if site is not None:
         say(f"{getattr(recording, 'source', '')}: {words}, unless {otherwise} says otherwise")
     return site

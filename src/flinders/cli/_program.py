@@ -6,7 +6,7 @@ called.
 >>> class Show(Group):
 ...     path: str = argument("PATH")
 ...     axes: str = member("--axes", default="x,y,z")
-...     as_json: bool = as_json()
+...     as_json: bool = flag("--json", "Print it as JSON.")
 >>> @command_of("show", Show)
 ... def show(options):
 ...     print(options.path, options.axes, options.as_json)
@@ -411,6 +411,7 @@ class Group:
     def typed(self) -> dict[str, Any]:
         """The options that are not at their defaults, as they are spelled, but for those of what is written.
 
+        >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed()
         {'--unit': 'mG', '--from': 5.0}
         """
@@ -424,6 +425,7 @@ class Group:
     def typed_words(self) -> dict[str, str]:
         """The same in words, for a report.
 
+        >>> from flinders.cli._options import ReadingOptions
         >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, True).typed_words()
         {'--unit': 'mG', '--from': '5.0', '--as-logged': 'yes'}
         """

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from flinders.fitting.survey import SurveyFit
 
 
-FITTING: Final = ("output", "pointing", "axes", "acceleration_axes", "distox", "mag_cal", "target_deg")
+FITTING: Final = ("output", "pointing", "axes", "acceleration_axes", "distox", "mag_cal", "target_deg", "non_linear")
 """Options of a fit, which do not go with an earlier calibration."""
 
 
@@ -52,6 +52,10 @@ class Survey(option.Group):
     mag_cal: str | None = option.member(
         "--mag-cal", what="the JSON of mag-cal", metavar="FILE", heading=option.OUTPUT,
         help="Also write the JSON of mag-cal and the SAP6.",
+    )  # fmt: skip
+    non_linear: bool = option.flag(
+        "--non-linear", "Fit quadratic terms of the accelerometer too, as TopoDroid's non-linear algorithm.",
+        heading=option.METHOD,
     )  # fmt: skip
     target_deg: float = option.target("Worst error of azimuth and inclination that is good enough.", 0.5)
     force: bool = option.force()
@@ -94,7 +98,7 @@ def command(options: Survey) -> int:
     shots = read_shots(
         options.path, axes=options.axes, acceleration_axes=options.acceleration_axes, pointing=options.pointing
     )
-    fit = fit_survey(shots, target_deg=options.target_deg)
+    fit = fit_survey(shots, target_deg=options.target_deg, non_linear=options.non_linear)
     if fit.verdict != "refused":
         contents = _instrument_files(fit, options)
         outputs.write(dumps(fit.to_document(provenance(files=[_source_file(options.path, shots)]))), options.output)

@@ -70,7 +70,7 @@ def command(options: TollesLawson) -> int:
 
 def _samples(options: TollesLawson) -> Samples:
     """Both magnetometers, in memory."""
-    from flinders.fitting.aeromagnetic import whole
+    from flinders.core.samples import in_memory
     from flinders.readers import TextRecording
 
     recording, _ = opened([options.recording], None, **options.reading.as_dict())
@@ -78,7 +78,7 @@ def _samples(options: TollesLawson) -> Samples:
         if not isinstance(recording, TextRecording):
             raise UsageError(f"{recording.source} is no text: its columns are known, leave --scalar out")
         recording.name_strength(options.scalar)
-    samples = whole(Counted(recording))
+    samples = in_memory(Counted(recording))
     say("scalar magnetometer: " + ("none, the length of the vector" if samples.strength is None else _named(recording)))
     return samples
 

@@ -19,15 +19,14 @@ import numpy as np
 
 from flinders.comparison.comparison import compare, printed
 from flinders.comparison.cross_validation import BLOCKS, LEAST, NotValidated, cross_validated
+from flinders.core.samples import concatenated
 from flinders.errors import FitError, NeedsSamples, UsageError
 from flinders.estimators import METHODS, Readings, method_of, within_range
 from flinders.estimators.auto import Auto
-from flinders.estimators.data import concatenated
 from flinders.findings import VERDICTS
-from flinders.fitting.calibrate import estimator_of, fit
+from flinders.fitting.calibrate import estimator_of, fit, judged_dip
 from flinders.fitting.result import Refused
 from flinders.likelihood import magnitude
-from flinders.likelihood.site_field import judged_dip
 from flinders.summary.coverage import Coverage
 
 if TYPE_CHECKING:

@@ -29,12 +29,12 @@ from flinders.comparison.agreement import Departure, departures, heading_deg, le
 from flinders.comparison.comparison import printed
 from flinders.core.axes import EXCHANGES
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.core.samples import Samples
+from flinders.core.samples import Samples, in_memory
 from flinders.core.time_alignment import Paired, affine_residuals, paired
 from flinders.errors import FitError, FlindersError, InputError, UsageError, figures
 from flinders.estimators import Readings, within_range
 from flinders.estimators.auto import Auto
-from flinders.estimators.data import concatenated, dense_in, left_out
+from flinders.estimators.data import dense_in, left_out
 from flinders.estimators.multi_sensor import FEWEST, Several, is_sound, mirror_or_rotation, solve
 from flinders.findings import CATALOGUE, Finding, Record, by_severity
 from flinders.fitting.aiding import Aiding
@@ -464,7 +464,7 @@ def _in_memory(source: Recording) -> Samples:
     readings = within_range(Readings.of(source))
     readings.require(FEWEST, "together")
     recording = cast("Recording", readings.recording)
-    samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    samples = in_memory(recording)
     if samples.time is None:
         return samples
     known = np.flatnonzero(np.isfinite(samples.time))

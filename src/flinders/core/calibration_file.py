@@ -218,6 +218,8 @@ class SurveyRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     #: where each of its axes comes from, such as ``x,-y,-z``
     acceleration_axes: Annotated[str, Meta(pattern="^-?[xyz],-?[xyz],-?[xyz]$")] = "x,y,z"
     pointing: Literal["x", "y", "z"] = "x"  #: axis of the laser
+    #: q, one over the unit of the accelerometer, which corrects g + q g² of a reading g
+    quadratic: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Document(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="flinders", tag="calibration"):

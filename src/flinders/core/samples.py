@@ -17,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -444,6 +445,38 @@ def singles(recording: Recording) -> Iterator[Recording]:
         return
     for part in recording.recordings:
         yield from singles(part)
+
+
+def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
+    """All columns of the blocks of a recording; none of those that one of them lacks.
+
+    >>> early, late = Samples.of([[1, 2, 3]], time=[0.0]), Samples.of([[4, 5, 6]])
+    >>> concatenated([early, late], early).field, concatenated([early, late], early).time is None
+    (array([[1., 2., 3.],
+           [4., 5., 6.]]), True)
+    """
+    filled = [block for block in blocks if len(block)]
+    others: dict[str, Any] = {name: _joined_column([getattr(each, name) for each in filled]) for name in COLUMNS[1:]}
+    return Samples(
+        np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
+        unit=recording.unit,
+        axes=recording.axes,
+        source=recording.source,
+        frame=frame_of(recording),
+        skipped=reduce(added, (block.skipped for block in blocks), ()),
+        **others,
+    )
+
+
+def _joined_column(columns: Sequence[Floats | None]) -> Floats | None:
+    """Put a column of several blocks together, if each has it."""
+    there = [column for column in columns if column is not None]
+    return np.concatenate(there) if there and len(there) == len(columns) else None
+
+
+def in_memory(recording: Recording) -> Samples:
+    """All readings of a recording, in memory."""
+    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Self
 import msgspec
 import numpy as np
 
-from flinders.arrays import table
+from flinders.arrays import floats, table
 from flinders.core.axes import Axes
 from flinders.core.calibration import Calibration
 from flinders.core.calibration_file import Recorded, SurveyRecord, read, write
@@ -69,6 +69,8 @@ class SurveyCalibration:
     magnetometer: Calibration
     accelerometer: Calibration  #: corrects readings that point down
     pointing: Pointing = "x"  #: the laser's axis: x, y or z
+    #: (3,): q, one over the unit of the accelerometer, which corrects readings g + q g²
+    quadratic: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def identity(cls, pointing: Pointing = "x") -> Self:
@@ -82,7 +84,9 @@ class SurveyCalibration:
         down; positive to the right.
         """
         axes = FORWARD_RIGHT_DOWN[self.pointing]
-        field, down = self.magnetometer.apply(magnetic), self.accelerometer.apply(gravity)
+        readings = floats(gravity)
+        field = self.magnetometer.apply(magnetic)
+        down = self.accelerometer.apply(readings + self.quadratic * readings**2)
         return pointing_angles(axes.apply(field), axes.apply(down))
 
     @classmethod
@@ -110,13 +114,17 @@ class SurveyCalibration:
             Calibration.from_document(document, source=source),
             Calibration.from_document(gravity, source=source),
             survey.pointing,
+            survey.quadratic,
         )
 
     def to_document(self, *, fit: Fitted | None = None, provenance: Provenance | None = None) -> Document:
         """A calibration file: that of the magnetometer, with the accelerometer and the axis of the laser."""
         gravity = self.accelerometer.to_document()
         record = SurveyRecord(
-            accelerometer=gravity.calibration, acceleration_axes=gravity.raw.axes, pointing=self.pointing
+            accelerometer=gravity.calibration,
+            acceleration_axes=gravity.raw.axes,
+            pointing=self.pointing,
+            quadratic=self.quadratic,
         )
         document = self.magnetometer.to_document(fit=fit, provenance=provenance)
         return msgspec.structs.replace(document, survey=record)

@@ -347,20 +347,21 @@ def circular(samples: Samples, reference: Aided, dip_deg: float) -> Mistake | No
     return _mistake("circular-attitude", "attitude", {"deviation_deg": amount, "deviation_limit_deg": limit})
 
 
-def vertical_error_deg(samples: Samples, calibration: Calibration, estimate: Estimate) -> float:
-    """Heading error (1 σ) by a vertical that leans with the attitude, as the dip shows it.
+def vertical_error_deg(field: Floats, acceleration: Floats, calibration: Calibration, estimate: Estimate) -> float:
+    """Heading error (1 σ) by a vertical that leans with the attitude, as the dip of (N, 3) readings shows it.
 
     NaN where the accelerometer was shaken, and below `LEAST_TILT_DEG`.
     """
-    if samples.acceleration is None or len(samples) < FEWEST_STILL:
+    if len(field) < FEWEST_STILL:
         return math.nan
-    some = samples[: 10 * FOLLOWED]
-    some = some[np.abs(distances(some.field, estimate.ellipsoid)) <= estimate.rejected_beyond]
+    field, acceleration = field[: 10 * FOLLOWED], acceleration[: 10 * FOLLOWED]
+    near = np.abs(distances(field, estimate.ellipsoid)) <= estimate.rejected_beyond
+    field, acceleration = field[near], acceleration[near]
     own_deg = math.hypot(direction_error_deg(estimate.ellipsoid, estimate.covariance).worst, _lasting_deg(estimate))
-    added = tilt_error_deg(calibration.apply(some.field), some.acceleration, own_deg=own_deg)  # type: ignore[arg-type]
+    added = tilt_error_deg(calibration.apply(field), acceleration, own_deg=own_deg)
     if not added > LEAST_TILT_DEG:
         return math.nan
-    felt = some.acceleration[:: max(1, len(some) // FOLLOWED)]  # type: ignore[index]
+    felt = acceleration[:: max(1, len(acceleration) // FOLLOWED)]
     return added if scatter_at_rest(felt) < STILL else math.nan
 
 

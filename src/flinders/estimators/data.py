@@ -44,7 +44,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TypeGuard, cast
 import numpy as np
 
 from flinders.core.axes import Axes
-from flinders.core.samples import Joined, Recording, Samples, Wrapped, singles
+from flinders.core.samples import Joined, Recording, Samples, Wrapped, concatenated, singles
 from flinders.core.units import COUNTS, Unit
 from flinders.errors import NeedsSamples, OutOfScale, StuckAxis, TooFewSamples, Unmoved
 from flinders.likelihood import magnitude
@@ -87,33 +87,6 @@ def together(recordings: Sequence[Recording]) -> tuple[Recording, Sequence[Recor
     return whole, [
         replace(part, field=whole.field[end - len(part) : end]) for part, end in zip(in_memory, ends, strict=True)
     ]
-
-
-def concatenated(blocks: Sequence[Samples], recording: Recording) -> Samples:
-    """All columns of the blocks of a recording; none of those that one of them lacks."""
-    filled = [block for block in blocks if len(block)]
-    return Samples(
-        np.concatenate([np.empty((0, 3)), *(block.field for block in filled)]),
-        unit=recording.unit,
-        axes=recording.axes,
-        time=_whole([block.time for block in filled]),
-        acceleration=_whole([block.acceleration for block in filled]),
-        rate=_whole([block.rate for block in filled]),
-        temperature=_whole([block.temperature for block in filled]),
-        current=_whole([block.current for block in filled]),
-        strength=_whole([block.strength for block in filled]),
-        throttle=_whole([block.throttle for block in filled]),
-        attitude=_whole([block.attitude for block in filled]),
-        currents=_whole([block.currents for block in filled]),
-        throttles=_whole([block.throttles for block in filled]),
-        source=recording.source,
-    )
-
-
-def _whole(columns: Sequence[Floats | None]) -> Floats | None:
-    """Put a column of several blocks together, if each has it."""
-    there = [column for column in columns if column is not None]
-    return np.concatenate(there) if there and len(there) == len(columns) else None
 
 
 WINDOW: Final = 11
@@ -284,7 +257,8 @@ class Readings:
             rows += len(block)
             if rows > room:
                 return cls(Summary.over(chain(_consumed(begun), blocks)), recording)
-        return cls(Summary.over(begun), concatenated(list(begun), recording))
+        whole = concatenated(begun, recording)
+        return cls(Summary.deferred(whole), whole)
 
     @classmethod
     def _of_parts(cls, summary: Summary, parts: Sequence[Readings]) -> Self:

@@ -7,7 +7,11 @@ field of the aircraft adds
     Σ pᵢ uᵢ + B/50 µT (Σ aᵢⱼ uᵢ uⱼ + Σ eᵢⱼ uᵢ u̇ⱼ)
 
 p is the permanent field, a the induced and e the eddy-current part. Σ uᵢ² is 1 and Σ uᵢ u̇ᵢ is 0, so that azz and ezz
-cannot be seen beside the others and are zero here: 3 + 5 + 8 terms. The second order is that of [3]_.
+cannot be seen beside the others and are zero here: 3 + 5 + 8 terms. The second order is that of [3]_, with eddy
+currents that follow the field of the earth and not the sum of both.
+
+u is what the vector magnetometer reads over B, not over its own length: an error of its axes or gains is then a linear
+map of u, which the terms take up, and its length no longer varies with the attitude beside that.
 
 Both sides are compared between 0.1 and 0.9 Hz, where manoeuvres are and the ground below is not. Runs without gaps,
 each without its straight line, are taken apart into cosines, and those of the band are the equations [4]_: noise of any

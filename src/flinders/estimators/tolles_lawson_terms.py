@@ -61,7 +61,7 @@ class Signal:
 
     rows: NDArray[np.intp]  #: (N,) where they stand in the recording
     time: Floats  #: (N,) s, ascending
-    directions: Floats  #: (N, 3) direction cosines of the field in the axes of the aircraft
+    directions: Floats  #: (N, 3) field of the vector magnetometer over `strength`, in the axes of the aircraft
     strength: Floats  #: (N,) µT, of the scalar magnetometer, else the length of the vector
 
     @classmethod
@@ -84,7 +84,7 @@ class Signal:
                 f"magnetometer: need {FEWEST_READINGS} and more; check which columns are read",
                 found=len(rows),
             )
-        directions = samples.field[rows] / length[rows, np.newaxis]
+        directions = samples.field[rows] / strength[rows, np.newaxis]
         signal = cls(rows, samples.time[rows], directions, strength[rows])
         signal.refuse_foreign(samples.field[rows])
         return signal
@@ -136,7 +136,10 @@ class Signal:
 
     def terms(self) -> Floats:
         """(N, 16) what each coefficient is multiplied by."""
-        u = self.directions
+        return self._terms(self.directions)
+
+    def _terms(self, u: Floats) -> Floats:
+        """The same of (N, 3) direction cosines."""
         change = np.gradient(u, self.time, axis=0)
         (first, second), (across, along) = _places(INDUCED), _places(EDDY)
         products = np.hstack([u[:, first] * u[:, second], u[:, across] * change[:, along]])
@@ -149,17 +152,28 @@ class Signal:
 
     def interference(self, coefficients: Floats) -> Floats:
         """(N,) nT that coefficients make of the aircraft: how much shorter the field is without its own."""
-        permanent, induced, eddy = as_matrices(coefficients)
-        u, total = self.directions, 1000.0 * self.strength[:, np.newaxis]
-        scale = self.strength[:, np.newaxis] / NORMAL_FIELD
-        aircraft = permanent + scale * (u @ induced.T + np.gradient(u, self.time, axis=0) @ eddy.T)
-        shorter: Floats = total[:, 0] - np.linalg.norm(total * u - aircraft, axis=1)
-        return shorter
+        linear: Floats = self.terms() @ coefficients
+        return linear + self.second_order(coefficients)
 
     def second_order(self, coefficients: Floats) -> Floats:
-        """(N,) nT of it that is not linear: minus the square of the aircraft's field across the earth's, over 2 B."""
-        linear: Floats = self.terms() @ coefficients
-        return self.interference(coefficients) - linear
+        """(N,) nT of it that is not linear.
+
+        The field of the aircraft across the earth's lengthens that by its square over 2 B, and eddy currents follow
+        the field of the earth alone, which changes otherwise than the sum of both.
+        """
+        unit = self.directions / np.linalg.norm(self.directions, axis=1, keepdims=True)
+        total = 1000.0 * self.strength[:, np.newaxis]
+        first = total * unit - self._aircraft(coefficients, unit, np.gradient(unit, self.time, axis=0))
+        change = np.gradient(first, self.time, axis=0) / total
+        earth = total * unit - self._aircraft(coefficients, unit, change)
+        shorter: Floats = total[:, 0] - np.linalg.norm(earth, axis=1)
+        return shorter - self._terms(unit) @ coefficients
+
+    def _aircraft(self, coefficients: Floats, unit: Floats, change: Floats) -> Floats:
+        """(N, 3) nT of the aircraft in a field along (N, 3) unit vectors, with (N, 3) change of these in a second."""
+        permanent, induced, eddy = as_matrices(coefficients)
+        field: Floats = permanent + self.strength[:, np.newaxis] / NORMAL_FIELD * (unit @ induced.T + change @ eddy.T)
+        return field
 
     def filtered(self, columns: Floats) -> Floats:
         """(M, ...) cosines within the band of (N, ...) columns, each without its straight line."""

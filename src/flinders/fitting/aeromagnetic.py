@@ -19,15 +19,14 @@ from msgspec import Struct
 
 from flinders.core.calibration_file import Count, NotNegative, gaps, lay_out, understood
 from flinders.core.files import read_bytes
-from flinders.core.samples import Samples
+from flinders.core.samples import in_memory
 from flinders.errors import DocumentError, UsageError
-from flinders.estimators.data import concatenated, recording_of
+from flinders.estimators.data import recording_of
 from flinders.estimators.tolles_lawson import TollesLawson, fitted
 from flinders.estimators.tolles_lawson_terms import NAMES
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
-    from flinders.core.samples import Recording
     from flinders.fitting.calibrate import AnyReadings
 
 LARGEST: Final = 2**20
@@ -100,12 +99,7 @@ def tolles_lawson(source: AnyReadings) -> TollesLawson:
     recording, _ = recording_of(source)
     if isinstance(recording, Summary):
         raise UsageError("a compensation needs readings: give the recording, not its summary")
-    return fitted(whole(recording))
-
-
-def whole(recording: Recording) -> Samples:
-    """All readings of a recording in memory."""
-    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    return fitted(in_memory(recording))
 
 
 def as_dict(fit: TollesLawson) -> dict[str, Any]:

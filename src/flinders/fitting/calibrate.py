@@ -18,7 +18,7 @@ import numpy as np
 from flinders.core.axes import Axes
 from flinders.core.calibration import AS_RECORDED, UNSTATED, Calibration
 from flinders.core.geomag import ASSUMED_DIP_DEG
-from flinders.core.samples import Samples, frame_of
+from flinders.core.samples import Samples, frame_of, in_memory
 from flinders.core.units import Unit
 from flinders.diagnostics.instruments import UPRIGHT, vertical_error_deg
 from flinders.diagnostics.systematic import drift_in, drift_of, lag_in, nonlinearity_in
@@ -26,7 +26,7 @@ from flinders.diagnostics.unmoved import require_moved, was_turned
 from flinders.errors import UsageError
 from flinders.estimators import Readings, method_of, within_range
 from flinders.estimators.auto import Auto, hides_plane
-from flinders.estimators.data import concatenated, recording_of
+from flinders.estimators.data import recording_of
 from flinders.estimators.level import Level, turned_level
 from flinders.estimators.likelihood import estimated
 from flinders.fitting.aiding import AUTO, Aiding, AidingSensor
@@ -39,7 +39,6 @@ from flinders.heading.error_propagation import HeadingError, alignment_error_deg
 from flinders.likelihood.dip import ACCELERATION_SIGMA, GAIN_SIGMA
 from flinders.likelihood.gyro import SCALE_SIGMA
 from flinders.likelihood.prior import SPREAD
-from flinders.likelihood.site_field import judged_dip
 from flinders.summary.coverage import Coverage, RecordCoverage
 from flinders.summary.summary import Statistics, Summary, is_flat
 
@@ -127,6 +126,17 @@ class Request:
     def likelihood(self) -> Auto:
         """The estimator that claims of others are compared with."""
         return Auto(self.prior, dip_deg=self.dip_deg)
+
+
+def judged_dip(dip_deg: float | None, site: Site | None) -> tuple[float, bool]:
+    """Dip that headings are judged at, and whether it is assumed: as given, else that of the site, else 60°.
+
+    >>> from flinders.likelihood.site_field import Site
+    >>> judged_dip(None, Site(inclination_deg=-66.0)), judged_dip(None, None)
+    ((-66.0, False), (60.0, True))
+    """
+    known = site.inclination_deg if dip_deg is None and site is not None else dip_deg
+    return (ASSUMED_DIP_DEG, True) if known is None else (known, False)
 
 
 class _Frame(NamedTuple):
@@ -509,7 +519,7 @@ def _aided(readings: Readings, request: Request) -> tuple[Estimate | None, Aidin
     if readings.recording is None:
         raise UsageError("aids need what was recorded beside the readings: give the recording, not its summary")
     recording = readings.recording
-    samples = recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    samples = in_memory(recording)
     if len(samples) >= Level.unknowns and turned_level(samples.field):
         return None, _of_no_use(samples, request.aiding)
     from flinders.fitting.aid_selection import aided_by
@@ -651,9 +661,9 @@ def _tilt_error_deg(estimate: Estimate, calibration: Calibration, evidence: _Evi
     """What the vertical of the accelerometer adds to a heading; NaN in a plane, and where a fit corrects it."""
     samples, aiding = evidence.readings.recording, evidence.aiding
     is_corrected = aiding is not None and any(sensor.kept and sensor.name in UPRIGHT for sensor in aiding.each)
-    if estimate.plane or is_corrected or not isinstance(samples, Samples):
+    if estimate.plane or is_corrected or not isinstance(samples, Samples) or samples.acceleration is None:
         return math.nan
-    return vertical_error_deg(samples, calibration, estimate)
+    return vertical_error_deg(samples.field, samples.acceleration, calibration, estimate)
 
 
 def _independent(estimate: Estimate, statistics: Statistics, repetition: float) -> float:

@@ -25,10 +25,9 @@ import numpy as np
 from flinders.arrays import runs
 from flinders.core.compensation import compensated
 from flinders.core.disturbance import KINDS, MOTORS, motor
-from flinders.core.samples import Samples, singles
+from flinders.core.samples import Samples, in_memory, singles
 from flinders.diagnostics.hold_out import folds
 from flinders.errors import FitError, InputError, figures
-from flinders.estimators.data import concatenated
 from flinders.estimators.disturbance import driving_of
 from flinders.estimators.regressors import Logged
 from flinders.estimators.static_bench import still
@@ -72,7 +71,7 @@ def earned(
     dip_deg : float
         Inclination at which headings are compared.
     """
-    parts = [samples for part in singles(source) if len(samples := _in_memory(part))]
+    parts = [samples for part in singles(source) if len(samples := in_memory(part))]
     recorded = _of_all(parts)
     kept: tuple[str, ...] = ()
     reports = []
@@ -170,11 +169,6 @@ def hold_out_residuals(
 def _runs(part: Samples, rows: NDArray[np.bool_]) -> list[Samples]:
     """The stretches of a recording that some rows make."""
     return [part[run] for run in runs(rows)]
-
-
-def _in_memory(part: Recording) -> Samples:
-    """One recording as it is, or put together of its blocks."""
-    return part if isinstance(part, Samples) else concatenated(list(part.blocks()), part)
 
 
 def _has(part: Samples, name: str) -> bool:

@@ -24,8 +24,8 @@ from flinders.errors import NotExportable, UsageError
 from flinders.geometry.ellipsoid import gathered
 from flinders.geometry.sphere import fibonacci
 from flinders.targets import ExportOptions, mounting_table
-from flinders.targets._gates import SIGMAS, TILT_DEG, Gates
 from flinders.targets._mounting import euler
+from flinders.targets._target import SIGMAS, TILT_DEG, Gates
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from flinders.targets import Export, Target
     from flinders.targets._mounting import Angles
 
-DIRECTIONS: Final = 400
-"""In which the error of a reading is looked at, for the limits of a disturbed one."""
+DIRECTIONS: Final = fibonacci(400)
+"""(N, 3) in which the error of a reading is looked at, for the limits of a disturbed one."""
 
 
 def export_fit(
@@ -179,8 +179,7 @@ def gates_of(fit: Fit) -> Gates | None:
     if not math.isfinite(fit.noise) or not fit.covariance.any():
         return None
     errors = _errors(fit)
-    directions = fibonacci(DIRECTIONS)
-    along = np.einsum("ni,nij,nj->n", directions, errors, directions)
+    along = np.einsum("ni,nij,nj->n", DIRECTIONS, errors, DIRECTIONS)
     strength = SIGMAS * fit.calibration.field_strength * float(np.sqrt(along.max()))
     if not strength < fit.calibration.field_strength:
         return None
@@ -195,8 +194,8 @@ def gates_of(fit: Fit) -> Gates | None:
 def _errors(fit: Fit) -> Floats:
     """(N, 3, 3) M of directions all over."""
     ellipsoid = fit.calibration.ellipsoid
-    inverse, directions = np.linalg.inv(ellipsoid.shape), fibonacci(DIRECTIONS)
-    rows = np.stack([gathered(np.tile(row, (DIRECTIONS, 1)).T, directions.T) for row in inverse], axis=1)
+    inverse = np.linalg.inv(ellipsoid.shape)
+    rows = np.stack([gathered(np.tile(row, (len(DIRECTIONS), 1)).T, DIRECTIONS.T) for row in inverse], axis=1)
     carried: Floats = rows @ np.asarray(fit.covariance) @ np.swapaxes(rows, 1, 2)
     return carried + fit.noise**2 * inverse @ inverse.T
 

@@ -34,17 +34,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.core.samples import Samples, frame_of
+from flinders.core.samples import Samples, frame_of, in_memory
 from flinders.diagnostics.soft_iron import Posterior, Refreshed, by_chance, changeable
 from flinders.errors import AxesError, TooFewSamples, UnitError, Unmoved, UsageError
-from flinders.estimators.data import concatenated, recording_of
+from flinders.estimators.data import recording_of
 from flinders.findings import limit_of
 from flinders.fitting.aid_selection import aided_by
-from flinders.fitting.calibrate import judged_as
+from flinders.fitting.calibrate import judged_as, judged_dip
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.heading.error_propagation import raw_error
 from flinders.likelihood.prior import KnownShape
-from flinders.likelihood.site_field import judged_dip
 from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
@@ -234,7 +233,7 @@ def samples_of(source: AnyReadings, previous: Fit) -> Samples:
             f"{recording.source} has axes {ours[0]} of the {ours[1]}, {previous.name} has {theirs[0]} of the "
             f"{theirs[1]}: read it as the recording of the calibration"
         )
-    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
+    return in_memory(recording)
 
 
 def strength_of(calibration: Calibration, site: Site | None) -> float | None:

@@ -35,7 +35,7 @@ from flinders.core.notebook import SIGNS, correction, refusal
 from flinders.core.units import label
 from flinders.deprecation import renamed_attribute, warn
 from flinders.errors import ArrayError, DocumentError, FitError, counted, figures
-from flinders.findings import VERDICTS, Finding, Verdict, current, first_causes, in_python
+from flinders.findings import RENAMED, VERDICTS, Finding, Verdict, first_causes, in_python
 from flinders.findings.fit import Z_ELSEWHERE, Z_OPEN
 from flinders.findings.row import ANY_ANGLE_DEG, stated
 from flinders.fitting.aiding import Aiding
@@ -720,7 +720,7 @@ def _finding(record: FindingRecord) -> Finding:
     """A finding of a file, by its code of today."""
     number, limit = (math.nan if value is None else value for value in (record.number, record.limit))
     severity = record.severity if record.severity in ("note", "limits", "refuses") else "note"
-    return Finding(current(record.code), cast("Severity", severity), number, limit, record.advice)
+    return Finding(RENAMED.get(record.code, record.code), cast("Severity", severity), number, limit, record.advice)
 
 
 def _plane(method: str) -> Plane:

@@ -38,8 +38,8 @@ from flinders.fitting.result import Outcome
 from flinders.geometry.rotation import lengths
 from flinders.heading.axis_consistency import WANDERS
 from flinders.heading.pointing_error import angle_gradients, next_directions, pointing_errors
-from flinders.likelihood.pointing import Influence, SurveyProblem, begin
-from flinders.likelihood.solver import Equations, levenberg_marquardt
+from flinders.likelihood.pointing import Influence, SurveyProblem, begin, finest
+from flinders.likelihood.solver import levenberg_marquardt
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -156,6 +156,7 @@ class SurveyFit(Outcome):
             "magnetometer": self.calibration.magnetometer.as_dict(),
             "accelerometer": self.calibration.accelerometer.as_dict(),
             "pointing": self.calibration.pointing,
+            "quadratic": list(self.calibration.quadratic),
             "shots": self.shots.as_dict(),
             "next_directions": [direction._asdict() for direction in self.next_directions],
             "findings": [finding.as_dict() for finding in self.findings],
@@ -169,7 +170,7 @@ class SurveyFit(Outcome):
         )
 
 
-def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
+def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG, non_linear: bool = False) -> SurveyFit:
     """Calibrate a survey instrument.
 
     Minimises Σ |m − b − S Rᵀ Cᵀ f|²/σ_m² + |g − b' − S' Cᵀ e|²/σ_g² + |t − C p|²/σ_a² over both sensors, dip, pointing
@@ -181,6 +182,8 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
         Without groups, shots that point within 20° of the one before are taken to be in the same direction.
     target_deg : float, optional
         The worst error of azimuth and inclination that is good.
+    non_linear : bool
+        Fit a quadratic term of each axis of the accelerometer too: g + q g² stands for g.
 
     Raises
     ------
@@ -188,7 +191,7 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
         For fewer than 12 shots or more than 500, axes of the sensors that do not fit each other, shots of which no two
         are in the same direction, and shots that were rolled about another axis than the laser's.
 
-    Source: B. Heeb, CREG Journal 73 (2009), for the model.
+    Source: B. Heeb, CREG Journal 73 (2009), for the model; CalibAlgoBH.java of TopoDroid for the quadratic terms.
     """
     _refuse_count(len(shots))
     forward = FORWARD_RIGHT_DOWN[shots.pointing]
@@ -196,11 +199,12 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
     start = _begun(magnetic, gravity)
     groups = _apart(start.attitudes @ start.pointing) if shots.groups is None else shots.groups
     _refuse_unrolled(groups)
-    problem, iterate, left_out = _without_contradicting(magnetic, gravity, groups)
+    problem, iterate, left_out = _without_contradicting(magnetic, gravity, groups, is_quadratic=non_linear)
     _refuse_other_axis(iterate.at, shots.pointing)
     calibration = _calibration(iterate.at, shots)
     covariance = _covariance(problem, iterate)
-    azimuth, inclination = pointing_errors(angle_gradients(iterate.at), covariance)
+    curve = problem.layout.gravity
+    azimuth, inclination = pointing_errors(angle_gradients(iterate.at, curve), covariance)
     errors = ShotErrors.of(calibration, shots, groups, left_out)
     noise, gravity_noise, aim = iterate.weights.tolist()
     return SurveyFit(
@@ -213,7 +217,7 @@ def fit_survey(shots: Shots, *, target_deg: float = TARGET_DEG) -> SurveyFit:
         float(np.degrees(aim)),
         float(np.degrees(iterate.at.dip)),
         target_deg,
-        next_directions(iterate.at, covariance, iterate.weights),
+        next_directions(iterate.at, covariance, iterate.weights, gravity=curve),
         _findings(errors, azimuth, inclination, target_deg),
     )
 
@@ -291,13 +295,13 @@ def _refuse_other_axis(at: SurveyParameters, pointing: str) -> None:
 
 
 def _without_contradicting(
-    magnetic: Floats, gravity: Floats, groups: NDArray[np.intp]
+    magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool
 ) -> tuple[SurveyProblem, SurveyIterate, NDArray[np.bool_]]:
     """Fit, and again without the shot that contradicts the others most, until none does."""
     left_out = np.zeros(len(groups), bool)
     while True:
         counts = np.flatnonzero(~left_out)
-        problem = SurveyProblem.of(magnetic[counts], gravity[counts], groups[counts])
+        problem = SurveyProblem.of(magnetic[counts], gravity[counts], groups[counts], is_quadratic=is_quadratic)
         iterate = levenberg_marquardt(problem, problem.initial(begin(magnetic[counts], gravity[counts])))
         contradiction = Influence.of(problem, iterate).contradiction
         worst = int(np.argmax(contradiction))
@@ -308,11 +312,14 @@ def _without_contradicting(
 
 
 def _covariance(problem: SurveyProblem, iterate: SurveyIterate) -> Floats:
-    """(24, 24) of the instrument's parameters."""
-    whole = np.linalg.inv(Equations.of(problem, iterate).whole.matrix)
-    freedom = float(Influence.of(problem, iterate).freedom.sum())
-    covariance: Floats = whole[problem.layout.instrument, problem.layout.instrument] * widening_by_few(freedom)
-    return covariance
+    """(24, 24) of the instrument's parameters, with quadratic terms (27, 27).
+
+    Each kind of residual is widened for its own few, unless its standard deviation is the least there is.
+    """
+    influence, own = Influence.of(problem, iterate), problem.layout.instrument
+    is_least = iterate.weights <= finest(iterate.at)
+    factors = np.where(is_least, 1.0, [widening_by_few(freedom) for freedom in influence.freedom.tolist()])
+    return influence.covariance(factors)[own, own]
 
 
 def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
@@ -327,6 +334,7 @@ def _calibration(at: SurveyParameters, shots: Shots) -> SurveyCalibration:
         of(at.magnetometer, shots.unit, shots.axes),
         of(at.accelerometer, UNSTATED, shots.acceleration_axes),
         shots.pointing,
+        (*(forward.T @ at.quadratic).tolist(),),
     )
 
 

@@ -13,6 +13,7 @@ A record holds the quantities that rules compare and sentences state; `flinders.
 from __future__ import annotations
 
 import math
+import sys
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
@@ -265,7 +266,7 @@ def _why_biased(result: Fit) -> str:
 
 def _inflation(fit: Fit, extent: float) -> float:
     """How many times as wide as its readings the surface is: much, where a small patch of them leaves it open."""
-    return 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(extent, np.finfo(float).tiny)
+    return 2.0 * float(fit.ellipsoid.semi_axes[2]) / max(extent, sys.float_info.min)
 
 
 def _changes(fit: Fit) -> dict[str, float]:
@@ -337,7 +338,7 @@ def _lasting(fit: Fit, statistics: Statistics) -> dict[str, float]:
 
 def unlike_correlation(next_correlation: Any, repeated: Any) -> Any:  # noqa: ANN401 - numbers, or columns of them
     """Correlation of a residual with that of the next different reading, where a share repeats the one before."""
-    return np.maximum(next_correlation - repeated, 0.0) / np.maximum(1.0 - repeated, np.finfo(float).eps)
+    return np.maximum(next_correlation - repeated, 0.0) / np.maximum(1.0 - repeated, sys.float_info.epsilon)
 
 
 def _alternation(fit: Fit) -> dict[str, float]:
@@ -518,7 +519,7 @@ def calibration_record(corrected: Corrected) -> Record:
             "nothing": 0.0,
         },
         axes=lambda: str(correction.axes),
-        length=lambda: f"{figures(correction.field_strength, 4)} {label(correction.unit)}",
+        length=f"{figures(correction.field_strength, 4)} {label(correction.unit)}",
     )
 
 

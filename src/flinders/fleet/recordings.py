@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
+from flinders.core.samples import concatenated
 from flinders.errors import UnitError, counted
-from flinders.estimators.data import concatenated
 from flinders.fitting.batch import Lined
 from flinders.fleet.dataset import HALF, Interner, KeyColumns, KeyedTable, Runs, batch_in, counts_of, extents_of, opened
 from flinders.fleet.results import UnitResult, one_line

@@ -46,7 +46,9 @@ RECOUNT_S: Final = 5.0
 LOGGERS: Final = ("distributed", "distributed.client", "tornado", "tornado.application")
 """Loggers of Dask, with handlers of their own."""
 ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""Environment of a worker: its matrices are small, and the other cores have workers of their own."""
+"""Variables of a worker's threads: its matrices are small, and the other cores have workers of their own."""
+KEPT_MEMORY: Final = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_": str(1 << 26)}
+"""Bytes up to which glibc keeps freed memory for the next partition: asking again takes a tenth of the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +110,7 @@ class _Worker:
 
     def __init__(self) -> None:
         """Start the process."""
-        with _environment(dict.fromkeys(ONE_THREAD, "1")), _interrupts_blocked():
+        with _environment(dict.fromkeys(ONE_THREAD, "1") | KEPT_MEMORY), _interrupts_blocked():
             self.executor = ProcessPoolExecutor(1, _context(), _prepare)
             self._pid = self.executor.submit(os.getpid)
 

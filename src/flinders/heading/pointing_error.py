@@ -56,15 +56,29 @@ def read_at(at: SurveyParameters, attitudes: Floats) -> tuple[Floats, Floats]:
     """(N, 3) readings of field and gravity without noise, in (N, 3, 3) attitudes of the accelerometer's axes."""
     back = np.swapaxes(attitudes, 1, 2)
     magnetic = at.magnetometer.offset + back @ at.field @ at.magnetometer.ellipsoid_like.T
-    return magnetic, at.accelerometer.offset + back @ DOWN @ at.accelerometer.shape
+    return magnetic, curved(at.accelerometer.offset + back @ DOWN @ at.accelerometer.shape, at.quadratic)
 
 
-def angle_gradients(at: SurveyParameters) -> Floats:
-    """(2, M, 24) derivatives of azimuth and inclination in rad by the parameters, in M poses."""
+def curved(straight: Floats, quadratic: Floats) -> Floats:
+    """(..., 3) readings g of a curved accelerometer, of (..., 3) g + q g².
+
+    >>> g = curved(np.array([-1.0, 0.0, 1.0]), np.array([0.04, 0.04, -0.04]))
+    >>> (g + np.array([0.04, 0.04, -0.04]) * g**2).round(12)
+    array([-1.,  0.,  1.])
+    """
+    readings: Floats = 2.0 * straight / (1.0 + np.sqrt(1.0 + 4.0 * quadratic * straight))
+    return readings
+
+
+def angle_gradients(at: SurveyParameters, gravity: float = 0.0) -> Floats:
+    """(2, M, P) derivatives of azimuth and inclination in rad by the parameters, in M poses.
+
+    P is 24, with quadratic terms 27; `gravity` is what `SurveyLayout` has then.
+    """
     grid = np.meshgrid(AZIMUTHS_DEG, INCLINATIONS_DEG, ROLLS_DEG, indexing="ij")
     readings = read_at(at, posed(*(axis.ravel() for axis in grid)) @ at.to_instrument)
-    here, layout, bare = at.angles(*readings), SurveyLayout(0), at.without_attitudes
-    sizes = np.repeat([at.magnetometer.radius, 1.0, at.accelerometer.radius, 1.0], [9, 3, 9, 3])
+    here, layout, bare = at.angles(*readings), SurveyLayout(0, gravity), at.without_attitudes
+    sizes = np.repeat([at.magnetometer.radius, 1.0, at.accelerometer.radius, 1.0], [9, 3, 9, layout.size - 21])
     moved = [bare.moved(step, layout).angles(*readings) for step in np.diag(STEP * sizes)]
     change = np.stack(moved, axis=-1) - here[..., np.newaxis]
     gradients: Floats = ((change + np.pi) % (2.0 * np.pi) - np.pi) / (STEP * sizes)
@@ -72,7 +86,7 @@ def angle_gradients(at: SurveyParameters) -> Floats:
 
 
 def pointing_errors(gradients: Floats, covariance: Floats) -> tuple[PointingError, PointingError]:
-    """Errors of azimuth and inclination, of (2, M, 24) gradients and the (24, 24) covariance of the parameters."""
+    """Errors of azimuth and inclination, of (2, M, P) gradients and the (P, P) covariance of the parameters."""
     variances = np.sum(gradients @ covariance * gradients, axis=2)
     sigmas = np.degrees(np.sqrt(variances))
     azimuth, inclination = (PointingError(float(np.sqrt(np.mean(own**2))), float(own.max())) for own in sigmas)
@@ -80,19 +94,21 @@ def pointing_errors(gradients: Floats, covariance: Floats) -> tuple[PointingErro
 
 
 def next_directions(
-    at: SurveyParameters, covariance: Floats, noises: Floats, *, count: int = 3
+    at: SurveyParameters, covariance: Floats, noises: Floats, *, gravity: float = 0.0, count: int = 3
 ) -> tuple[NextDirection, ...]:
     """Choose so many directions of the procedure, one after the other, by the errors to expect after each.
 
     Parameters
     ----------
-    covariance : (24, 24) float
+    covariance : (P, P) float
         Of what there is.
     noises : (3,) float
         Standard deviations of a reading of field and gravity, and of aim.
+    gravity : float
+        As for `angle_gradients`.
     """
-    gradients, information = angle_gradients(at), np.linalg.inv(covariance)
-    added = [_information(at, azimuth, inclination, noises) for azimuth, inclination in PROCEDURE.tolist()]
+    gradients, information = angle_gradients(at, gravity), np.linalg.inv(covariance)
+    added = [_information(at, azimuth, inclination, noises, gravity) for azimuth, inclination in PROCEDURE.tolist()]
     chosen = []
     for _ in range(count):
         errors = [pointing_errors(gradients, np.linalg.inv(information + own)) for own in added]
@@ -102,13 +118,15 @@ def next_directions(
     return tuple(chosen)
 
 
-def _information(at: SurveyParameters, azimuth_deg: float, inclination_deg: float, noises: Floats) -> Floats:
-    """(24, 24) Fisher information that shots in a direction with four rolls add."""
+def _information(
+    at: SurveyParameters, azimuth_deg: float, inclination_deg: float, noises: Floats, gravity: float
+) -> Floats:
+    """(P, P) Fisher information that shots in a direction with four rolls add."""
     angles = np.broadcast_arrays(azimuth_deg, inclination_deg, ROLLS_DEG)
     attitudes = posed(*angles) @ at.to_instrument
     there = at.with_attitudes(attitudes)
     group = ShotGroup.of(*read_at(at, attitudes), np.zeros(len(attitudes), np.intp))
-    layout = SurveyLayout(len(attitudes))
+    layout = SurveyLayout(len(attitudes), gravity)
     matrix = group.linearised(there, group.guess(there), layout, noises).matrix
     own, other = layout.instrument, layout.attitudes
     added: Floats = matrix[own, own] - matrix[own, other] @ np.linalg.solve(matrix[other, other], matrix[other, own])

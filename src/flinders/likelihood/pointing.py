@@ -7,13 +7,15 @@ A shot k of group j has an attitude C_k, from the axes of the instrument to the 
 with the magnetometer's reading m and the accelerometer's g, which points down; the field f = (cos I, 0, sin I) of dip I
 and e = (0, 0, 1); the pointing axis p, a unit vector in the accelerometer's axes; and the direction t_j that all shots
 of group j were aimed at, however they were rolled. Each kind of residual has a standard deviation of its own: noise of
-both sensors and the error of aiming. Directions t_j are eliminated (`flinders.likelihood.observations`), and attitudes
-are parameters beside gains, axes and offsets of both sensors: 24 and three for each shot.
+both sensors and the error of aiming. An accelerometer may be curved: for g_k stands g_k + q g_k², axis by axis, whose
+noise is taken as that of g_k. Directions t_j are eliminated (`flinders.likelihood.observations`), and attitudes
+are parameters beside gains, axes and offsets of both sensors: 24, with q 27, and three for each shot.
 
 The standard deviations follow from residuals and the trace of the hat matrix of each kind (W. Förstner 1979).
 
 Source: B. Heeb, *A General Calibration Algorithm for 3-Axis Compass/Clinometer Devices*, CREG Journal 73 (2009), for
 groups of shots rolled about the pointing axis; he alternates between vectors and matrices, here all are found at once.
+For the quadratic terms CalibAlgoBH.java of TopoDroid, after his second algorithm.
 
 >>> SurveyLayout(shots=56).size
 192
@@ -21,6 +23,7 @@ groups of shots rolled about the pointing axis; he alternates between vectors an
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final, Self, TypeAlias
 
@@ -51,6 +54,9 @@ FORWARD, DOWN = np.eye(3)[0], np.eye(3)[2]
 GAIN_SPREAD: Final = 0.1
 """Prior standard deviation of gains and of axes from square, of sensors without soft iron."""
 
+QUADRATIC_SPREAD: Final = 0.05
+"""Prior standard deviation of q times gravity; the DistoX stores 0.045 at most."""
+
 FINEST_AIM: Final = 2e-4
 """rad: nobody aims better by hand."""
 
@@ -74,21 +80,41 @@ class SurveyLayout:
     """Columns of the Jacobian for so many shots."""
 
     shots: int
+    gravity: float = 0.0  # size of the accelerometer's readings, by which q is scaled; 0 without quadratic terms
     magnetometer: ClassVar[slice] = slice(0, 12)
     accelerometer: ClassVar[slice] = slice(12, 21)
     dip: ClassVar[slice] = slice(21, 22)
     pointing: ClassVar[slice] = slice(22, 24)
-    instrument: ClassVar[slice] = slice(0, 24)
+
+    @property
+    def is_quadratic(self) -> bool:
+        """The accelerometer may be curved."""
+        return self.gravity > 0.0
+
+    @property
+    def _own(self) -> int:
+        """How many the instrument has."""
+        return 27 if self.is_quadratic else 24
+
+    @property
+    def quadratic(self) -> slice:
+        """Those of q, times `gravity`."""
+        return slice(24, self._own)
+
+    @property
+    def instrument(self) -> slice:
+        """All but the attitudes."""
+        return slice(0, self._own)
 
     @property
     def attitudes(self) -> slice:
         """Three for each shot."""
-        return slice(24, self.size)
+        return slice(self._own, self.size)
 
     @property
     def size(self) -> int:
         """Of all parameters."""
-        return 24 + 3 * self.shots
+        return self._own + 3 * self.shots
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +127,8 @@ class SurveyParameters:
     dip: float  # rad
     pointing: Floats  # (3,): p, in the accelerometer's axes
     attitudes: Floats  # (N, 3, 3): from the accelerometer's axes to north, east and down
+    # (3,): q, one over the unit of the accelerometer
+    quadratic: Floats = dataclasses.field(default_factory=lambda: np.zeros(3))
 
     @property
     def field(self) -> Floats:
@@ -130,6 +158,7 @@ class SurveyParameters:
             self.dip + float(step[layout.dip][0]),
             on_the_sphere(self.pointing, step[layout.pointing]),
             turned @ self.attitudes if len(turned) else self.attitudes,
+            self.quadratic + step[layout.quadratic] / layout.gravity if layout.is_quadratic else self.quadratic,
         )
 
     def relative(self, step: Floats, layout: SurveyLayout) -> float:
@@ -141,9 +170,13 @@ class SurveyParameters:
             float(np.abs(step[layout.dip.start :]).max()),
         )
 
+    def straightened(self, gravity: Floats) -> Floats:
+        """(..., 3) readings of the accelerometer without its curve."""
+        return gravity + self.quadratic * gravity**2
+
     def corrected(self, magnetic: Floats, gravity: Floats) -> tuple[Floats, Floats]:
         """Directions of field and gravity, about unit vectors in the accelerometer's axes, of (..., 3) readings."""
-        pairs = ((magnetic, self.magnetometer), (gravity, self.accelerometer))
+        pairs = ((magnetic, self.magnetometer), (self.straightened(gravity), self.accelerometer))
         field, down = ((reading - own.offset) @ np.linalg.inv(own.ellipsoid_like).T for reading, own in pairs)
         return field, down
 
@@ -205,7 +238,7 @@ class ShotGroup:
         """(W, 9, n) in standard deviations: of field, gravity and aim."""
         back = np.swapaxes(at.attitudes[self.shots], 2, 3)
         field = self.magnetic - at.magnetometer.offset - back @ at.field @ at.magnetometer.ellipsoid_like.T
-        gravity = self.gravity - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
+        gravity = at.straightened(self.gravity) - at.accelerometer.offset - back @ DOWN @ at.accelerometer.shape
         aim = directions[:, np.newaxis] - self.aimed(at)
         left = np.concatenate([field, gravity, aim], axis=2) * np.sqrt(self.weight)[..., np.newaxis]
         return np.swapaxes(left / np.repeat(noises, 3), 1, 2)
@@ -249,6 +282,10 @@ class ShotGroup:
             jacobian[:, first : first + 3, :, place] = jacobian_of(group, own, back @ world, columns, Weights(1.0))
             turned = own.ellipsoid_like @ back @ cross_matrices(world)
             turning[:, first : first + 3] = np.swapaxes(turned, 1, 2)
+        if layout.is_quadratic:
+            jacobian[:, 3:6, :, layout.quadratic] = -np.einsum(
+                "wni,ij->winj", self.gravity**2 / layout.gravity, np.eye(3)
+            )
         steeper = back @ [-at.field[2], 0.0, at.field[0]] @ at.magnetometer.ellipsoid_like.T
         jacobian[:, :3, :, layout.dip.start] = np.swapaxes(steeper, 1, 2)
 
@@ -267,10 +304,11 @@ class SurveyProblem:
     settled: ClassVar[float] = SETTLED
 
     @classmethod
-    def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp]) -> Self:
+    def of(cls, magnetic: Floats, gravity: Floats, groups: NDArray[np.intp], *, is_quadratic: bool = False) -> Self:
         """Of (N, 3) readings of field and gravity, forward, right and down but for errors, and (N,) groups."""
         of_field, of_gravity = (SensorPrior.of(readings, GAIN_SPREAD, np.eye(3)) for readings in (magnetic, gravity))
-        return cls(ShotGroup.of(magnetic, gravity, groups), SurveyLayout(len(magnetic)), (of_field, of_gravity))
+        layout = SurveyLayout(len(magnetic), sphere(gravity)[1] if is_quadratic else 0.0)
+        return cls(ShotGroup.of(magnetic, gravity, groups), layout, (of_field, of_gravity))
 
     def initial(self, at: SurveyParameters) -> SurveyIterate:
         """Where to begin, with standard deviations that are larger than those to be found."""
@@ -285,15 +323,22 @@ class SurveyProblem:
         whole += self.priors[1].equations(at.accelerometer, ACCELEROMETER).placed(layout.accelerometer, size)
         left = across(at.pointing).T @ (FORWARD - at.pointing) / ROTATION_SIGMA
         own = NormalEquations(np.eye(2) / ROTATION_SIGMA**2, left / ROTATION_SIGMA, float(left @ left), 0)
-        return whole + own.placed(layout.pointing, size)
+        whole += own.placed(layout.pointing, size)
+        if layout.is_quadratic:
+            curve = layout.gravity * at.quadratic / QUADRATIC_SPREAD
+            own = NormalEquations(np.eye(3) / QUADRATIC_SPREAD**2, -curve / QUADRATIC_SPREAD, float(curve @ curve), 0)
+            whole += own.placed(layout.quadratic, size)
+        return whole
 
     def reweighed(self, iterate: SurveyIterate, _: Equations) -> SurveyIterate:
         """Each kind of residual weighed by the standard deviation that it shows."""
         influence = Influence.of(self, iterate)
-        least = np.array(
-            [iterate.at.magnetometer.radius * FINEST, iterate.at.accelerometer.radius * FINEST, FINEST_AIM]
-        )
-        return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, least))
+        return replace(iterate, weights=np.maximum(iterate.weights * influence.factors, finest(iterate.at)))
+
+
+def finest(at: SurveyParameters) -> Floats:
+    """(3,) least standard deviation of each kind of residual."""
+    return np.array([at.magnetometer.radius * FINEST, at.accelerometer.radius * FINEST, FINEST_AIM])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -302,6 +347,8 @@ class Influence:
 
     residual: Floats  # (N, 9): of each shot, in standard deviations
     hat: Floats  # (N, 9, 9): block of each shot
+    jacobian: Floats  # (N, 9, Q): by all parameters and directions
+    inverse: Floats  # (Q, Q): of the normal matrix
 
     @classmethod
     def of(cls, problem: SurveyProblem, iterate: SurveyIterate) -> Self:
@@ -315,8 +362,16 @@ class Influence:
         flat = jacobian.reshape(-1, whole.shape[3])
         matrix = flat.T @ flat
         matrix[:size, :size] += problem.prior_equations(iterate.at).matrix
-        hat = (flat @ _inverse(matrix)).reshape(jacobian.shape) @ np.swapaxes(jacobian, 1, 2)
-        return cls(rows.residual.transpose(0, 2, 1)[real][order], hat)
+        inverse = _inverse(matrix)
+        hat = (flat @ inverse).reshape(jacobian.shape) @ np.swapaxes(jacobian, 1, 2)
+        return cls(rows.residual.transpose(0, 2, 1)[real][order], hat, jacobian, inverse)
+
+    def covariance(self, factors: Floats) -> Floats:
+        """(Q, Q) of parameters and directions, the variance of each kind of residual by (3,) factors larger."""
+        flat = self.jacobian.reshape(-1, self.jacobian.shape[2])
+        more = np.tile(np.repeat(factors - 1.0, 3), len(self.jacobian))
+        covariance: Floats = self.inverse + self.inverse @ (flat.T * more) @ flat @ self.inverse
+        return covariance
 
     @property
     def freedom(self) -> Floats:

@@ -27,7 +27,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from flinders.core.geomag import ASSUMED_DIP_DEG, recorded_field
+from flinders.core.geomag import recorded_field
 from flinders.core.units import MICROTESLA
 from flinders.errors import UsageError
 
@@ -79,16 +79,6 @@ class Site:
         """Standard deviation of the sine; at the poles as flat as a degree is round."""
         level = math.cos(math.radians(self.inclination_deg or 0.0))
         return math.radians(self.inclination_sigma_deg) * max(level, math.radians(self.inclination_sigma_deg))
-
-
-def judged_dip(dip_deg: float | None, site: Site | None) -> tuple[float, bool]:
-    """Dip that headings are judged at, and whether it is assumed: as given, else that of the site, else 60°.
-
-    >>> judged_dip(None, Site(inclination_deg=-66.0)), judged_dip(None, None)
-    ((-66.0, False), (60.0, True))
-    """
-    known = site.inclination_deg if dip_deg is None and site is not None else dip_deg
-    return (ASSUMED_DIP_DEG, True) if known is None else (known, False)
 
 
 def recorded_site(recording: object, **more: Any) -> tuple[Site, str] | None:

@@ -145,7 +145,7 @@ def _fit(session: LiveSession, recording: Recording) -> Fit:
     """Fit readings of what is shown, at its site; with the soft iron from before where that is renewed."""
     renewed = session.renewed
     fitted = fit_samples if renewed is None else partial(refresh, previous=renewed)
-    return fitted(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=session.shown.site)
+    return fitted(recording, target_deg=session.target_deg, dip_deg=session.dip_deg, site=session.shown.known_site)
 
 
 def _fitted(session: LiveSession, samples: Samples) -> tuple[Fit | None, str, str]:

@@ -35,7 +35,7 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.samples import Samples
-from flinders.core.units import Unit
+from flinders.core.units import MICROTESLA, Unit
 from flinders.errors import UsageError
 from flinders.fitting.refreshing import refuse_unfit
 from flinders.live.buffer import Exclusions, ReadingBuffer, Span, Timeline, merged
@@ -216,7 +216,7 @@ class Series:
     is_timed : bool
         The times are those of the readings, and not their numbers.
     site : Site, optional
-        What a log states of the field where it was made.
+        What a log states of the field where it was made, or a person by the place.
     """
 
     buffer: ReadingBuffer = field(default_factory=ReadingBuffer.empty)
@@ -233,6 +233,13 @@ class Series:
     within: tuple[float, ...] = ()
     is_timed: bool = True
     site: Site | None = None
+
+    @property
+    def known_site(self) -> Site | None:
+        """The site as far as readings can be compared with it: those in counts have no strength."""
+        if self.site is None or self.unit.inside == MICROTESLA:
+            return self.site
+        return replace(self.site, strength=None)
 
     @property
     def advice_frame(self) -> Frame:
@@ -420,17 +427,20 @@ def _refreshing(session: LiveSession, *, refresh: bool) -> Stepped:
 
 
 def _placed(session: LiveSession, place: SetPlace) -> Stepped:
-    """Take the dip of a place, and no longer that of the log; `UsageError` where there is none or no heading."""
+    """Take dip and strength of a place in place of the log's; `UsageError` where there is none or no heading."""
     from flinders.core.geomag import site_field
+    from flinders.likelihood.site_field import Site
 
-    site = site_field(place.latitude_deg, place.longitude_deg, year=place.year)
-    dip_deg = round(site.inclination_deg, 1)
+    field = site_field(place.latitude_deg, place.longitude_deg, year=place.year)
+    dip_deg = round(field.inclination_deg, 1)
     if abs(dip_deg) > LARGEST_DIP_DEG:
         raise UsageError(f"the dip there is {dip_deg:g}°: no compass works where it is beyond {LARGEST_DIP_DEG:g}°")
-    if session.shown.site is not None:
-        session = _refit(_with_shown(session, replace(session.shown, site=None)))
+    session = _refit(_with_shown(session, replace(session.shown, site=Site.of(field), within=())))
     session, _ = _with_goal(session, dip_deg=dip_deg)
-    words = f"the dip at {place.latitude_deg:g}°, {place.longitude_deg:g}° is {dip_deg:g}° ({site.model})"
+    words = (
+        f"the dip at {place.latitude_deg:g}°, {place.longitude_deg:g}° is {dip_deg:g}°, the strength of the field "
+        f"{field.strength:.1f} µT ({field.model})"
+    )
     return session, [Notice("info", words)]
 
 

@@ -120,7 +120,7 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     real matrix[PARAMETERS * PARAMETERS], information[PARAMETERS * PARAMETERS], inverse[PARAMETERS * PARAMETERS];
     real covariance[PARAMETERS * PARAMETERS], products[(PARAMETERS + 1) * (PARAMETERS + 1)];
     real gradient[PARAMETERS], solution[PARAMETERS], onto[CHANGES * CHANGES], change[CHANGES], spread[CHANGES * CHANGES];
-    real square = 0, rms, moved[81] = {0};
+    real square = 0, moved[9] = {0};
     fl_gather_evenly(kernels, view, surface, room, 0, PARAMETERS, &left);
     if (left.n == 0) return;
     for (size_t i = 0; i < left.n; i++) {
@@ -147,7 +147,6 @@ void fl_drift(const fl_kernels *kernels, const fl_view *view, const fl_surface *
     record->drift_by_chance = fl_chance_of(square, (real)freedom, independent);
     record->drift_strength = change[3];
     memcpy(record->drift_offset, change, sizeof record->drift_offset);
-    for (int a = 0; a < 3; a++)
-        for (int b = 0; b < 3; b++) moved[9 * a + b] = change[a] * change[b];
-    fl_level_errors(surface, moved, dip_deg, &rms, &record->drift_deg);
+    memcpy(moved, change, sizeof record->drift_offset);
+    record->drift_deg = fl_level_change(surface, moved, dip_deg);
 }

@@ -59,6 +59,17 @@ void fl_level_errors(const fl_surface *surface, const real covariance[81], real 
     *worst = TO_DEG * fl_sqrt(largest);
 }
 
+/* Error of a level vehicle at the worst heading, without its mean, that a change of the parameters makes. */
+real fl_level_change(const fl_surface *surface, const real change[9], real dip_deg)
+{
+    real rows[9][FL_HEADINGS], errors[FL_HEADINGS] = {0}, worst = 0;
+    fl_level_rows(surface, dip_deg, rows);
+    for (int i = 0; i < 9; i++)
+        for (int k = 0; k < FL_HEADINGS; k++) errors[k] += rows[i][k] * change[i];
+    for (int k = 0; k < FL_HEADINGS; k++) worst = fl_abs(errors[k]) > worst ? fl_abs(errors[k]) : worst;
+    return TO_DEG * worst;
+}
+
 /* Covariance (12, 12) of S⁻¹δb and of the columns of S⁻¹δS: δu is their sum with 1 and u for weights. */
 static void corrected(const fl_surface *surface, const real covariance[81], real out[144])
 {

@@ -59,9 +59,9 @@ enum { FL_LOOKED = 12 * 1024, FL_COLUMNS = 18, FL_STEPS = 50,
        FL_REACH = 1 << 20 }; /* cells on either side of zero */
 
 #ifdef FLINDERS_SMALL /* for a stack of few kilobytes: up to 512 readings, and the nine parameters alone */
-enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_SOME = 512, FL_ENOUGH = 512 };
+enum { FL_BLOCK = 8, FL_LANES = 1, FL_WIDEST = 10, FL_ROW = 12, FL_SOME = 512, FL_ENOUGH = 512 };
 #else
-enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15,
+enum { FL_BLOCK = 64, FL_LANES = 8, FL_WIDEST = 15, FL_ROW = 16, /* the widest, in whole fours */
        FL_SOME = 5000,     /* readings of a longer recording that it is looked at by */
        FL_ENOUGH = 20000 }; /* those of a longer one that a majority is found among; beyond these a fit is iterated on some */
 #endif
@@ -167,6 +167,7 @@ void fl_heading_errors(const fl_surface *surface, flinders_record *record, real 
 enum { FL_HEADINGS = 72 };
 void fl_level_rows(const fl_surface *surface, real dip_deg, real rows[9][FL_HEADINGS]);
 void fl_level_errors(const fl_surface *surface, const real covariance[81], real dip_deg, real *rms, real *worst);
+real fl_level_change(const fl_surface *surface, const real change[9], real dip_deg);
 
 /* likelihood.c */
 typedef struct {

@@ -55,13 +55,13 @@ static inline void add_product(const real *restrict a, const real *restrict b, r
 }
 
 /* Add up lanes in a fixed order: the halves, and the halves of their sums. */
-static real total(const real lanes[FL_LANES])
+static inline real total(const real lanes[FL_LANES])
 {
-    real sums[FL_LANES];
-    memcpy(sums, lanes, sizeof sums);
-    for (int half = FL_LANES / 2; half > 0; half /= 2)
-        for (int lane = 0; lane < half; lane++) sums[lane] += sums[lane + half];
-    return sums[0];
+#ifdef FLINDERS_SMALL
+    return lanes[0];
+#else
+    return ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]));
+#endif
 }
 
 /* Take the rows behind the m-th reading of a block out of all sums. */
@@ -420,12 +420,30 @@ static void gram(const real *rows, size_t n, int columns, real *matrix)
         for (int b = a; b < columns; b++) matrix[columns * a + b] = matrix[columns * b + a] = sums[a][b];
 }
 
+/* Add Σ J(i) A(i)ᵀ over the first columns, four at a time, of m rows of a block: four, or the rest one by one. */
+static inline void add_outer(const real *block, const real *ahead, size_t stride, size_t m, int width,
+                             real sums[FL_WIDEST][FL_ROW])
+{
+    size_t i = 0;
+    for (; i + 4 <= m; i += 4) {
+        const real *const row = block + stride * i, *const later = ahead + stride * i;
+        for (int a = 0; a < width; a++)
+            for (int begin = 0; begin < width; begin += 4)
+                for (int b = begin; b < begin + 4; b++)
+                    sums[a][b] += row[a] * later[b] + row[stride + a] * later[stride + b] +
+                                  row[2 * stride + a] * later[2 * stride + b] + row[3 * stride + a] * later[3 * stride + b];
+    }
+    for (; i < m; i++)
+        for (int a = 0; a < width; a++)
+            for (int b = 0; b < width; b++) sums[a][b] += block[stride * i + a] * ahead[stride * i + b];
+}
+
 /* Add Σ J(i) Aᵀ over the first columns of n consecutive rows (n, stride), A the sum of w J(i + lag) over lags, which
  * ascend, with their weights w. */
 static void lagged(const real *rows, size_t stride, size_t n, int width, const int *lags, const real *weights,
                    int count, real *product)
 {
-    real sums[FL_WIDEST][FL_WIDEST] = {{0}}, ahead[FL_BLOCK * FL_COLUMNS];
+    real sums[FL_WIDEST][FL_ROW] = {{0}}, ahead[FL_BLOCK * FL_COLUMNS];
     const size_t unused = stride - (size_t)width;
     for (size_t begin = 0; begin < n; begin += FL_BLOCK) {
         const size_t m = n - begin < FL_BLOCK ? n - begin : FL_BLOCK;
@@ -436,11 +454,8 @@ static void lagged(const real *rows, size_t stride, size_t n, int width, const i
             const size_t numbers = stride * (left < m ? left : m) - unused;
             for (size_t i = 0; i < numbers; i++) ahead[i] += weights[k] * block[stride * lag + i];
         }
-        for (size_t i = 0; i < m; i++) {
-            const real *const row = block + stride * i, *const later = ahead + stride * i;
-            for (int a = 0; a < width; a++)
-                for (int b = 0; b < width; b++) sums[a][b] += row[a] * later[b];
-        }
+        if (width == 9) add_outer(block, ahead, stride, m, 9, sums); /* a number that the compiler knows */
+        else add_outer(block, ahead, stride, m, width, sums);
     }
     for (int a = 0; a < width; a++)
         for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
@@ -568,23 +583,31 @@ static inline void follow_strength(real value, real decay, const filters *at, re
     }
 }
 
-/* Add the products of two innovations of a few rows. */
-static inline void add_pair(lanes *weighed, lanes *other, size_t rows, real *restrict sum)
+/* Add the products of the innovations of one column of a few rows with those of some others. */
+static inline void add_column(lanes *weighed, lanes (*others)[FEW], int count, size_t rows, lanes *restrict sums)
 {
-    for (size_t row = 0; row < rows; row++)
-        for (int lane = 0; lane < FL_LANES; lane++) sum[lane] += weighed[row][lane] * other[row][lane];
+    for (int b = 0; b < count; b++)
+        for (size_t row = 0; row < rows; row++)
+            for (int lane = 0; lane < FL_LANES; lane++) sums[b][lane] += weighed[row][lane] * others[b][row][lane];
 }
 
 /* Add the products of all pairs of innovations of a few rows over their variances. */
-static inline void add_innovations(lanes (*innovation)[FEW], lanes *weight, size_t rows, lanes *restrict sums)
+static inline void add_rows_of(lanes (*innovation)[FEW], lanes *weight, size_t rows, lanes *restrict sums)
 {
-    for (int a = 0, sum = 0; a < 10; a++) {
+    for (int a = 0; a < 10; sums += 10 - a, a++) {
         lanes weighed[FEW];
         for (size_t row = 0; row < rows; row++)
             for (int lane = 0; lane < FL_LANES; lane++)
                 weighed[row][lane] = innovation[a][row][lane] * weight[row][lane];
-        for (int b = a; b < 10; b++) add_pair(weighed, innovation[b], rows, sums[sum++]);
+        add_column(weighed, innovation + a, 10 - a, rows, sums);
     }
+}
+
+/* The same; with as many rows as most have, known to the compiler. */
+static void add_innovations(lanes (*innovation)[FEW], lanes *weight, size_t rows, lanes *sums)
+{
+    if (rows == FEW) add_rows_of(innovation, weight, FEW, sums);
+    else add_rows_of(innovation, weight, rows, sums);
 }
 
 /* Kalman filter of models of noise: white noise of variance 1 a reading, and a disturbance of eight variances and one

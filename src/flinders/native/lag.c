@@ -67,18 +67,17 @@ void fl_add_lags(const fl_view *view, const fl_room *room, fl_residuals *all)
     }
 }
 
-/* What lags that are left out move the nine parameters by, from the normal matrix of all eleven. */
-static void moved_by(const real *matrix, const real lags[CONTRASTS], real moved[9])
+/* What lags that are left out move the nine parameters by, from the normal matrix of all eleven; nonzero if nothing tells. */
+static int moved_by(const real *matrix, const real lags[CONTRASTS], real moved[9])
 {
-    real inner[81], inverse[81], pull[9];
+    real inner[81];
     for (int a = 0; a < 9; a++) {
         const real *const row = matrix + WIDTH * (CONTRASTS + a);
-        pull[a] = 0;
+        moved[a] = 0;
         for (int b = 0; b < 9; b++) inner[9 * a + b] = row[CONTRASTS + b];
-        for (int k = 0; k < CONTRASTS; k++) pull[a] += row[k] * lags[k];
+        for (int k = 0; k < CONTRASTS; k++) moved[a] += row[k] * lags[k];
     }
-    fl_inverse(inner, 9, inverse);
-    fl_multiply(inverse, pull, 9, 9, 1, moved);
+    return fl_solve(inner, 9, moved);
 }
 
 /* Write what was found of axes that are late into a record. Slow noise that the fit has found is partly the lag itself:
@@ -90,18 +89,16 @@ void fl_lag(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, c
     fl_residuals all;
     fl_regression plain;
     const real *lags = found->solution;
-    real products[FL_COLUMNS * FL_COLUMNS], moved[9], square[81], rms;
+    real products[FL_COLUMNS * FL_COLUMNS], moved[9];
     if (by_chance < UNLIKELY && fit->slow.ratio > 0) {
         fl_gather_axes(kernels, view, &fit->surface, room, &all);
         kernels->gram(all.rows, all.n, all.width + 1, products);
         if (!fl_regress(&all, products, 0, WIDTH, &plain)) return;
         lags = plain.solution;
     }
+    if (moved_by(found->matrix, lags, moved)) return;
     record->lag_by_chance = by_chance;
+    record->lag_deg = fl_level_change(&fit->surface, moved, dip_deg);
     for (int axis = 0; axis < AXES; axis++)
         record->axis_lag[axis] = contrasts[0][axis] * lags[0] + contrasts[1][axis] * lags[1];
-    moved_by(found->matrix, lags, moved);
-    for (int a = 0; a < 9; a++)
-        for (int b = 0; b < 9; b++) square[9 * a + b] = moved[a] * moved[b];
-    fl_level_errors(&fit->surface, square, dip_deg, &rms, &record->lag_deg);
 }

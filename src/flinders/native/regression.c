@@ -136,17 +136,18 @@ void fl_normal_equations(const real *products, int columns, int first, int width
  * terms cannot be told apart. */
 int fl_regress(const fl_residuals *all, const real *products, int first, int width, fl_regression *out)
 {
-    real gradient[FL_WIDEST];
+    real factor[FL_WIDEST * FL_WIDEST];
     fl_residuals *const left = &out->left;
     *left = *all;
     left->rows += first, left->width = width;
-    fl_normal_equations(products, all->width + 1, first, width, out->matrix, gradient);
+    fl_normal_equations(products, all->width + 1, first, width, out->matrix, out->gradient);
     for (size_t i = 0; i < all->n; i++) left->distances[i] = all->rows[all->stride * (i + 1) - 1];
     if (!is_distinct(out->matrix, width)) return 0;
-    fl_inverse(out->matrix, width, out->inverse);
-    fl_multiply(out->inverse, gradient, width, width, 1, out->solution);
+    memcpy(factor, out->matrix, (size_t)(width * width) * sizeof(real));
+    memcpy(out->solution, out->gradient, (size_t)width * sizeof(real));
+    if (fl_solve(factor, width, out->solution)) return 0;
     out->square = products[(all->width + 2) * all->width];
-    for (int i = 0; i < width; i++) out->square -= out->solution[i] * gradient[i];
+    for (int i = 0; i < width; i++) out->square -= out->solution[i] * out->gradient[i];
     return 1;
 }
 
@@ -177,27 +178,54 @@ static real share_of_distinct(const flinders_record *record)
     return share < 1 ? share : 1;
 }
 
-/* Covariance of a solution, and how many of the residuals are independent, beyond those that the terms take. */
-static real covariance_of(const fl_kernels *kernels, const fl_regression *of, int is_white, real *covariance)
+/* Σ gᵀM⁻¹g over some of the columns of normal equations (n, n): what these explain of the square of the residuals. */
+static real explained(const fl_regression *of, int first, int count)
+{
+    const int n = of->left.width;
+    real factor[FL_WIDEST * FL_WIDEST], along[FL_WIDEST], sum = 0;
+    for (int a = 0; a < count; a++) {
+        memcpy(factor + count * a, of->matrix + n * (first + a) + first, (size_t)count * sizeof(real));
+        along[a] = of->gradient[first + a];
+    }
+    if (fl_cholesky(factor, count)) return 0;
+    fl_forward(factor, count, along);
+    for (int a = 0; a < count; a++) sum += along[a] * along[a];
+    return sum;
+}
+
+/* Square of some terms in units of their covariance, for independent residuals. */
+static real square_of_terms(const fl_regression *of, int first, int count)
+{
+    const int n = of->left.width, others = first ? 0 : count;
+    const real more = explained(of, 0, n) - explained(of, others, n - count);
+    return more > 0 && of->square > 0 ? more * (real)of->left.n / of->square : 0;
+}
+
+/* The same for residuals that are correlated, and how many directions it has; returns how many residuals are independent,
+ * beyond those that all terms take. */
+static real correlated_square(const fl_kernels *kernels, const fl_regression *of, int first, int count, real *square,
+                              real *freedom)
 {
     const fl_residuals *const left = &of->left;
     const int n = left->width;
-    for (int i = 0; i < n * n; i++) covariance[i] = of->inverse[i] * of->square / (real)left->n;
-    if (is_white) return (real)left->n - (real)n;
+    real inverse[FL_WIDEST * FL_WIDEST], covariance[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST];
+    fl_inverse(of->matrix, n, inverse);
     kernels->take_off(left->rows, left->stride, left->n, n, of->solution, left->distances);
-    return fl_covariance_of_solution(kernels, left, of->matrix, of->inverse, covariance);
+    const real independent = fl_covariance_of_solution(kernels, left, of->matrix, inverse, covariance);
+    for (int a = 0; a < count; a++)
+        for (int b = 0; b < count; b++) spread[count * a + b] = covariance[n * (first + a) + first + b];
+    *freedom = (real)fl_chi_square(of->solution + first, spread, count, square);
+    return independent;
 }
 
-/* How often chance makes as much of some terms of a solution; more than 1 where too few residuals are independent. */
+/* How often chance makes as much of the first or last terms of a solution; more than 1 where too few residuals are
+ * independent. */
 real fl_chance_of_terms(const fl_kernels *kernels, const fl_regression *of, int first, int count,
                         const flinders_record *record)
 {
-    const int n = of->left.width;
-    real covariance[FL_WIDEST * FL_WIDEST], spread[FL_WIDEST * FL_WIDEST], square;
-    const real independent = covariance_of(kernels, of, record->is_white, covariance);
+    real square, freedom = (real)count, independent = (real)of->left.n - (real)of->left.width;
+    if (record->is_white) square = square_of_terms(of, first, count);
+    else independent = correlated_square(kernels, of, first, count, &square, &freedom);
     if (!(independent >= FEWEST_INDEPENDENT)) return 2;
-    for (int a = 0; a < count; a++)
-        for (int b = 0; b < count; b++) spread[count * a + b] = covariance[n * (first + a) + first + b];
-    const int freedom = fl_chi_square(of->solution + first, spread, count, &square);
-    return fl_chance_of(square * share_of_distinct(record), (real)freedom, independent);
+    return fl_chance_of(square * share_of_distinct(record), freedom, independent);
 }

@@ -51,7 +51,7 @@ real fl_chance_of(real chi_square, real freedom, real others);
 /* regression.c */
 typedef struct {
     fl_residuals left; /* whose distances the solution has not been taken off */
-    real matrix[FL_WIDEST * FL_WIDEST], inverse[FL_WIDEST * FL_WIDEST], solution[FL_WIDEST];
+    real matrix[FL_WIDEST * FL_WIDEST], gradient[FL_WIDEST], solution[FL_WIDEST];
     real square; /* of what is left */
 } fl_regression;
 

@@ -23,7 +23,7 @@ import contextlib
 import os
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from functools import cache
+from functools import cache, reduce
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -33,10 +33,9 @@ import numpy as np
 
 from flinders.core.axes import Axes
 from flinders.core.plugins import plugin_rows
-from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of
+from flinders.core.samples import Joined, Recording, Samples, TimeSpan, added, frame_of, in_memory
 from flinders.core.survey import Shots
 from flinders.errors import FlindersError, NoMagnetometer, UnitError, UnreadableInput, UsageError, reading
-from flinders.readers._columns import IN_SAMPLES
 from flinders.readers._frame import is_frame, open_frame
 from flinders.readers._log import Instrument, Log, Position, Stored
 from flinders.readers._names import FIRST, Choice
@@ -49,7 +48,6 @@ from flinders.readers.text import TextRecording, open_text
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from flinders.arrays import Floats
     from flinders.core.survey import Pointing
     from flinders.readers._columns import Columns
 
@@ -296,13 +294,9 @@ def read(
         end=end,
         progress=progress,
     )
-    blocks = list(recording.blocks())
-    vectors = np.concatenate([block.field for block in blocks])
-    others: dict[str, Any] = {kind: _joined([getattr(block, kind) for block in blocks]) for kind in IN_SAMPLES}
-    joined = replace(blocks[0], field=vectors, source=recording.source, skipped=(), **others)
-    for part in recording.recordings if isinstance(recording, Joined) else (recording,):
-        joined = replace(joined, skipped=added(joined.skipped, getattr(part, "skipped", ())))
-    return joined
+    samples = in_memory(recording)
+    parts = recording.recordings if isinstance(recording, Joined) else (recording,)
+    return replace(samples, skipped=reduce(added, (getattr(part, "skipped", ()) for part in parts), ()))
 
 
 OF_TABLES: Final = ("columns", "unit", "scale", "axes", "flat", "choice", "progress")
@@ -507,8 +501,3 @@ def _beginning(log: Log) -> float:
         if block is not None and block.time is not None and len(block):
             times.append(float(np.nanmin(block.time[:1])))
     return min((time for time in times if np.isfinite(time)), default=np.nan)
-
-
-def _joined(columns: Sequence[Floats | None]) -> Floats | None:
-    present = [column for column in columns if column is not None]
-    return np.concatenate(present) if len(present) == len(columns) else None

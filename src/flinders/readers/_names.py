@@ -32,6 +32,7 @@ import math
 import re
 from collections import Counter, defaultdict
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flinders.core.units import SPELLINGS
@@ -208,6 +209,7 @@ def clearness(rank: int) -> int:
     return rank % CALIBRATED // 2
 
 
+@lru_cache(maxsize=1_024)
 def meaning(name: str) -> Meaning:
     """Meaning of a column name; its kind is empty where nothing is recognised."""
     if written := _WRITTEN_HERE.get(name.strip().casefold()):

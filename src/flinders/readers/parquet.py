@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 PARQUET: Final = b"PAR1"
 ARROW: Final = b"ARROW1\x00\x00"
 TEXTS: Final = ("string", "large_string", "string_view")
+FLOATS: Final = ("float", "double")
 ISO: Final = (
     r"^\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])[T ]([01]\d|2[0-3]):[0-5]\d(:[0-5]\d(\.\d{1,9})?)?"
     r"(Z|[+-]([01]\d|2[0-3])(:?[0-5]\d)?)?$"
@@ -216,8 +217,9 @@ def values_of(column: Any, part: int | None) -> Floats:  # noqa: ANN401
         column = _dates(column)
     if str(column.type).startswith("timestamp"):
         column = column.cast("timestamp[ns]").cast("int64")
-    values = column.cast("float64", safe=False).fill_null(np.nan)
-    return np.asarray(np.from_dlpack(values), dtype=np.float64)  # `to_numpy` would import pandas
+    if column.null_count or str(column.type) not in FLOATS:
+        column = column.cast("float64", safe=False).fill_null(np.nan)
+    return np.asarray(np.from_dlpack(column), dtype=np.float64)  # `to_numpy` would import pandas
 
 
 def _dates(column: Any) -> Any:  # noqa: ANN401

@@ -28,10 +28,9 @@ import numpy as np
 
 from flinders.comparison.comparison import Strength
 from flinders.core.compensation import compensated
-from flinders.core.samples import Samples, singles
+from flinders.core.samples import Samples, in_memory, singles
 from flinders.core.units import label
 from flinders.diagnostics.random_walk import FEWEST, random_walk_of
-from flinders.estimators.data import concatenated
 from flinders.findings import Finding, by_severity
 from flinders.report.view import lengths_off, view
 from flinders.summary.cloud import Cloud
@@ -84,9 +83,9 @@ class FigureData:
         most : int
             Readings that are drawn, at most; the `View` counts them all.
         """
-        recorded = whole(recording)
+        recorded = in_memory(recording)
         names = [] if fit is None else [disturbance.name for disturbance in fit.calibration.disturbances]
-        samples = whole(compensated(recording, fit.calibration)) if fit is not None and names else recorded
+        samples = in_memory(compensated(recording, fit.calibration)) if fit is not None and names else recorded
         seen = None if fit is None else _seen(fit, samples)
         is_used = np.ones(len(samples), bool)
         for first, last in () if seen is None else seen.rejected:
@@ -159,11 +158,6 @@ def _seen(fit: Fit, samples: Samples) -> View:
     return msgspec.structs.replace(seen, guidance=None) if fit.verdict == "good" else seen
 
 
-def whole(recording: Recording) -> Samples:
-    """All readings of a recording in memory."""
-    return recording if isinstance(recording, Samples) else concatenated(list(recording.blocks()), recording)
-
-
 def _when(samples: Samples, *, is_one: bool) -> tuple[Floats, str]:
     """Where readings stand along an axis of time, and what its numbers are."""
     time = samples.time
@@ -198,7 +192,7 @@ def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None,
     Where the file states no uncertainty, neither does the result, with a finding that says so. Target and dip are those
     of the file, else 1° and 60°, unless given; for another dip the heading error is computed anew.
     """
-    field = whole(recording).field
+    field = in_memory(recording).field
     dip = fit.known_dip_deg if dip_deg is None else math.copysign(dip_deg, dip_deg * fit.known_dip_deg)
     unstated = () if fit.states_uncertainty else (NO_UNCERTAINTY,)
     strength = Strength.under(fit.calibration.at(), field)
@@ -219,7 +213,7 @@ def restored(fit: Fit, recording: Recording, *, target_deg: float | None = None,
 
 def doubts(calibration: Calibration, recording: Recording) -> list[str]:
     """What is odd about the pair, in sentences."""
-    strength, (least, most, spread) = Strength.under(calibration, whole(recording).field), UNEVEN
+    strength, (least, most, spread) = Strength.under(calibration, in_memory(recording).field), UNEVEN
     if least <= strength.mean <= most and strength.spread <= spread:
         return []
     return [ODD_STRENGTH.format(mean=strength.mean, spread=strength.spread)]

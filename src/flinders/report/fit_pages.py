@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from flinders.findings import Finding, Verdict
     from flinders.geometry.plane import PlaneEllipse, Turn
 
+NOISE_REFUSED: Final = limit_of("noise", "refuses")
 NEGLIGIBLE: Final = 0.1
 """Of the target: what costs less is not worth a word."""
 
@@ -245,7 +246,7 @@ def _quality(fit: Fit, good: str, refused: str, basis: str, *more: str) -> Table
 
 
 def _fit_verdict(fit: Fit) -> Table:
-    is_surface = not (fit.is_flat or fit.plane or fit.noise > limit_of("noise", "refuses") * fit.ellipsoid.radius)
+    is_surface = not (fit.is_flat or fit.plane or fit.noise > NOISE_REFUSED * fit.ellipsoid.radius)
     seen = f", {fit.coverage.fraction:.0%} of the sphere covered" if is_surface else ""
     basis = f"{counted(fit.samples, 'reading')}{seen}; {fit.method}"
     good = "" if fit.verdict != "good" else f", {reach(fit.attitude_limit_deg)}"

@@ -61,14 +61,16 @@ def _rows(shots: ShotErrors) -> Iterator[list[Text]]:
 
 
 def _facts(fit: SurveyFit) -> list[tuple[str, str]]:
-    """Noise of each sensor, error of aim, dip."""
+    """Noise of each sensor, error of aim, dip, and quadratic terms where there are some."""
     magnetometer, accelerometer = fit.calibration.magnetometer, fit.calibration.accelerometer
     of_field = fit.noise / magnetometer.field_strength
     of_gravity = fit.gravity_noise / accelerometer.field_strength
+    curve = ", ".join(f"{accelerometer.field_strength * term:+.2%}" for term in fit.calibration.quadratic)
     return [
         ("noise", f"{of_field:.2%} of the field, {of_gravity:.2%} of gravity (one axis of a reading)"),
         ("aim", f"to {degrees(fit.aim_deg)} (1 σ about each axis, beyond that noise)"),
         ("dip", f"{fit.dip_deg:.1f}°"),
+        *[("curve", f"x, y, z {curve} of gravity, at 1 g")] * any(fit.calibration.quadratic),
     ]
 
 

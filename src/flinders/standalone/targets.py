@@ -83,7 +83,7 @@ def data() -> dict[str, Any]:
         "schema": VERSION,
         "units": PER_UNIT,
         "recorded": RECORDED,
-        "directions": DIRECTIONS,
+        "directions": len(DIRECTIONS),
         "negligible": NEXT_TO_NOTHING,
         "coarsest_deg": COARSEST_DEG,
     }

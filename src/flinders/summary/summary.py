@@ -11,7 +11,8 @@ Summary(100 readings, 100 cells)
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
@@ -68,18 +69,7 @@ class Summary:
             Edge of the cloud's cells; by default it follows from the readings.
         """
         samples = readings if isinstance(readings, Samples) else Samples.of(readings)
-        if side is None and len(samples):
-            side = natural_side(samples.field)
-        if len(samples) <= _STRETCH:
-            return cls(
-                Moments.of(samples.field),
-                Cloud.of(samples.field, time=samples.time, side=side),
-                DataQuality.of(samples),
-            )
-        whole: Summary = cls.empty()
-        for block in samples.blocks(_STRETCH):
-            whole = whole + cls.of(block, side=side)
-        return whole
+        return cls(_moments_of(samples), _cloud_of(samples, side), _quality_of(samples))
 
     @classmethod
     def through(cls, recording: Recording) -> Summary:
@@ -146,30 +136,25 @@ class Summary:
 
 
 class _Deferred(Summary):
-    """The summary of samples in memory, made when a part of it is first asked for."""
+    """The summary of samples in memory, each part of which is made when it is first asked for."""
 
     def __init__(self, samples: Samples) -> None:
         vars(self)["_samples"] = samples
 
     @cached_property
-    def _whole(self) -> Summary:
-        """The summary itself."""
-        return Summary.of(vars(self)["_samples"])
-
-    @property
     def moments(self) -> Moments:
         """See `Summary`."""
-        return self._whole.moments
+        return _moments_of(vars(self)["_samples"])
 
-    @property
+    @cached_property
     def cloud(self) -> Cloud:
         """See `Summary`."""
-        return self._whole.cloud
+        return _cloud_of(vars(self)["_samples"])
 
-    @property
+    @cached_property
     def health(self) -> DataQuality:
         """See `Summary`."""
-        return self._whole.health
+        return _quality_of(vars(self)["_samples"])
 
     @property
     def skipped(self) -> tuple[Skipped, ...]:
@@ -183,6 +168,27 @@ class _Deferred(Summary):
     def __reduce__(self) -> tuple[type[Summary], tuple[Moments, Cloud, DataQuality]]:
         """Leave the readings behind where it is sent or copied."""
         return Summary, (self.moments, self.cloud, self.health)
+
+
+def _moments_of(samples: Samples) -> Moments:
+    """Sums of powers of samples, a stretch at a time."""
+    return reduce(add, (Moments.of(each.field) for each in _stretches(samples)))
+
+
+def _cloud_of(samples: Samples, side: float | None = None) -> Cloud:
+    """Cells of samples, of an edge that by default follows from them all, a stretch at a time."""
+    side = natural_side(samples.field) if side is None and len(samples) else side
+    return reduce(add, (Cloud.of(each.field, time=each.time, side=side) for each in _stretches(samples)))
+
+
+def _quality_of(samples: Samples) -> DataQuality:
+    """Repeats, rails and jumps in time of samples, a stretch at a time."""
+    return reduce(add, map(DataQuality.of, _stretches(samples)))
+
+
+def _stretches(samples: Samples) -> Iterable[Samples]:
+    """Samples in parts of `_STRETCH` readings; the samples themselves where there are none."""
+    return samples.blocks(_STRETCH) if len(samples) > _STRETCH else [samples]
 
 
 def is_flat(principal_variances: Floats, noise: float, *, within: float = FLAT_NOISE) -> bool:

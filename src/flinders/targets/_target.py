@@ -19,6 +19,7 @@ import math
 import re
 import textwrap
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
 import numpy as np
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import Rotation
     from flinders.core.disturbance import Disturbance
-    from flinders.targets._gates import Gates
     from flinders.targets._mounting import MountingTable
 
 Keeps: TypeAlias = Literal["all", "symmetric", "diagonal", "offset"]
@@ -61,8 +61,8 @@ VEHICLE: Final = "vehicle"
 OWN, RECORDED = "own", "recorded"
 """Units of a target that takes any: that of the calibration (µT or counts), and that of the recording."""
 
-DIRECTIONS: Final = 400
-"""Test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
+DIRECTIONS: Final = fibonacci(400)
+"""(N, 3) of the test fields; enough that the worst error of a correction is missed by less than a hundredth of it."""
 LOSS_DEG: Final = 0.5
 """Nothing is left out unasked that costs more heading."""
 COARSEST_DEG: Final = 1.0
@@ -78,6 +78,29 @@ BEYOND_ALL: Final = 1e15
 """Numbers that no target gets to see, nor what is next to nothing: products of two of them suit single precision."""
 MOTORS: Final = {"current": 2, "throttle": 1}
 """What autopilots compensate, the better witness first, and the number of their COMPASS_MOTCT and CAL_MAG_COMP_TYP."""
+
+
+CHANCE: Final = 1e-4
+"""How often a clean reading is beyond a limit of `Gates`, at most."""
+SIGMAS: Final = NormalDist().inv_cdf(1.0 - CHANCE / 2.0)
+"""The limits, in standard deviations."""
+TILT_DEG: Final = 1.0
+"""1 σ of the vertical that firmware takes from its accelerometer, about each axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """Limits of a corrected reading that nothing disturbs: firmware can tell a disturbed one by them."""
+
+    strength_limit: float  # how far its length may be off the field strength, in the calibration's unit
+    # the dip, and how far the angle to the horizon may be off it; NaN where that cannot be told
+    dip_deg: float = math.nan
+    dip_limit_deg: float = math.nan
+
+    @property
+    def has_dip(self) -> bool:
+        """There is a limit of dip."""
+        return not math.isnan(self.dip_limit_deg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -400,7 +423,7 @@ class Target:
         """How far the target is off, for programs."""
         size, unit = self._errors_in(calibration)
         return {
-            "vectors": DIRECTIONS,
+            "vectors": len(DIRECTIONS),
             "unit": unit,
             "field": calibration.field_strength / size,
             "worst": deviation.worst / size,
@@ -413,7 +436,7 @@ class Target:
         size, name = self._errors_in(calibration)
         unit, scaled = label(name), ", scaled," if self.lengths else ""
         return (
-            f"checked: its own formula{scaled} on {DIRECTIONS} fields of "
+            f"checked: its own formula{scaled} on {len(DIRECTIONS)} fields of "
             f"{figures(calibration.field_strength / size, 4)} {unit}, "
             f"{_at_most(deviation.worst / size, deviation.worst_deg, unit)} off the calibration"
         )
@@ -481,7 +504,7 @@ class Difference:
         names. If `relative`, lengths are its own, and scaled to the calibration's field before they are compared.
         """
         back = _unmapped(calibration)
-        strength, expected = calibration.field_strength, fibonacci(DIRECTIONS)
+        strength, expected = calibration.field_strength, DIRECTIONS
         with np.errstate(all="ignore"):
             raw = calibration.unapply(strength * expected)
             corrected = target(raw if acts == "mapped" else raw @ back.T) / strength

@@ -30,23 +30,19 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 
 from flinders.arrays import Floats, floats, vectors
-from flinders.errors import NotExportable, UsageError
-from flinders.targets._gates import (
-    C_DIP,
-    C_STRENGTH,
-    MODULE_DIP,
-    MODULE_STRENGTH,
-    SKETCH_DIP,
-    SKETCH_STRENGTH,
-)
+from flinders.core.units import label
+from flinders.errors import NotExportable, UsageError, figures
 from flinders.targets._numbers import whole
 from flinders.targets._target import (
     BLOCK,
+    CHANCE,
     HASH,
     OWN,
     RECORDED,
+    TILT_DEG,
     Affine,
     ExportOptions,
+    Gates,
     Target,
     Written,
     shift_in_recorded_axes,
@@ -141,6 +137,78 @@ def correct(raw):
     \"""From {given} as recorded to {result}: three numbers in, three out.\"""
     x, y, z = raw[0] - OFFSET[0], raw[1] - OFFSET[1], raw[2] - OFFSET[2]
     return tuple(a * x + b * y + c * z for a, b, c in MATRIX)"""
+
+C_STRENGTH: Final = """
+#define {constant}_STRENGTH_LIMIT {limit} /* {result} */
+
+/* Whether something disturbs a corrected reading, by its strength. */
+static inline int {name}_strength_is_off(const float corrected[3])
+{{
+    const float lowest = {constant}_FIELD_STRENGTH - {constant}_STRENGTH_LIMIT;
+    const float highest = {constant}_FIELD_STRENGTH + {constant}_STRENGTH_LIMIT;
+    const float square = corrected[0] * corrected[0] + corrected[1] * corrected[1] + corrected[2] * corrected[2];
+    return !(square >= lowest * lowest && square <= highest * highest);
+}}"""
+
+C_DIP: Final = """
+/* sin |sin| of the least and the greatest dip. */
+static const float {name}_dip_limits[2] = {{{low}, {high}}};
+
+/* Whether something disturbs a corrected reading, by its dip: acceleration is what an accelerometer in the same axes
+ * reads at rest, in any unit (with z down, it is negative when level). */
+static inline int {name}_dip_is_off(const float corrected[3], const float acceleration[3])
+{{
+    float down = 0.0f, reading = 0.0f, weight = 0.0f, square;
+    int axis;
+    for (axis = 0; axis < 3; axis++) {{
+        down -= corrected[axis] * acceleration[axis];
+        reading += corrected[axis] * corrected[axis];
+        weight += acceleration[axis] * acceleration[axis];
+    }}
+    square = down < 0.0f ? -down * down : down * down;
+    return !(square >= {name}_dip_limits[0] * reading * weight && square <= {name}_dip_limits[1] * reading * weight);
+}}"""
+
+SKETCH_STRENGTH: Final = """
+const float {constant}_STRENGTH = {strength}, {constant}_STRENGTH_LIMIT = {limit}; // {result}
+
+// Whether something disturbs a corrected reading, by its strength.
+bool {prefix}strengthIsOff(float x, float y, float z) {{
+  const float lowest = {constant}_STRENGTH - {constant}_STRENGTH_LIMIT;
+  const float highest = {constant}_STRENGTH + {constant}_STRENGTH_LIMIT;
+  const float square = x * x + y * y + z * z;
+  return !(square >= lowest * lowest && square <= highest * highest);
+}}"""
+
+SKETCH_DIP: Final = """
+// Whether something disturbs a corrected reading, by its dip: ax, ay, az is what an accelerometer in the same axes
+// reads at rest, in any unit (with z down, az is negative when level).
+bool {prefix}dipIsOff(float x, float y, float z, float ax, float ay, float az) {{
+  const float down = -(x * ax + y * ay + z * az);
+  const float both = (x * x + y * y + z * z) * (ax * ax + ay * ay + az * az);
+  const float square = down < 0.0f ? -down * down : down * down;
+  return !(square >= {low} * both && square <= {high} * both);
+}}"""
+
+MODULE_STRENGTH: Final = """
+STRENGTH_LIMIT = {limit}  # {result}
+
+
+def strength_is_off(corrected):
+    \"""Whether something disturbs a corrected reading, by its strength.\"""
+    x, y, z = corrected
+    square = x * x + y * y + z * z
+    return not (FIELD_STRENGTH - STRENGTH_LIMIT) ** 2 <= square <= (FIELD_STRENGTH + STRENGTH_LIMIT) ** 2"""
+
+MODULE_DIP: Final = """
+
+def dip_is_off(corrected, acceleration):
+    \"""By its dip; an accelerometer in the same axes, at rest, in any unit (with z down, negative when level).\"""
+    x, y, z = corrected
+    ax, ay, az = acceleration
+    down = -(x * ax + y * ay + z * az)
+    both = (x * x + y * y + z * z) * (ax * ax + ay * ay + az * az)
+    return not {low} * both <= down * abs(down) <= {high} * both"""
 
 FIXED: Final = """\
 #include <stdint.h>
@@ -280,7 +348,7 @@ def _gated(
     if gates is None:
         return code
     strength, dip = texts
-    unit, (low, high) = calibration.unit, gates.signed_squares
+    unit, (low, high) = calibration.unit, signed_squares(gates)
     numbers = {
         "strength": digits(calibration.field_strength, suffix),
         "limit": digits(gates.strength_limit, suffix),
@@ -292,7 +360,37 @@ def _gated(
     values = {**code.values, "strength_limit": gates.strength_limit}
     if gates.has_dip:
         values |= {"dip_deg": gates.dip_deg, "dip_limit_deg": gates.dip_limit_deg}
-    return replace(code, body=body, values=values, notes=[*code.notes, *gates.words(unit)])
+    return replace(code, body=body, values=values, notes=[*code.notes, *gate_words(gates, unit)])
+
+
+def signed_squares(gates: Gates) -> tuple[float, float]:
+    """sin x |sin x| at the limits of dip: compared without a square root; beyond 1 where any angle will do.
+
+    >>> signed_squares(Gates(strength_limit=2.5, dip_deg=60.0, dip_limit_deg=4.0))
+    (0.687..., 0.808...)
+    """
+    low, high = gates.dip_deg - gates.dip_limit_deg, gates.dip_deg + gates.dip_limit_deg
+    below = -2.0 if low <= -90.0 else math.sin(math.radians(low))
+    above = 2.0 if high >= 90.0 else math.sin(math.radians(high))
+    return below * abs(below), above * abs(above)
+
+
+def gate_words(gates: Gates, unit: str) -> list[str]:
+    """What the limits of a clean reading mean.
+
+    >>> print(*gate_words(Gates(strength_limit=2.5, dip_deg=60.0, dip_limit_deg=4.0), "uT"), sep=chr(10))
+    a clean reading is off by more than 2.5 µT of strength at most once in 10,000 times where the field is that of the \
+recording
+    and by more than 4.0° of dip as seldom, with a vertical that is good to 1° (1 σ)
+    """
+    often = f"at most once in {round(1 / CHANCE):,} times where the field is that of the recording"
+    words = [f"a clean reading is off by more than {figures(gates.strength_limit)} {label(unit)} of strength {often}"]
+    if gates.has_dip:
+        words.append(
+            f"and by more than {figures(gates.dip_limit_deg)}° of dip as seldom, with a vertical that is good to "
+            f"{TILT_DEG:.0f}° (1 σ)"
+        )
+    return words
 
 
 def _driven(calibration: Calibration, name: str) -> Iterator[str]:

@@ -45,6 +45,7 @@ from flinders.estimators.reference.trace import Convergence, spread_counts
 from flinders.geometry.ellipsoid import Ellipsoid, symmetric, upper
 from flinders.likelihood import magnitude
 from flinders.likelihood.equations import FINEST
+from flinders.summary.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -534,7 +535,7 @@ def at_one_strength(readings: Readings, estimate: Estimate) -> Readings:
     centre, mean = estimate.ellipsoid.centre, estimate.strength
     parts = [AtOneStrength(part.recording, centre, mean) for part in readings.each if part.recording is not None]
     alike = type(readings).of(Joined(tuple(parts)) if len(parts) > 1 else parts[0])
-    return replace(alike, summary=replace(alike.summary, health=readings.summary.health))
+    return replace(alike, summary=Summary(alike.summary.moments, alike.summary.cloud, readings.summary.health))
 
 
 def estimate_of(
