@@ -556,7 +556,7 @@ def row(name: str, trials: Sequence[Trial]) -> str:
     verdicts = [trial.verdict for trial in trials]
     good = [trial for trial in trials if trial.verdict == "good"]
     ratios = [trial.true / trial.claimed for trial in good if trial.claimed > 0.0]
-    fifty, ninety = np.quantile(ratios, [0.5, 0.9]) if ratios else (np.nan, np.nan)
+    quantiles = " / ".join(f"{ratio:.1f}" for ratio in np.quantile(ratios, [0.5, 0.9])) if ratios else "–"
     cautious = [trial for trial in trials if trial.verdict != "good" and trial.true < TARGET_DEG / 2]
     bare = sum(not trial.conditions for trial in good)
     firsts = [code for trial in trials for code in trial.codes[:1] if code not in SILENT]
@@ -564,7 +564,7 @@ def row(name: str, trials: Sequence[Trial]) -> str:
     return (
         f"| {name} | {', '.join(str(verdicts.count(verdict)) for verdict in ('good', 'limited', 'refused'))} | "
         f"{sum(trial.is_wrong for trial in good)} ({sum(trial.expected for trial in good):.1f}) | "
-        f"{fifty:.1f} / {ninety:.1f} | {len(cautious) / len(trials):.0%} | {bare} | {first} |"
+        f"{quantiles} | {len(cautious) / len(trials):.0%} | {bare} | {first} |"
     )
 
 

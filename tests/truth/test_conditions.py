@@ -93,7 +93,7 @@ RENDERINGS: Final[dict[str, tuple[str, ...]]] = {
 def test_a_current_that_follows_the_attitude_is_a_condition_wherever_a_verdict_is_stated(
     rendering: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It hides in the calibration, which looks good: 65 of 71 are wrong (docs/adversary.md)."""
+    """It hides in the calibration, which looks good: 56 of 61 are wrong (docs/adversary.md)."""
     monkeypatch.chdir(tmp_path)
     samples = simulate.tumble(seed=1, sensor=OFFSET_SENSOR).samples
     down = -np.asarray(samples.acceleration)[:, 2] / 9.81
