@@ -111,7 +111,7 @@ def settle(lines: list[str], pattern: str | None = None) -> Form | None:
     ('0.2500,21.5,0.3,-58.5', None)
     """
     for lay_out in (partial(sniff, ""), _unclear):
-        with contextlib.suppress(FlindersError):
+        with contextlib.suppress(Exception):  # whatever a board prints, a recording goes on
             dialect, layout = recognise_layout("", lines, lay_out, pattern)
             words = f"lines of numbers, {SPOKEN[layout.grid.delimiter]}-separated"
             return _form(dialect or Cells.of(layout, words), layout, lines)
