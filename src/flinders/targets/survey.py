@@ -77,7 +77,7 @@ def distox_coefficients(calibration: SurveyCalibration) -> bytes:
     if np.abs(steps).max() > MOST_QUADRATIC:
         raise NotExportable(
             f"quadratic terms are up to {np.abs(steps).max() / QUADRATIC_STEPS:.3f} of gravity, a DistoX holds "
-            f"{MOST_QUADRATIC / QUADRATIC_STEPS:.3f}: calibrate without --non-linear",
+            f"{MOST_QUADRATIC / QUADRATIC_STEPS:.3f}: calibrate without quadratic terms",
             beyond=("quadratic",),
         )
     gravity, field = map(_unit, sensors)
@@ -106,7 +106,7 @@ def mag_cal_json(calibration: SurveyCalibration, *, dip_deg: float, noise: float
             f"the laser is along {calibration.pointing}, mag-cal takes it to be along y", beyond=("pointing",)
         )
     if any(calibration.quadratic):
-        raise NotExportable("mag-cal has no quadratic terms: calibrate without --non-linear", beyond=("quadratic",))
+        raise NotExportable("mag-cal has no quadratic terms: calibrate without quadratic terms", beyond=("quadratic",))
     mag, grav = _record(calibration.magnetometer, noise), _record(calibration.accelerometer, gravity_noise)
     return lay_out({"mag": mag, "grav": grav, "dip_avg": dip_deg, "ready": True}) + "\n"
 
