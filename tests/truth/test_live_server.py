@@ -359,6 +359,17 @@ def test_an_archive_that_unpacks_to_too_much_is_refused_before_it_is_read(
         wall.until(lambda session: session.opened is None)
 
 
+def test_an_archive_of_a_version_to_come_is_refused(wall: Bench) -> None:
+    archive = io.BytesIO()
+    np.savez(archive, mag=np.zeros((3, 3)))
+    directory = archive.getvalue().rindex(b"PK\x01\x02")
+    content = bytearray(archive.getvalue())
+    content[directory + 6] = 109  # tenths of the version that it needs
+    answer = wall.client.post("/open?name=later.npz", content=bytes(content), headers=OWN)
+    assert answer.status_code == 422
+    assert answer.json()["words"].startswith("later.npz cannot be read as")
+
+
 def test_a_calibration_from_before_is_compared(bench: Bench) -> None:
     content = bench.client.get("/calibration.json").content
     answer = bench.client.post("/previous?name=monday.json", content=content, headers=OWN)
