@@ -16,12 +16,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from benchmarks import fuzz
+from click.testing import CliRunner
 from tests.program import flinders_
 from tests.samples import written
 from tests.trials import daily, nightly
 
 import flinders
 from flinders import simulate
+from flinders.cli import main
+from flinders.cli._program import Commands
 from flinders.core import files
 from flinders.errors import FlindersError, NoMagnetometer, UnreadableInput, fault_words
 from flinders.live.hub import _timed
@@ -373,3 +376,15 @@ def test_ctrl_c_while_the_program_starts_prints_no_traceback() -> None:
         _, said = program.communicate(timeout=60)
         assert (program.returncode, said.split()[-1:]) in ((130, []), (130, [b"interrupted"])), said
         assert b"Traceback" not in said
+
+
+def test_ctrl_c_while_a_class_is_made_is_no_fault_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python before 3.12 hands on what a member of a class raises as the cause of a RuntimeError."""
+
+    class Interrupted:
+        def __set_name__(self, *_: object) -> None:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Commands, "__getitem__", lambda *_: type("Options", (), {"axes": Interrupted()}))
+    ended = CliRunner().invoke(main, ["demo"])
+    assert (ended.exit_code, ended.stderr) == (130, "interrupted\n")

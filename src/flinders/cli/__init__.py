@@ -11,7 +11,9 @@ try:
     import click
 
     from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
-except KeyboardInterrupt:
+except (KeyboardInterrupt, RuntimeError) as error:  # before Python 3.12 the one may come as the cause of the other
+    if not isinstance(error.__cause__ or error, KeyboardInterrupt):
+        raise
     sys.exit(130)  # as `Program` ends, which is not there yet
 
 main = Program(

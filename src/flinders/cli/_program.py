@@ -156,7 +156,11 @@ class Program(click.Group):
             code = print_error(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
             _silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
-            code = _report_fault(error)
+            if isinstance(error.__cause__, KeyboardInterrupt):  # while a class was made, before Python 3.12
+                say("interrupted")
+                code = INTERRUPTED
+            else:
+                code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
         return sys.exit(code) if standalone_mode else code
 
