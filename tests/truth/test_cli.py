@@ -28,6 +28,7 @@ import flinders
 from flinders import simulate
 from flinders.cli import _output, main
 from flinders.cli._program import EXIT_CODES
+from flinders.cli._signals import ENDING, handled, interrupt
 from flinders.core import calibration_file
 from flinders.core.calibration import Calibration
 from flinders.errors import UsageError
@@ -44,6 +45,7 @@ COMMANDS = tuple(main.commands)
 INTERRUPTIBLE = """
 import signal
 from flinders.cli import main
+from flinders.cli._signals import ENDING, handled, interrupt
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a test run in the background ignores it
 main(prog_name="flinders")
 """
@@ -672,6 +674,16 @@ def test_apply_that_is_interrupted_leaves_nothing_behind(
     assert process.returncode == 130, err
     assert err.decode().split() == ["interrupted"]
     assert [*(home / "out").iterdir(), *scratch.iterdir()] == []
+
+
+def test_a_program_that_is_to_outlive_its_terminal_does() -> None:
+    """`nohup` has the signal ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with handled(interrupt, *ENDING):
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_calibrate_that_is_interrupted_leaves_nothing_behind(large: Path, scratch: Path, home: Path) -> None:

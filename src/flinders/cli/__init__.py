@@ -5,16 +5,12 @@ Nothing here imports NumPy until a command runs, and no command but that, so tha
 
 from __future__ import annotations
 
-import sys
+from flinders.cli._signals import ENDING, end, handled
 
-try:
+with handled(end, *ENDING):
     import click
 
     from flinders.cli._program import EXIT_CODES, Commands, Program, show_versions
-except (KeyboardInterrupt, RuntimeError) as error:  # before Python 3.12 the one may come as the cause of the other
-    if not isinstance(error.__cause__ or error, KeyboardInterrupt):
-        raise
-    sys.exit(130)  # as `Program` ends, which is not there yet
 
 main = Program(
     name="flinders",

@@ -22,9 +22,7 @@ import gc
 import io
 import math
 import os
-import signal
 import sys
-import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
@@ -36,16 +34,17 @@ import click
 
 from flinders.cli._completion import BY_METAVAR, files
 from flinders.cli._output import Output, Outputs, in_options, print_fit, print_json, say
+from flinders.cli._signals import ENDING, INTERRUPTED, handled, interrupt
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from types import FrameType, ModuleType
+    from types import ModuleType
 
     from flinders.findings import Verdict
 
-GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
+GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL = 0, 2, 3, 4, 5, 6, 70
 
 EXIT_CODES: Final = {
     GOOD: "good",
@@ -141,7 +140,7 @@ class Program(click.Group):
                 _let_imports_be()
             os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of such small matrices, threads would wait
             _prepare_streams()
-            with _stopped_cleanly():
+            with handled(interrupt, *ENDING):
                 code = super().main(words, prog_name, complete_var, standalone_mode=False, **extra)
         except click.ClickException as error:
             code = _misused(error, as_json=as_json)
@@ -156,11 +155,7 @@ class Program(click.Group):
             code = print_error(OutputError(f"output cannot be written: {reason(error)}"), as_json=False)
             _silence_stdout()
         except Exception as error:  # noqa: BLE001 - the one place that turns a fault of ours into a report
-            if isinstance(error.__cause__, KeyboardInterrupt):  # while a class was made, before Python 3.12
-                say("interrupted")
-                code = INTERRUPTED
-            else:
-                code = _report_fault(error)
+            code = _report_fault(error)
         code = code if isinstance(code, int) else GOOD
         return sys.exit(code) if standalone_mode else code
 
@@ -225,39 +220,6 @@ def _report_fault(error: Exception) -> int:
         say(details)
     say(f"This is a fault in Flinders, not in your recording. Please report it with {where}")
     return INTERNAL
-
-
-@contextlib.contextmanager
-def _handled(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
-    """Have signals handled by a function, those that this system has; only in the main thread."""
-    here = threading.current_thread() is threading.main_thread()
-    numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
-    before = {number: signal.signal(number, handler) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler_before in before.items():
-            signal.signal(number, handler_before)
-
-
-def _stopped_cleanly() -> contextlib.AbstractContextManager[None]:
-    """Let those who end a program from outside (kill, timeout, a closed terminal) leave as little behind as Ctrl-C."""
-    return _handled(signal.default_int_handler, "SIGTERM", "SIGHUP")
-
-
-@contextlib.contextmanager
-def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
-    """Take Ctrl-C, and what ends a program from outside, as a wish."""
-    asked = False
-
-    def ask(number: int, _: object) -> None:
-        nonlocal asked
-        if asked and not patient:
-            signal.default_int_handler(number, None)
-        asked = True
-
-    with _handled(ask, "SIGINT", "SIGTERM", "SIGHUP"):
-        yield lambda: asked
 
 
 def _let_imports_be() -> None:

@@ -1,0 +1,77 @@
+"""Ctrl-C, and what else ends a program from outside: kill, timeout, a closed terminal."""
+
+from __future__ import annotations
+
+import _thread
+import contextlib
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from types import FrameType
+from typing import Final, TypeAlias
+
+INTERRUPTED: Final = 130
+ENDING: Final = ("SIGINT", "SIGTERM", "SIGHUP")
+Handler: TypeAlias = Callable[[int, FrameType | None], object]
+
+
+@contextlib.contextmanager
+def handled(handler: Handler, *names: str) -> Iterator[None]:
+    """Have signals handled by a function, those that this system has and does not ignore; only in the main thread."""
+    here = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
+    awaited = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores one
+    before = {number: signal.signal(number, handler) for number in awaited}
+    try:
+        yield
+    finally:
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
+
+
+def end(*_: object) -> None:
+    """End at once: nothing has begun."""
+    os._exit(INTERRUPTED)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, as soon as no module is imported, which would make another fault of it.
+
+    Python before 3.12 raises a `RuntimeError` while a class is made, NumPy an `ImportError` while it is loaded.
+    """
+    if not _is_importing(frame):
+        signal.default_int_handler(number, None)
+    again = threading.Timer(0.01, _send, [number])
+    again.daemon = True
+    again.start()
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, which may wait for input."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        _thread.interrupt_main(signal.Signals(number))
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Whether a call is one of those that import a module."""
+    while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
+        frame = frame.f_back
+    return frame is not None
+
+
+@contextlib.contextmanager
+def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
+    """Take Ctrl-C, and what ends a program from outside, as a wish."""
+    asked = False
+
+    def ask(number: int, _: object) -> None:
+        nonlocal asked
+        if asked and not patient:
+            signal.default_int_handler(number, None)
+        asked = True
+
+    with handled(ask, *ENDING):
+        yield lambda: asked
