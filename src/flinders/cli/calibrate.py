@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._completion import methods
 from flinders.cli._inputs import (
     Counted,
     fitted,
@@ -130,7 +129,7 @@ class Estimation(option.Group, heading=option.METHOD):
 
     method: str = option.member(
         "--method", default="auto", show_default=True, metavar="NAME", help="One of `flinders methods`.",
-        shell_complete=methods,
+        shell_complete=option.complete_methods,
     )  # fmt: skip
     method_options: tuple[str, ...] = option.member(
         "--option", multiple=True, metavar="NAME=VALUE",
