@@ -10,13 +10,12 @@ import click
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import (
-    Counted,
     fitted,
     joined,
     likely_target,
     opened,
     provenance,
-    saying_what_was_skipped,
+    saying_what_was_read,
     site_of,
     stated_site,
 )
@@ -508,9 +507,9 @@ class _Run:
     """A fit of one sensor, from its recordings to its files; `asked` and `own` as `Calibrate.of_fit` gives them."""
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any], own: dict[str, Any]) -> None:
-        from flinders.core.samples import singles
+        from flinders.core.samples import CountedRecording, singles
 
-        self.parts = [Counted(part) for part in singles(recording)]
+        self.parts = [CountedRecording(part) for part in singles(recording)]
         self.options, self.files = options, options.files
         self.asked, self.own = asked, own
 
@@ -531,7 +530,7 @@ class _Run:
     def fitted(self) -> Fit:
         """Fit the recordings; of a refusal, write the reports and how far the estimate came."""
         try:
-            with saying_what_was_skipped(self.parts):
+            with saying_what_was_read(self.parts):
                 return fitted(self.parts, self.options.by, self.asked)
         except FitError as refusal:
             self._report(refusal)

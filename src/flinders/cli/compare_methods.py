@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, saying_what_was_skipped, stated_site
+from flinders.cli._inputs import saying_what_was_read, stated_site
 from flinders.cli._output import print_result, progress, refuse_twice, working
 from flinders.cli._program import EXITS
 
@@ -58,7 +58,7 @@ def command(options: CompareMethods) -> int:
     why. Nothing is written; of several recordings of one sensor the blocks follow each other.
     """
     from flinders.comparison.methods import compare_methods, known
-    from flinders.core.samples import Joined, singles
+    from flinders.core.samples import CountedRecording, Joined, singles
     from flinders.readers import open_recording
     from flinders.report.comparison_pages import of_contest
 
@@ -67,8 +67,8 @@ def command(options: CompareMethods) -> int:
     with progress("reading") as watch:
         opened = open_recording(options.recordings, sensor=options.sensor, progress=watch, **options.reading.as_dict())
         site = None if option.is_typed("dip_deg") else stated_site(opened, "--dip")
-        parts = tuple(Counted(part) for part in singles(opened))
-        with saying_what_was_skipped(parts), working() as tell:
+        parts = tuple(CountedRecording(part) for part in singles(opened))
+        with saying_what_was_read(parts), working() as tell:
             contest = compare_methods(
                 Joined(parts),
                 methods=options.methods,

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from flinders.cli import _options as option
 from flinders.cli._inputs import (
-    Counted,
     clock_start,
     load,
     open_with,
     provenance,
     refuse_calibrations,
     say_sensor,
+    saying_what_was_read,
     site_of,
 )
 from flinders.cli._output import refuse_twice, say
@@ -21,6 +21,7 @@ from flinders.cli.calibrate import SiteOptions, recorded
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
+    from flinders.core.samples import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.readers._resample import TimeSeries
 
@@ -118,21 +119,24 @@ def command(options: Refresh) -> int:
     previous = load("refresh --previous", options.previous, options.recordings)
     refuse_calibrations(options.recordings)
     opened = [_opened(path, previous, options) for path in options.recordings]
-    fit = _refreshed(opened, previous, options)
+    with saying_what_was_read(opened):
+        fit = _refreshed(opened, previous, options)
     outputs.write(dumps(fit.to_document(provenance(opened, files=previous.files))), options.output)
     outputs.print(fit.as_dict, lambda: of_fit(fit))
     outputs.say_written("nothing was written: name a file with -o refreshed.json")
     return EXITS[fit.verdict]
 
 
-def _opened(path: str, previous: Fit, options: Refresh) -> Counted:
+def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
     """Open a recording in unit and axes of the earlier calibration, and say which magnetometer is read."""
+    from flinders.core.samples import CountedRecording
+
     recording = open_with(previous.calibration, path, sensor=options.sensor, **options.reading.as_dict())
     say_sensor(options.previous, previous.calibration, recording, options.sensor)
-    return Counted(recording)
+    return CountedRecording(recording)
 
 
-def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
+def _refreshed(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
     """Refresh by a recording in motion, or by poses at known headings."""
     from flinders.fitting.known_heading import refresh_at_headings
     from flinders.fitting.refreshing import refresh
@@ -152,7 +156,7 @@ def _refreshed(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
     return refresh_at_headings(opened, previous, _magnetic(options, opened[0].recording), **judged)
 
 
-def _on_courses(opened: list[Counted], previous: Fit, options: Refresh) -> Fit:
+def _on_courses(opened: list[CountedRecording], previous: Fit, options: Refresh) -> Fit:
     """Refresh by the courses of one log, its own or those of another beside it."""
     from flinders.core.geomag import recorded_field
     from flinders.fitting.known_heading import refresh_on_courses

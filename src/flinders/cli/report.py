@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import load, made_from, open_all_with
+from flinders.cli._inputs import load, made_from, open_all_with, saying_what_was_read
 from flinders.cli._output import print_json, progress, refuse_report, say
 from flinders.errors import UsageError
 
@@ -40,18 +40,21 @@ class Pair(option.Group):
     def drawn(self, command: str) -> tuple[Fit, Joined, Fit, list[str]]:
         """Open them and put them together: the calibration's fit, the recordings, their fit, and what is odd."""
         from flinders.core.compensation import compensated
+        from flinders.core.samples import Joined
         from flinders.report.figure_data import doubts, restored
 
         path = self.calibration
         loaded = load(command, path, self.recordings)
         reading = {"columns": self.columns, **self.part.as_dict()}
         with progress("reading") as watch:
-            as_recorded = open_all_with(
+            parts = open_all_with(
                 path, loaded.calibration, self.recordings, sensor=self.sensor, progress=watch, **reading
             )
+            as_recorded = Joined(tuple(parts))
             recording = compensated(as_recorded, loaded.calibration)
-            fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
-            others = len(as_recorded.recordings) - len(made_from(path, as_recorded.recordings))
+            with saying_what_was_read(parts):
+                fit = restored(loaded, recording, target_deg=self.target_deg, dip_deg=self.dip_deg)
+            others = len(parts) - len(made_from(path, parts))
             notes = doubts(loaded.calibration.at(), recording) if others else []
         if loaded.files and others:
             notes.append(OTHER)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, opened, refuse_calibrations
+from flinders.cli._inputs import opened, refuse_calibrations, saying_what_was_read
 from flinders.cli._output import say
 from flinders.cli._program import EXITS, GOOD
 from flinders.errors import UsageError
@@ -70,7 +70,7 @@ def command(options: TollesLawson) -> int:
 
 def _samples(options: TollesLawson) -> Samples:
     """Both magnetometers, in memory."""
-    from flinders.core.samples import in_memory
+    from flinders.core.samples import CountedRecording, in_memory
     from flinders.readers import TextRecording
 
     recording, _ = opened([options.recording], None, **options.reading.as_dict())
@@ -78,7 +78,9 @@ def _samples(options: TollesLawson) -> Samples:
         if not isinstance(recording, TextRecording):
             raise UsageError(f"{recording.source} is no text: its columns are known, leave --scalar out")
         recording.name_strength(options.scalar)
-    samples = in_memory(Counted(recording))
+    counted = CountedRecording(recording)
+    with saying_what_was_read([counted]):
+        samples = in_memory(counted)
     say("scalar magnetometer: " + ("none, the length of the vector" if samples.strength is None else _named(recording)))
     return samples
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from flinders.cli import _options as option
-from flinders.cli._inputs import Counted, agree, is_calibration, load, made_from, provenance, saying_what_was_skipped
+from flinders.cli._inputs import agree, is_calibration, load, made_from, provenance, saying_what_was_read
 from flinders.cli._output import progress, say
 from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.core.samples import Recording
+    from flinders.core.samples import CountedRecording, Recording
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
     from flinders.summary.summary import Summary
@@ -123,22 +123,23 @@ def command(options: TwoAxis) -> int:
     """
     from flinders.comparison.composition import composed, refuse_unloaded
     from flinders.core.calibration_file import dumps
+    from flinders.core.samples import CountedRecording
     from flinders.fitting.result import Refused
 
     options.check()
     first = None if options.after is None else load("two-axis --after", options.after)
     dip_deg = options.judgement.dip_deg if first is None else options.dip_after(first)
     with progress("reading") as watch:
-        source = Counted(_opened(options, first, watch))
-        with saying_what_was_skipped([source]):
+        source = CountedRecording(_opened(options, first, watch))
+        with saying_what_was_read([source]):
             turn = _turn(source, options)
-            if first is not None:
-                refuse_unloaded(first, turn, dip_deg=dip_deg, source=source.source)
-            try:
-                fit = _fit_or_ellipse(source, turn, first, dip_deg, options)
-            except Refused as refusal:
-                _draw(turn, refusal.fit, options)
-                raise
+        if first is not None:
+            refuse_unloaded(first, turn, dip_deg=dip_deg, source=source.source)
+        try:
+            fit = _fit_or_ellipse(source, turn, first, dip_deg, options)
+        except Refused as refusal:
+            _draw(turn, refusal.fit, options)
+            raise
     both = None if first is None else composed(first, fit)
     if options.output:
         made_from = provenance([source], first.files if first else ())
@@ -203,7 +204,7 @@ def _doubt(summary: Summary, plane: Any) -> None:  # noqa: ANN401 - one of the p
         say(f"! the readings go round about {about}: this looks like a turn in the plane {lies}, not {plane}")
 
 
-def _fit_or_ellipse(source: Counted, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
+def _fit_or_ellipse(source: CountedRecording, turn: Turn, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
     """Fit by the mean, and by the ellipse of least squares where that is refused and nobody asked for the mean.
 
     Where that is no way out, say how the points are spaced.
@@ -223,7 +224,7 @@ def _fit_or_ellipse(source: Counted, turn: Turn, first: Fit | None, dip_deg: flo
         raise
 
 
-def _fit(source: Counted, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
+def _fit(source: CountedRecording, first: Fit | None, dip_deg: float, options: TwoAxis) -> Fit:
     """Fit by the method that was asked for."""
     from flinders.fitting.calibrate import fit
     from flinders.readers import Instrument

@@ -366,6 +366,12 @@ class CountedRecording(Wrapped):
     def __len__(self) -> int:
         return self.rows
 
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What the last pass left out."""
+        skipped: tuple[Skipped, ...] = getattr(self.recording, "skipped", ())
+        return skipped
+
     def blocks(self) -> Iterator[Samples]:
         """Go through the recording."""
         self.rows, self.span = 0, (np.nan, np.nan)
