@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from flinders.core.calibration_file import Provenance, SourceFile
     from flinders.core.compensation import Compensator
     from flinders.core.geomag import SiteField
-    from flinders.core.samples import CountedRecording, Recording, Skipped
+    from flinders.core.samples import Recording, Skipped
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.likelihood.site_field import Site
@@ -210,7 +211,7 @@ def open_all_with(
     path: str, calibration: Calibration, recordings: Sequence[str], *, sensor: str | None, **reading: Any
 ) -> list[CountedRecording]:
     """Open recordings as `open_with`; says which magnetometer was taken."""
-    from flinders.core.samples import CountedRecording
+    from flinders.estimators.data import CountedRecording
 
     refuse_twice(recordings)
     refuse_calibrations(recordings)

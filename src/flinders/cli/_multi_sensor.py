@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from flinders.comparison.multi_sensor import Together
-    from flinders.core.samples import CountedRecording
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.heading.smoothing import Filter
     from flinders.readers import Log
@@ -46,7 +46,7 @@ class MultiSensor:
 
     def calibrate(self, reading: dict[str, Any], options: dict[str, Any]) -> int:
         """Calibrate each magnetometer, or all of them jointly, and print a table of the results."""
-        from flinders.core.samples import CountedRecording
+        from flinders.estimators.data import CountedRecording
         from flinders.readers import open_log
 
         self._refuse(options)

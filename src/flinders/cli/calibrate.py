@@ -507,7 +507,8 @@ class _Run:
     """A fit of one sensor, from its recordings to its files; `asked` and `own` as `Calibrate.of_fit` gives them."""
 
     def __init__(self, recording: Recording, options: Calibrate, asked: dict[str, Any], own: dict[str, Any]) -> None:
-        from flinders.core.samples import CountedRecording, singles
+        from flinders.core.samples import singles
+        from flinders.estimators.data import CountedRecording
 
         self.parts = [CountedRecording(part) for part in singles(recording)]
         self.options, self.files = options, options.files

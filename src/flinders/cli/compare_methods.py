@@ -58,7 +58,8 @@ def command(options: CompareMethods) -> int:
     why. Nothing is written; of several recordings of one sensor the blocks follow each other.
     """
     from flinders.comparison.methods import compare_methods, known
-    from flinders.core.samples import CountedRecording, Joined, singles
+    from flinders.core.samples import Joined, singles
+    from flinders.estimators.data import CountedRecording
     from flinders.readers import open_recording
     from flinders.report.comparison_pages import of_contest
 

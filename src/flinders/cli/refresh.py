@@ -21,7 +21,7 @@ from flinders.cli.calibrate import SiteOptions, recorded
 from flinders.errors import UsageError
 
 if TYPE_CHECKING:
-    from flinders.core.samples import CountedRecording
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.readers._resample import TimeSeries
 
@@ -129,7 +129,7 @@ def command(options: Refresh) -> int:
 
 def _opened(path: str, previous: Fit, options: Refresh) -> CountedRecording:
     """Open a recording in unit and axes of the earlier calibration, and say which magnetometer is read."""
-    from flinders.core.samples import CountedRecording
+    from flinders.estimators.data import CountedRecording
 
     recording = open_with(previous.calibration, path, sensor=options.sensor, **options.reading.as_dict())
     say_sensor(options.previous, previous.calibration, recording, options.sensor)

@@ -16,7 +16,8 @@ from flinders.cli._program import LIMITED
 from flinders.errors import FitError, UnitError, UsageError
 
 if TYPE_CHECKING:
-    from flinders.core.samples import CountedRecording, Recording
+    from flinders.core.samples import Recording
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Fit
     from flinders.geometry.plane import Turn
     from flinders.summary.summary import Summary
@@ -123,7 +124,7 @@ def command(options: TwoAxis) -> int:
     """
     from flinders.comparison.composition import composed, refuse_unloaded
     from flinders.core.calibration_file import dumps
-    from flinders.core.samples import CountedRecording
+    from flinders.estimators.data import CountedRecording
     from flinders.fitting.result import Refused
 
     options.check()

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from flinders.arrays import Floats
+    from flinders.core.samples import Skipped
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Rail
 
@@ -203,6 +204,38 @@ def within_range(readings: Readings) -> Readings:
     """Those readings that are at no rail, with the sums of all."""
     rails = readings.summary.health.rails
     return readings.through(lambda recording: WithinRange(recording, rails)) if rails else readings
+
+
+@dataclass(slots=True, eq=False)
+class CountedRecording(Wrapped):
+    """A recording that counts its readings, and notes their earliest and latest time, on each pass.
+
+    >>> counted = CountedRecording(Samples.of([[1, 2, 3], [3, 2, 1]], time=[5.0, 4.0]))
+    >>> [len(block) for block in counted.blocks()], counted.rows, counted.span
+    ([2], 2, (4.0, 5.0))
+    """
+
+    recording: Recording
+    rows: int = 0
+    span: tuple[float, float] = (math.nan, math.nan)  #: earliest and latest time, s; NaN where not known
+
+    def __len__(self) -> int:
+        return self.rows
+
+    @property
+    def skipped(self) -> tuple[Skipped, ...]:
+        """What the last pass left out."""
+        skipped: tuple[Skipped, ...] = getattr(self.recording, "skipped", ())
+        return skipped
+
+    def blocks(self) -> Iterator[Samples]:
+        """Go through the recording."""
+        self.rows, self.span = 0, (math.nan, math.nan)
+        for block in self.recording.blocks():
+            self.rows += len(block)
+            first, last = block.span
+            self.span = float(np.fmin(self.span[0], first)), float(np.fmax(self.span[1], last))
+            yield block
 
 
 SMALLEST, LARGEST = 1e-12, 1e15
