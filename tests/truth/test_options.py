@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from flinders.cli import main
-from flinders.cli._options import HEADINGS, RENAMED, Command
+from flinders.cli._program import HEADINGS, RENAMED, Command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,4 +1,18 @@
-"""The program: commands that are imported when they are called, exit codes, no traceback for bad input."""
+"""The program: commands made of dataclasses of options, one table of exit codes, no traceback for bad input.
+
+Each command is imported when it is called, and has a dataclass whose fields are its arguments, options and groups of
+options.
+
+>>> class Show(Group):
+...     path: str = argument("PATH")
+...     axes: str = member("--axes", default="x,y,z")
+...     as_json: bool = flag("--json", "Print it as JSON.")
+>>> @command_of("show", Show)
+... def show(options):
+...     print(options.path, options.axes, options.as_json)
+>>> show.main(["a.csv", "--json"], standalone_mode=False)
+a.csv x,y,z True
+"""
 
 from __future__ import annotations
 
@@ -6,21 +20,27 @@ import atexit
 import contextlib
 import gc
 import io
+import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
+from dataclasses import Field as DataclassField
+from dataclasses import dataclass, field, fields
+from functools import wraps
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
+from click.shell_completion import CompletionItem
 
-from flinders.cli._output import in_options, print_fit, print_json, say
+from flinders.cli._output import Output, Outputs, in_options, print_fit, print_json, say
 from flinders.cli._signals import ENDING, INTERRUPTED, handled, interrupt
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterable, Sequence
+    from types import ModuleType
 
     from flinders.findings import Verdict
 
@@ -200,3 +220,326 @@ def _silence_stdout() -> None:
     """What could not be written will not be tried again at exit: let the interpreter flush into nothing."""
     with contextlib.suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+# ------------------------------------------------------------------------------------------------- options of a command
+
+
+Options = TypeVar("Options", bound="Group")
+Field: TypeAlias = Any
+"""A field of a group: what declares an option, and the value of that for a type checker."""
+
+RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
+    "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
+)  # fmt: skip
+"""Headings of a command's help, in their order, below the options that are used most."""
+
+FEW: Final = 8
+"""So many options of a command need no headings."""
+
+RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
+    "apply": {"--hold": "--fix"},
+    "calibrate": {"--together": "--joint"},
+    "check": {"--hold": "--fix"},
+    "drift": {"--most": "--limit"},
+    "heading": {"--hold": "--fix"},
+    "swing": {"--rest": "--stationary"},
+    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
+}
+"""Options by command that had another spelling in the last release, which still works for this one."""
+
+
+class Option(click.Option):
+    """An option that knows its heading in the help."""
+
+    def __init__(self, *args: Any, heading: str = "", **attributes: Any) -> None:
+        super().__init__(*args, **attributes)
+        self.heading = heading
+
+
+class Command(click.Command):
+    """A command whose help begins with the options that are used most, `common`, before the others by heading.
+
+    `headings` has names of parameters by headings of this command alone; other options know theirs.
+    """
+
+    def __init__(
+        self, *args: Any, common: Sequence[str] = (), headings: Mapping[str, Sequence[str]] | None = None,
+        **attributes: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(*args, **attributes)
+        self.common, self.headings = tuple(common), headings or {}
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read a command line, in which options may have their earlier spelling."""
+        return super().parse_args(ctx, list(_respelled(args, RENAMED.get(self.name or "", {}))))
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options under their headings."""
+        options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
+        sections: dict[str, list[tuple[str, str]]] = {heading: [] for heading in ("", *self.headings, *HEADINGS)}
+        for each in sorted(options, key=self._place):
+            if record := each.get_help_record(ctx):
+                sections[self._heading(each) if len(options) > FEW else ""].append(record)
+        for heading, records in sections.items():
+            if records:
+                with formatter.section(heading or "Options"):
+                    formatter.write_dl(records)
+
+    def _heading(self, param: click.Parameter) -> str:
+        """Under which heading an option stands."""
+        if param.name in self.common:
+            return ""
+        own = (heading for heading, names in self.headings.items() if param.name in names)
+        return next(own, getattr(param, "heading", ""))
+
+    def _place(self, param: click.Parameter) -> int:
+        """Where an option stands: the common ones as they are listed, then all others as they were declared."""
+        return self.common.index(param.name) if param.name in self.common else len(self.common)
+
+
+def _respelled(args: Iterable[str], renamed: Mapping[str, str]) -> Iterator[str]:
+    """Put the new spelling of an option in the place of an earlier one, and say so."""
+    words = iter(args)
+    for word in words:
+        name, equals, value = word.partition("=")
+        if name in renamed:
+            say(f"! {name} is deprecated: use {renamed[name]}")
+        yield f"{renamed.get(name, name)}{equals}{value}"
+        if word == "--":
+            yield from words
+
+
+@dataclass_transform(frozen_default=True)
+class Group:
+    """Options that belong together, as one object: a dataclass with a field for each, made by `member`.
+
+    `heading`: under which heading of the help they stand, unless a member says otherwise.
+    """
+
+    def __init_subclass__(cls, heading: str = "") -> None:
+        for each in vars(cls).values():
+            if isinstance(each, DataclassField) and heading:
+                each.metadata["attributes"].setdefault("heading", heading)
+        dataclass(frozen=True, eq=False, repr=False)(cls)
+
+    @classmethod
+    def parameters(cls) -> Iterator[click.Parameter]:
+        """What click is to parse."""
+        for each in fields(cls):  # type: ignore[arg-type]
+            if "group" in each.metadata:
+                yield from each.metadata["group"].parameters()
+            else:
+                yield each.metadata["kind"]([*each.metadata["names"], each.name], **each.metadata["attributes"])
+
+    @classmethod
+    def taken(cls, values: dict[str, Any]) -> Self:
+        """Take the values of this group out of those that a command was called with."""
+        return cls(
+            **{
+                each.name: kind.taken(values) if (kind := each.metadata.get("group")) else values[each.name]
+                for each in fields(cls)  # type: ignore[arg-type]
+            }
+        )
+
+    def members(self) -> Iterator[tuple[Mapping[str, Any], Any]]:
+        """How each option and argument was declared, and its value; those of groups too."""
+        for each in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, each.name)
+            yield from value.members() if "group" in each.metadata else [(each.metadata, value)]
+
+    @property
+    def outputs(self) -> Outputs:
+        """The files that options name."""
+        return Outputs(tuple(self.named_files()), getattr(self, "force", False), getattr(self, "as_json", False))
+
+    def checked_outputs(self, *inputs: str | None) -> Outputs:
+        """The same, refused where one cannot be written, or is one of the arguments or `inputs`, which are read."""
+        read = list(filter(None, inputs))
+        for declared, value in self.members():
+            if declared["kind"] is click.Argument:
+                read += [value] if isinstance(value, str) else value or ()
+        outputs = self.outputs
+        outputs.check(read)
+        return outputs
+
+    def named_files(self) -> Iterator[Output]:
+        """The files that options name, each by `what` it is."""
+        for declared, value in self.members():
+            if what := declared.get("what"):
+                yield Output(what, value, declared["names"][0])
+
+    def as_dict(self, *, if_typed: Sequence[str] = ()) -> dict[str, Any]:
+        """Each option by its name; those of `if_typed` only where they were given on the command line."""
+        names = [each.name for each in fields(self)]  # type: ignore[arg-type]
+        return {name: getattr(self, name) for name in names if name not in if_typed or is_typed(name)}
+
+    def typed(self) -> dict[str, Any]:
+        """The options that are not at their defaults, as they are spelled, but for those of what is written.
+
+        >>> from flinders.cli._options import ReadingOptions
+        >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, False).typed()
+        {'--unit': 'mG', '--from': 5.0}
+        """
+        typed: dict[str, Any] = {}
+        for declared, value in self.members():
+            attributes = declared["attributes"]
+            if attributes.get("heading") != OUTPUT and value not in (None, False, (), attributes.get("default")):
+                typed |= {name: value for name in declared["names"] if name.startswith("--")}
+        return typed
+
+    def typed_words(self) -> dict[str, str]:
+        """The same in words, for a report.
+
+        >>> from flinders.cli._options import ReadingOptions
+        >>> ReadingOptions(None, None, "mG", None, "x,y,z", None, 5.0, None, True).typed_words()
+        {'--unit': 'mG', '--from': '5.0', '--as-logged': 'yes'}
+        """
+        return {
+            name: "yes" if value is True else ", ".join(value) if isinstance(value, tuple) else f"{value}"
+            for name, value in self.typed().items()
+        }
+
+
+def member(*names: str, what: str = "", **attributes: Any) -> Field:
+    """A field that is an option, declared as with `click.option`; the field names its parameter.
+
+    `what`: of an option that names a file to write, what is in that.
+    """
+    if completion := BY_METAVAR.get(attributes.get("metavar", "")):
+        attributes["shell_complete"] = completion
+    return field(metadata={"kind": Option, "names": names, "attributes": attributes, "what": what})
+
+
+def flag(name: str, words: str, **attributes: Any) -> Field:
+    """A field that is an option without a value."""
+    return member(name, is_flag=True, help=words, **attributes)
+
+
+def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
+    """A field that is an argument, shown as `metavar`: the name of a file."""
+    attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": complete_files}
+    return field(metadata={"kind": click.Argument, "names": (), "attributes": attributes})
+
+
+def group(kind: type[Group]) -> Field:
+    """A field that is a group of its own."""
+    return field(metadata={"group": kind})
+
+
+def same_as(kind: type[Group], name: str) -> Field:
+    """A field that is one option of another group."""
+    return field(metadata=kind.__dataclass_fields__[name].metadata)  # type: ignore[attr-defined]
+
+
+def command_of(
+    name: str,
+    kind: type[Options],
+    parent: click.Group | ModuleType = click,
+    *,
+    cls: type[Command] = Command,
+    **attributes: Any,
+) -> Callable[[Callable[[Options], int | None]], click.Command]:
+    """Make a command, of `parent` or the program, of a function that takes its options as one object of `kind`."""
+
+    def decorate(function: Callable[[Options], int | None]) -> click.Command:
+        @wraps(function)
+        def called(**values: Any) -> int | None:
+            return function(kind.taken(values))
+
+        made: click.Command = parent.command(name, cls=cls, params=list(kind.parameters()), **attributes)(called)
+        return made
+
+    return decorate
+
+
+def is_typed(name: str) -> bool:
+    """Whether an option was given on the command line."""
+    context = click.get_current_context(silent=True)
+    return context is not None and context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+def only_one(_context: click.Context, _option: click.Parameter, values: tuple[Any, ...]) -> Any:  # noqa: ANN401
+    """Take the value of an option that may be given once, if it was given; for `callback`, with ``multiple=True``."""
+    if len(values) > 1:
+        raise click.BadParameter(f"{values[0]}, and {values[1]}: give one")
+    return values[0] if values else None
+
+
+def within(low: float, high: float, what: str, *, zero: bool = False) -> Callable[[object], float]:
+    """Make the type of an option that takes a finite number from `low` to `high`, and 0 only where `zero` says so.
+
+    >>> within(0, 180, "an angle")("7.5"), within(0, 1, "a share", zero=True)("0")
+    (7.5, 0.0)
+    """
+
+    def number(value: object) -> float:
+        try:
+            typed = float(str(value))
+        except ValueError:
+            typed = math.nan
+        if not low <= typed <= high or (typed == low == 0 and not zero):
+            raise click.BadParameter(f"{str(value)!r}: need {what}")
+        return typed
+
+    return number
+
+
+positive = within(0, sys.float_info.max, "a number above 0")
+angle = within(0, 180, "degrees above 0, up to 180")
+inclination = within(-89, 89, "degrees from -89 to 89")
+
+
+def numbers_of(text: str) -> list[float]:
+    """Read finite numbers with commas between them; none where there is anything else.
+
+    >>> numbers_of("1.5,-2"), numbers_of("1,nan"), numbers_of("one")
+    ([1.5, -2.0], [], [])
+    """
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
+# ------------------------------------------------------------------------------------------- what a shell completes
+
+
+Completion: TypeAlias = list[CompletionItem]
+"""What a shell completes a word to."""
+
+
+def complete_files(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Let the shell complete names of files."""
+    return [CompletionItem(begun, type="file")]
+
+
+def complete_targets(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of targets.
+
+    >>> [item.value for item in complete_targets(None, None, "px")]
+    ['px4', 'px4-shell']
+    """
+    from flinders.targets import registry
+
+    return _matching(registry(), begun)
+
+
+def complete_methods(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of methods."""
+    from flinders.estimators import METHODS
+
+    return _matching(("auto", *METHODS), begun)
+
+
+def _matching(names: Iterable[str], begun: str) -> Completion:
+    """Items of the names that begin so."""
+    return [CompletionItem(name) for name in names if name.startswith(begun)]
+
+
+BY_METAVAR: Final = {
+    **dict.fromkeys(("FILE", "CALIBRATION", "LOG", "TRUTH", "SESSION"), complete_files),
+    "TARGET": complete_targets,
+}
+"""Completion of options by what their value is called in the help."""

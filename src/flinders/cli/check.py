@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import in_use, made_from, open_all_with, say_exact, saying_what_was_read, stated_site
 from flinders.cli._output import can_show, print_json, progress, say, say_beyond, show
 from flinders.cli._program import GOOD, LIMITED, REFUSED, print_error
@@ -26,13 +27,13 @@ if TYPE_CHECKING:
     from flinders.fitting.result import Fit, Refused
 
 
-class Check(option.Group):
+class Check(program.Group):
     """A calibration, recordings to hold it against, and how they are read and judged."""
 
-    calibration: str = option.argument("CALIBRATION")
-    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
-    is_followed: bool = option.flag("--drift", "Also follow the offset through the recording.")
-    reading: option.PartOfColumns = option.group(option.PartOfColumns)
+    calibration: str = program.argument("CALIBRATION")
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
+    is_followed: bool = program.flag("--drift", "Also follow the offset through the recording.")
+    reading: option.PartOfColumns = program.group(option.PartOfColumns)
     sensor: str | None = option.sensor_of_calibration()
     fixed: tuple[str, ...] = option.fixed()
     target_deg: float = option.target()
@@ -40,7 +41,7 @@ class Check(option.Group):
     as_json: bool = option.as_json()
 
 
-@option.command_of(
+@program.command_of(
     "check",
     Check,
     common=("target_deg", "is_followed", "columns", "sensor", "as_json"),

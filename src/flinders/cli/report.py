@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._inputs import load, made_from, open_all_with, saying_what_was_read
 from flinders.cli._output import print_json, progress, refuse_report, say
 from flinders.errors import UsageError
@@ -24,14 +25,14 @@ OTHER = (
 )
 
 
-class Pair(option.Group):
+class Pair(program.Group):
     """A calibration and the recordings that are drawn with it."""
 
-    calibration: str = option.argument("CALIBRATION")
-    recordings: tuple[str, ...] = option.argument("RECORDING...", nargs=-1)
-    columns: str | None = option.same_as(option.ColumnsOptions, "columns")
+    calibration: str = program.argument("CALIBRATION")
+    recordings: tuple[str, ...] = program.argument("RECORDING...", nargs=-1)
+    columns: str | None = program.same_as(option.ColumnsOptions, "columns")
     sensor: str | None = option.sensor_of_calibration()
-    part: option.PartOptions = option.group(option.PartOptions)
+    part: option.PartOptions = program.group(option.PartOptions)
     dip_deg: float | None = option.dip("Inclination of the field at the site [default: the calibration's].")
     target_deg: float | None = option.target(
         "Worst heading error that is good enough [default: the calibration's].", None
@@ -63,14 +64,14 @@ class Pair(option.Group):
         return loaded, as_recorded, fit, notes
 
 
-class Report(option.Group):
+class Report(program.Group):
     """A calibration and recordings, and where the report goes."""
 
-    pair: Pair = option.group(Pair)
+    pair: Pair = program.group(Pair)
     output: str | None = option.output(
         "the report", "HTML file to write, - for standard output [default: report.html]."
     )
-    pdf: str | None = option.member(
+    pdf: str | None = program.member(
         "--pdf",
         what="its PDF",
         metavar="[FILE]",
@@ -97,7 +98,7 @@ class Report(option.Group):
         self.checked_outputs()
 
 
-@option.command_of(
+@program.command_of(
     "report",
     Report,
     common=("output", "pdf", "columns", "sensor"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from flinders.cli import _options as option
+from flinders.cli import _program as program
 from flinders.cli._program import GOOD
 from flinders.cli._swing import (
     BOAT,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-@option.command_of(
+@program.command_of(
     "swing",
     SwingOptions,
     common=("output", "svg", "headings", "name", "target_deg", "as_json"),
