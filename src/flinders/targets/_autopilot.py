@@ -33,8 +33,7 @@ from flinders.errors import (
     counted,
 )
 from flinders.targets._mounting import angles, without_turn
-from flinders.targets._numbers import decoded
-from flinders.targets._target import MOTORS, followed, in_recorded_axes, single
+from flinders.targets._numbers import MOTORS, decoded, followed, in_recorded_axes, single
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -38,7 +38,8 @@ from flinders.arrays import Floats, floats, vectors
 from flinders.core.calibration import Calibration
 from flinders.core.units import MICROTESLA, PER_UNIT, Unit
 from flinders.errors import ArrayError, NotExportable, UnitError, UsageError, figures
-from flinders.targets._target import ExportOptions, Target, Written, in_recorded_axes
+from flinders.targets._numbers import in_recorded_axes
+from flinders.targets._target import ExportOptions, Target, Written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -30,9 +30,9 @@ from flinders.arrays import floats
 from flinders.core.units import COUNTS
 from flinders.errors import DocumentError
 from flinders.targets._mounting import ALIGNMENTS, DECIDEGREE, Mounting, MountingTable
-from flinders.targets._numbers import counts, in_16_bits, settings
+from flinders.targets._numbers import VEHICLE, Affine, counts, in_16_bits, in_vehicle_axes, settings
 from flinders.targets._remounting import left_out, remounting
-from flinders.targets._target import VEHICLE, Affine, ExportOptions, Target, TargetReader, Written, in_vehicle_axes
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -32,22 +32,8 @@ import numpy as np
 from flinders.arrays import Floats, floats, vectors
 from flinders.core.units import label
 from flinders.errors import NotExportable, UsageError, figures
-from flinders.targets._numbers import whole
-from flinders.targets._target import (
-    BLOCK,
-    CHANCE,
-    HASH,
-    OWN,
-    RECORDED,
-    TILT_DEG,
-    Affine,
-    ExportOptions,
-    Gates,
-    Target,
-    Written,
-    shift_in_recorded_axes,
-    single,
-)
+from flinders.targets._numbers import OWN, RECORDED, Affine, shift_in_recorded_axes, single, whole
+from flinders.targets._target import BLOCK, CHANCE, HASH, TILT_DEG, ExportOptions, Gates, Target, Written
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from flinders.targets._target import BLOCK, HASH, OWN, Affine, ExportOptions, Target, Written, single
+from flinders.targets._numbers import OWN, Affine, single
+from flinders.targets._target import BLOCK, HASH, ExportOptions, Target, Written
 from flinders.targets.code import float32s
 
 if TYPE_CHECKING:

@@ -26,7 +26,8 @@ import numpy as np
 
 from flinders.arrays import Floats, floats
 from flinders.errors import DocumentError
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written, single
+from flinders.targets._numbers import Affine, single
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration

@@ -54,18 +54,9 @@ from flinders.targets._autopilot import (
     refuse_values,
 )
 from flinders.targets._mounting import Mounting, MountingTable, euler
+from flinders.targets._numbers import MOTORS, Affine, followed, in_recorded_axes, shift_in_recorded_axes
 from flinders.targets._remounting import left_out, remounting
-from flinders.targets._target import (
-    MOTORS,
-    Affine,
-    ExportOptions,
-    Target,
-    TargetReader,
-    Written,
-    followed,
-    in_recorded_axes,
-    shift_in_recorded_axes,
-)
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from flinders.errors import DocumentError
-from flinders.targets._numbers import decoded, keyed, numbers
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import Affine, decoded, keyed, numbers
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.arrays import Floats

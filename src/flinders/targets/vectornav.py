@@ -22,8 +22,8 @@ from operator import xor
 from typing import TYPE_CHECKING, Final
 
 from flinders.errors import DocumentError
-from flinders.targets._numbers import decoded, numbers
-from flinders.targets._target import Affine, ExportOptions, Target, TargetReader, Written
+from flinders.targets._numbers import Affine, decoded, numbers
+from flinders.targets._target import ExportOptions, Target, TargetReader, Written
 
 if TYPE_CHECKING:
     from flinders.core.calibration import Calibration
