@@ -7,7 +7,7 @@ what is written, and says what that costs. Most write a matrix and an offset in 
 >>> halves = Target(
 ...     name="halves", use="half of the offset", suffix=".txt", title="A toy", formula="c = m - b / 2", unit="uT",
 ...     keeps="all", storage="decimal", source="nobody",
-...     write=lambda found, asked: Written(lambda raw: raw - found.offset / 2, [str(found.offset[0] / 2)], {}),
+...     write=lambda given, asked: Written(lambda raw: raw - given.offset / 2, [str(given.offset[0] / 2)], {}),
 ... )
 >>> halves.render(Calibration([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0.2, 0, 0], 50.0, raw=Unit.of("uT"))).checked
 'checked: its own formula on 400 fields of 50.00 µT, at most 0.10 µT and 0.11° off the calibration'
@@ -572,11 +572,11 @@ def heading_deg(angle_deg: float) -> float:
 class Affine:
     """``corrected = matrix @ (raw - offset)``, with (3, 3) matrix, (3,) offset and the length of corrected readings.
 
-    >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
-    >>> in_gauss = Affine.of(found, "G", who="this device")
+    >>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+    >>> in_gauss = Affine.of(calibration, "G", who="this device")
     >>> in_gauss.offset.round(6), in_gauss.apply([0.5, -0.2, 0.3]).round(6)
     (array([ 0.1, -0.2,  0.3]), array([0.5, 0. , 0. ]))
-    >>> in_gauss.to_calibration("G").isclose(found)
+    >>> in_gauss.to_calibration("G").isclose(calibration)
     True
     """
 
