@@ -59,11 +59,11 @@ MOTORS: Final = {"current": 2, "throttle": 1}
 class Affine:
     """``corrected = matrix @ (raw - offset)``, with (3, 3) matrix, (3,) offset and the length of corrected readings.
 
-    >>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
-    >>> in_gauss = Affine.of(found, "G", who="this device")
+    >>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+    >>> in_gauss = Affine.of(calibration, "G", who="this device")
     >>> in_gauss.offset.round(6), in_gauss.apply([0.5, -0.2, 0.3]).round(6)
     (array([ 0.1, -0.2,  0.3]), array([0.5, 0. , 0. ]))
-    >>> in_gauss.to_calibration("G").isclose(found)
+    >>> in_gauss.to_calibration("G").isclose(calibration)
     True
     """
 

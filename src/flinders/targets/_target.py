@@ -8,7 +8,7 @@ what is written, and says what that costs. Most write a matrix and an offset in 
 >>> halves = Target(
 ...     name="halves", use="half of the offset", suffix=".txt", title="A toy", formula="c = m - b / 2", unit="uT",
 ...     keeps="all", storage="decimal", source="nobody",
-...     write=lambda found, asked: Written(lambda raw: raw - found.offset / 2, [str(found.offset[0] / 2)], {}),
+...     write=lambda given, asked: Written(lambda raw: raw - given.offset / 2, [str(given.offset[0] / 2)], {}),
 ... )
 >>> halves.render(Calibration([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0.2, 0, 0], 50.0, raw=Unit.of("uT"))).checked
 'checked: its own formula on 400 fields of 50.00 µT, at most 0.10 µT and 0.11° off the calibration'

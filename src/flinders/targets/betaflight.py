@@ -1,8 +1,8 @@
 """Betaflight's ``mag_calibration``: ``m = aligned − magZero``, three whole numbers of raw counts, and no soft iron.
 
 >>> from flinders.core.calibration import Calibration
->>> found = write(Calibration(np.eye(3), [120.4, -31.6, 7.0], 400.0), ExportOptions())
->>> found.body[0], found.apply([520.0, -32.0, 7.0])
+>>> written = write(Calibration(np.eye(3), [120.4, -31.6, 7.0], 400.0), ExportOptions())
+>>> written.body[0], written.apply([520.0, -32.0, 7.0])
 ('set mag_calibration = 120,-32,7', array([400.,   0.,   0.]))
 >>> read(b"set mag_calibration = 120,-32,7", "dump.txt", strength=400.0).offset
 array([120., -32.,   7.])

@@ -9,14 +9,14 @@ CAL_MAG_COMP_TYP says. Ours is corrected = A (raw − b), so
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
->>> for name, value in Px4Parameters.of(found, compass=1).rows()[:4]:
+>>> calibration = Calibration(np.diag([1.1, 1.0, 0.9]), [10.0, -20.0, 0.0], 50.0, raw=Unit.of("G"))
+>>> for name, value in Px4Parameters.of(calibration, compass=1).rows()[:4]:
 ...     print(f"{name} {value:g}")
 CAL_MAG1_XOFF 0.1
 CAL_MAG1_YOFF -0.2
 CAL_MAG1_ZOFF 0
 CAL_MAG1_XSCALE 1.1
->>> turned_over = replace(Px4Parameters.of(found), rotation=8)                  # ROLL_180
+>>> turned_over = replace(Px4Parameters.of(calibration), rotation=8)                  # ROLL_180
 >>> turned_over.apply([[0.1, -0.2, 0.5]])                           # in gauss: 10, −20 and 50 µT
 array([[ 0.  ,  0.  , -0.45]])
 
@@ -309,14 +309,14 @@ def mounting(rotation: int) -> Floats:
 ANGLES: Final = ("ROLL", "PITCH", "YAW")
 
 
-def mounting_rows(held: Mounting, compass: int) -> tuple[tuple[str, float], ...]:
+def mounting_rows(mounting: Mounting, compass: int) -> tuple[tuple[str, float], ...]:
     """Names and values to write: the angles, which are 0 for a mounting by its number, and ROT.
 
-    >>> mounting_rows(TABLE.held(euler(180, 0, 0)), 1)[2:]
+    >>> mounting_rows(TABLE.mounting(euler(180, 0, 0)), 1)[2:]
     (('CAL_MAG1_YAW', 0.0), ('CAL_MAG1_ROT', 8.0))
     """
-    own = ((f"CAL_MAG{compass}_{axis}", angle) for axis, angle in zip(ANGLES, held.angles, strict=True))
-    return (*own, (f"CAL_MAG{compass}_ROT", float(CUSTOM if held.number is None else held.number)))
+    own = ((f"CAL_MAG{compass}_{axis}", angle) for axis, angle in zip(ANGLES, mounting.angles, strict=True))
+    return (*own, (f"CAL_MAG{compass}_ROT", float(CUSTOM if mounting.number is None else mounting.number)))
 
 
 def board_mounting(values: Mapping[str, float]) -> Floats:
@@ -388,7 +388,7 @@ def _written(calibration: Calibration, line: Callable[[str, str], str], asked: E
     Affine.of(calibration, "G", who="PX4")  # refuses counts, and numbers beyond all bounds
     new = remounting(calibration, asked.mounting, TABLE, after=False)
     turn = np.eye(3) if new is None else new.turn
-    parameters = Px4Parameters.of(calibration, compass=compass).as_held()
+    parameters = Px4Parameters.of(calibration, compass=compass).as_float32()
     values = dict([*(() if new is None else mounting_rows(new.mounting, compass)), *parameters.rows()])
     motor = followed(calibration)[1]
     if motor is not None:

@@ -5,14 +5,14 @@ them unless the extremes are valid too.
 
 >>> from flinders.core.calibration import Calibration
 >>> from flinders.core.units import Unit
->>> found = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
->>> lines = write(found, ExportOptions()).body
+>>> calibration = Calibration(np.diag([1.25, 1.0, 0.8]), [10.0, -20.0, 30.0], 50.0, raw=Unit.of("uT"))
+>>> lines = write(calibration, ExportOptions()).body
 >>> print(*lines[:3], lines[-1], sep=chr(10))
 CompassCalValid=true
 CompassCalMinX=-50.000000
 CompassCalMaxX=50.000000
 compassCalCorr33=0.800000
->>> read(chr(10).join(lines).encode(), "RTIMULib.ini").isclose(found)
+>>> read(chr(10).join(lines).encode(), "RTIMULib.ini").isclose(calibration)
 True
 
 Source: RTIMULib2, ``RTIMUSettings.cpp`` and ``RTIMU.cpp`` (calibrateAverageCompass). Readings are those after the
