@@ -188,12 +188,12 @@ def histories(
         yield Histories.of_table(whole, rule, len(table) - len(whole))
 
 
-def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str], *, rows: int = ROWS) -> Iterator[Any]:
+def whole_units(paths: Sequence[str | os.PathLike[str]], columns: Sequence[str]) -> Iterator[Any]:
     """Yield tables of Arrow with all rows of some units, in the order of their names, each recording once.
 
     A column that is not of a fleet is null for tables without it; errors as for `histories`.
     """
-    for table in _side_by_side(paths, columns, rows=rows):
+    for table in _side_by_side(paths, columns):
         yield _counted_once(table)
 
 

@@ -347,10 +347,10 @@ def _with_shown(session: LiveSession, series: Series) -> LiveSession:
     return _changed(session, **{"live" if session.opened is None else "opened": series})
 
 
-def _refit(session: LiveSession, *, soon: bool = True) -> LiveSession:
-    """Mark the shown series as changed, so that it is fitted again; soon where a person asked for it."""
+def _refit(session: LiveSession) -> LiveSession:
+    """Mark the shown series as changed, so that it is soon fitted again."""
     keys = session.keys + 1
-    session = replace(session, keys=keys, due_at=min(session.due_at, session.at) if soon else session.due_at)
+    session = replace(session, keys=keys, due_at=min(session.due_at, session.at))
     return _with_shown(session, replace(session.shown, key=keys))
 
 
