@@ -101,35 +101,17 @@ COMPENSATED: Final = (
 class ArduPilotParameters(CompassParameters):
     """The parameters of one compass, 1 to 3.
 
-    Attributes
-    ----------
-    offset : (3,) float, mG
-        COMPASS_OFS.
-    diagonal : (3,) float
-        COMPASS_DIA; all zero counts as all one.
-    off_diagonal : (3,) float
-        COMPASS_ODI: entries xy, xz and yz.
-    motor : (3,) float, mG/A or mG at full throttle
-        COMPASS_MOT.
-    motor_by : int
-        COMPASS_MOTCT: 0 off, 1 throttle, 2 current.
-    compass : int
-    device_id : int, optional
-        COMPASS_DEV_ID.
-    scale : float
-        COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1.
-    orientation : int
-        COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only.
-    external : bool
-        COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board.
-    custom : (3,) float, degrees
-        CUST_ROT1 or CUST_ROT2, if `orientation` is one of `CUSTOM`: roll, pitch and yaw.
+    (3,) `offset`, mG, is COMPASS_OFS, (3,) `diagonal` COMPASS_DIA, where all zero counts as all one, and (3,)
+    `off_diagonal` COMPASS_ODI: entries xy, xz and yz. (3,) `motor` is COMPASS_MOT in mG/A or mG at full throttle,
+    `motor_by` COMPASS_MOTCT: 0 off, 1 throttle, 2 current; `device_id` is COMPASS_DEV_ID.
     """
 
     compass: int = 1
-    scale: float = 0.0
-    orientation: int = 0
+    scale: float = 0.0  #: COMPASS_SCALE; 0, or what lies beyond 1/1.5 to 1.5, counts as 1
+    orientation: int = 0  #: COMPASS_ORIENT, a row of `ORIENTATIONS`; ArduPilot uses it for external compasses only
+    #: COMPASS_EXTERNAL: the compass is turned by its own orientation, not by that of the board
     external: bool = False
+    #: (3,), degrees: CUST_ROT1 or CUST_ROT2, if `orientation` is one of `CUSTOM`: roll, pitch and yaw
     custom: Floats = field(default_factory=lambda: np.zeros(3))
 
     who: ClassVar[str] = "ArduPilot"

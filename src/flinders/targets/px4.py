@@ -92,35 +92,18 @@ EXTERNAL_ONLY: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Px4Parameters(CompassParameters):
-    """The parameters of one compass, 0 to 3.
+    """The parameters of one compass n, 0 to 3.
 
-    Attributes
-    ----------
-    offset : (3,) float, G
-        CAL_MAGn_XOFF to ZOFF.
-    diagonal : (3,) float
-        CAL_MAGn_XSCALE to ZSCALE.
-    off_diagonal : (3,) float
-        CAL_MAGn_XODIAG, YODIAG and ZODIAG: entries xy, xz and yz.
-    motor : (3,) float, G at full throttle or G/kA
-        CAL_MAGn_XCOMP to ZCOMP, added to a reading before the offset is removed.
-    motor_by : int
-        CAL_MAG_COMP_TYP, one for all compasses: 0 nothing, 1 throttle, 2 the current of the first battery.
-    compass : int
-        n.
-    device_id : int, optional
-        CAL_MAGn_ID: PX4 uses the parameters for the compass with this number, as ``sensor_mag`` has it.
-    rotation : int
-        CAL_MAGn_ROT, a row of `MOUNTINGS`, `CUSTOM` or `INTERNAL`.
-    custom : (3,) float, degrees
-        CAL_MAGn_ROLL, PITCH and YAW.
-    board : (3, 3) float
-        How the board sits, for an internal compass.
+    (3,) `offset`, G, is CAL_MAGn_XOFF to ZOFF, (3,) `diagonal` XSCALE to ZSCALE, (3,) `off_diagonal` XODIAG, YODIAG and
+    ZODIAG: entries xy, xz and yz. (3,) `motor`, XCOMP to ZCOMP in G at full throttle or G/kA, is added to a reading
+    before the offset is removed; `motor_by`, CAL_MAG_COMP_TYP, is one for all compasses: 0 nothing, 1 throttle, 2 the
+    current of the first battery. `device_id` is CAL_MAGn_ID: PX4 uses the parameters for the compass with this number,
+    as ``sensor_mag`` has it.
     """
 
-    rotation: int = INTERNAL
-    custom: Floats = field(default_factory=lambda: np.zeros(3))
-    board: Floats = field(default_factory=lambda: np.eye(3))
+    rotation: int = INTERNAL  #: CAL_MAGn_ROT, a row of `MOUNTINGS`, `CUSTOM` or `INTERNAL`
+    custom: Floats = field(default_factory=lambda: np.zeros(3))  #: (3,), degrees: CAL_MAGn_ROLL, PITCH and YAW
+    board: Floats = field(default_factory=lambda: np.eye(3))  #: (3, 3): how the board sits, for an internal compass
 
     who: ClassVar[str] = "PX4"
     unit: ClassVar[str] = "G"
