@@ -618,15 +618,11 @@ class ColumnsRecording:
 
     __slots__ = ()
     file: Source
+    source: str  # name of the file
     unit: Unit
     axes: Axes
     span: TimeSpan
     columns: Any  # a field or a property with `Columns`
-
-    @property
-    def source(self) -> str:
-        """The name of the file."""
-        return self.file.name
 
     @property
     def name(self) -> str:

@@ -95,8 +95,13 @@ class TableRecording(ColumnsRecording):
     axes: Axes = field(default_factory=Axes)  # how the recorded axes are turned
     progress: Progress | None = None  # called with the bytes read so far, by the share of rows
     span: TimeSpan = field(default_factory=TimeSpan)  # which part of it is read
+    source: str = field(init=False)
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
     temporary_files: tuple[Source, ...] = field(default=(), init=False)  # that it needs
+
+    def __post_init__(self) -> None:
+        """Take the name of the file."""
+        self.source = self.file.name
 
     @property
     def readings(self) -> int:

@@ -81,7 +81,12 @@ class TextRecording(ColumnsRecording):
     span: TimeSpan = field(default_factory=TimeSpan)  # which part of it is read
     transcription: Transcription | None = None  # of a recording in a dialect, what made the table that `file` is
     original: Source | None = None  # the recording itself, where `file` is a table that was made of it
+    source: str = field(init=False)
     skipped: tuple[Skipped, ...] = field(default=(), init=False)  # what the last pass has left out so far
+
+    def __post_init__(self) -> None:
+        """Take the name of the file."""
+        self.source = self.file.name
 
     @property
     def columns(self) -> Columns:
