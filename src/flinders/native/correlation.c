@@ -79,7 +79,8 @@ static int has_copies(const flinders_record *record)
     return record->distinct > 0 && record->distinct < record->rows;
 }
 
-/* Scatter of Σ J s over all readings, and what was found of it; `known`: standard deviation of a distortion, or 0. */
+/* Scatter of Σ J s over all readings, and what was found of it; `known`: as that of
+ * `fl_distortion`. */
 static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const fl_fit *fit, real known,
                        const fl_room *room, real scatter[81], flinders_record *record)
 {
@@ -187,11 +188,12 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     scatter_of(kernels, &residuals, fit, 0, room, scatter, record);
     if (record->is_white) return;
     int is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
-    const real likely = !is_slow || record->distortion > 0 ? 0
-        : fl_likely_distortion(&residuals, &fit->surface, has_copies(record), fit->slow.gain, room);
-    if (likely > 0) {
+    const real known = !is_slow || record->distortion > 0 ? 0
+        : fl_likely_distortion(&residuals, &fit->surface, has_copies(record), 3 * (size_t)record->lags,
+                               fit->slow.gain, room);
+    if (known > 0) {
         gather_stretches(kernels, view, fit, room, &residuals);
-        scatter_of(kernels, &residuals, fit, likely, room, scatter, record);
+        scatter_of(kernels, &residuals, fit, known, room, scatter, record);
         is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
     }
     scattered(fit, scatter, record->covariance);

@@ -7,6 +7,7 @@ enum { CELLS = 100, FEWEST_CELLS = 20, RATIOS = 8 };
 #define PROVEN ((real)3)
 #define LEAST_RATIO ((real)0.0625) /* of the variances, distortion over white noise; a quarter of the next */
 #define PLAIN ((real)15)           /* bits of likelihood that a distortion has to gain over white noise */
+#define AGREEMENT ((real)0.4)      /* of different visits, over what a likely distortion says: less contradicts it */
 #define AS_LIKELY ((real)0.6)      /* of what slow noise gains, that a distortion has to: of noise alone it gains half at most */
 
 /* Cells of the sphere that hold a reading. */
@@ -264,8 +265,9 @@ static real agreed(const fl_residuals *residuals, const fl_surface *surface, sph
     return expected > 0 ? fl_sqrt(found / expected) : 0;
 }
 
-/* Standard deviation of the distortion, 0 where unproven; its scatter of the gradient, and residuals without it. A
- * deviation that is known beforehand is taken as it is. */
+/* Standard deviation of the distortion, 0 where unproven; its scatter of the gradient, and residuals without it.
+ *
+ * `known`: the deviation, where `fl_likely_distortion` has found one, or 0. */
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real time,
                    real known, const fl_room *room, real scatter[81])
 {
@@ -316,41 +318,58 @@ static real likelihood_of(const sphere *on, real ratio, real within, real freedo
     return -(log_determinant + freedom * fl_log2(*variance)) / 2;
 }
 
-/* The likeliest ratio of the variances, by a parabola through the best of some and those beside it. */
+/* The likeliest of some ratios of the variances, distortion over white noise. */
 static real likeliest_ratio(const sphere *on, real within, real freedom)
 {
-    real likelihoods[RATIOS], variance;
-    int best = 1;
-    for (int k = 0; k < RATIOS; k++)
-        likelihoods[k] = likelihood_of(on, LEAST_RATIO * fl_pow(4, (real)k), within, freedom, &variance);
-    for (int k = 2; k < RATIOS - 1; k++) best = likelihoods[k] > likelihoods[best] ? k : best;
-    const real *const at = likelihoods + best, bend = at[-1] - 2 * at[0] + at[1];
-    const real beside = bend < 0 ? (at[-1] - at[1]) / (2 * bend) : 0;
-    return LEAST_RATIO * fl_pow(4, (real)best + (beside > 1 ? 1 : beside < -1 ? -1 : beside));
+    real best = LEAST_RATIO, most = -FL_HUGE, variance;
+    for (int k = 0; k < RATIOS; k++) {
+        const real ratio = LEAST_RATIO * fl_pow(4, (real)k), one = likelihood_of(on, ratio, within, freedom, &variance);
+        if (one > most) most = one, best = ratio;
+    }
+    return best;
 }
 
-/* Standard deviation of a distortion that is about as likely as slow noise, and far likelier than white noise; else 0.
- * It needs fewer visits than `agreed`: they are short beside the memory that slow noise would have.
+/* Standard deviation of a distortion that makes all of the means of the cells but white noise; 0 where different visits
+ * to a cell agree far less than it says. */
+static real of_means(const fl_residuals *residuals, const fl_surface *surface, sphere *on, size_t apart, real white)
+{
+    real cross[CELLS], pairs[CELLS], variance[CELLS], made = 0, expected = 0, found = 0, agreeing = 0;
+    between_visits(residuals, on, apart, cross, pairs);
+    fill_kernel(residuals, surface, on);
+    left_over(on, variance);
+    for (int k = 0; k < on->n; k++) {
+        made += on->counts[k] * on->means[k] * on->means[k] - white;
+        expected += on->counts[k] * variance[k];
+        found += cross[k] / on->counts[k];
+        agreeing += pairs[k] * variance[k] / on->counts[k];
+    }
+    if (!(made > 0 && expected > 0)) return 0;
+    return found > AGREEMENT * agreeing * made / expected ? fl_sqrt(made / expected) : 0;
+}
+
+/* Standard deviation of a distortion that is about as likely as slow noise, and far likelier than white noise alone;
+ * else 0. It needs less than `agreed`, which hardly tells the two apart where few visits are farther apart than the memory
+ * that slow noise would have.
  *
  * `slow`: bits of likelihood that slow noise gains over white noise. */
-real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, real slow,
+real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real slow,
                           const fl_room *room)
 {
     sphere on;
-    real count, variance;
+    real count, white;
     on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
     if (has_copies) weigh_once(residuals, room);
     count_cells(residuals, surface, &on);
     real within = square_of(residuals, &count);
-    if (on.n <= FEWEST_CELLS) return 0;
+    if (on.n < FEWEST_CELLS) return 0;
     for (int k = 0; k < on.n; k++) {
         within -= on.counts[k] * on.means[k] * on.means[k];
         for (int l = 0; l < on.n; l++) on.kernel[k * on.n + l] = alike(on.middles[k], on.middles[l]);
     }
-    const real white = likelihood_of(&on, 0, within, count - 9, &variance);
+    const real none = likelihood_of(&on, 0, within, count - 9, &white);
     const real ratio = likeliest_ratio(&on, within, count - 9);
-    const real gain = likelihood_of(&on, ratio, within, count - 9, &variance) - white;
-    return gain > PLAIN && gain > AS_LIKELY * slow ? fl_sqrt(ratio * variance) : 0;
+    const real gain = likelihood_of(&on, ratio, within, count - 9, &white) - none;
+    return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, apart, white) : 0;
 }
 
 /* Covariance of two residuals of one direction at different times. */
