@@ -79,8 +79,7 @@ static int has_copies(const flinders_record *record)
     return record->distinct > 0 && record->distinct < record->rows;
 }
 
-/* Scatter of Σ J s over all readings, and what was found of it; `known`: as that of
- * `fl_distortion`. */
+/* Scatter of Σ J s over all readings, and what was found of it; `known` as for `fl_distortion`. */
 static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const fl_fit *fit, real known,
                        const fl_room *room, real scatter[81], flinders_record *record)
 {
@@ -174,7 +173,7 @@ static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const f
 
 /* The covariance of a record, with what correlated residuals add to it. Where slow noise is found, the fit is moved to
  * where that makes it most likely, unless residuals are large; what residuals scatter more than slow noise explains is
- * added. */
+ * added. Structure over direction that is about as likely is claimed as well. */
 void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
                    flinders_record *record)
 {
@@ -188,9 +187,10 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     scatter_of(kernels, &residuals, fit, 0, room, scatter, record);
     if (record->is_white) return;
     int is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
-    const real known = !is_slow || record->distortion > 0 ? 0
-        : fl_likely_distortion(&residuals, &fit->surface, has_copies(record), 3 * (size_t)record->lags,
-                               fit->slow.gain, room);
+    real known = 0;
+    if (is_slow && record->distortion == 0)
+        known = fl_likely_distortion(&residuals, &fit->surface, has_copies(record), 3 * (size_t)record->lags,
+                                     fit->slow.gain, room);
     if (known > 0) {
         gather_stretches(kernels, view, fit, room, &residuals);
         scatter_of(kernels, &residuals, fit, known, room, scatter, record);

@@ -7,8 +7,8 @@ enum { CELLS = 100, FEWEST_CELLS = 20, RATIOS = 8 };
 #define PROVEN ((real)3)
 #define LEAST_RATIO ((real)0.0625) /* of the variances, distortion over white noise; a quarter of the next */
 #define PLAIN ((real)15)           /* bits of likelihood that a distortion has to gain over white noise */
-#define AGREEMENT ((real)0.4)      /* of different visits, over what a likely distortion says: less contradicts it */
-#define AS_LIKELY ((real)0.6)      /* of what slow noise gains, that a distortion has to: of noise alone it gains half at most */
+#define AGREEMENT ((real)0.4)      /* of different visits, over that expected of a likely distortion: less contradicts it */
+#define AS_LIKELY ((real)0.6)      /* of what slow noise gains: of 2,160 recordings of noise alone none has more than 0.51 */
 
 /* Cells of the sphere that hold a reading. */
 typedef struct {
