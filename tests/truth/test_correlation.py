@@ -127,7 +127,7 @@ def test_white_noise_is_no_distortion(motion: str, n: int, trials: Choose) -> No
     claim = trials(500, 20)
     fields = (tumble(seed=seed, motion=motion, n=n, noise=0.3).samples.field for seed in claim.seeds)
     found = [Auto().estimate(Readings.of(field)).correlation for field in fields]
-    assert not [correlation for correlation in found if correlation and correlation.direction > 0.0]
+    assert sum(correlation is not None and correlation.direction > 0.0 for correlation in found) <= 0.002 * claim.count
 
 
 def test_the_direction_of_a_distortion_is_told_from_its_time() -> None:

@@ -318,15 +318,16 @@ static real likelihood_of(const sphere *on, real ratio, real within, real freedo
     return -(log_determinant + freedom * fl_log2(*variance)) / 2;
 }
 
-/* The likeliest of some ratios of the variances, distortion over white noise. */
-static real likeliest_ratio(const sphere *on, real within, real freedom)
+/* `likelihood_of` at the likeliest of some ratios, and the variance of the white noise there. */
+static real most_likely(const sphere *on, real within, real freedom, real *variance)
 {
-    real best = LEAST_RATIO, most = -FL_HUGE, variance;
+    real most = -FL_HUGE, here;
     for (int k = 0; k < RATIOS; k++) {
-        const real ratio = LEAST_RATIO * fl_pow(4, (real)k), one = likelihood_of(on, ratio, within, freedom, &variance);
-        if (one > most) most = one, best = ratio;
+        const real one = likelihood_of(on, LEAST_RATIO * fl_pow(4, (real)k), within, freedom, &here);
+        if (!(one > most)) break;
+        most = one, *variance = here;
     }
-    return best;
+    return most;
 }
 
 /* Standard deviation of a distortion that makes all of the means of the cells but white noise; 0 where different visits
@@ -367,8 +368,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
         for (int l = 0; l < on.n; l++) on.kernel[k * on.n + l] = alike(on.middles[k], on.middles[l]);
     }
     const real none = likelihood_of(&on, 0, within, count - 9, &white);
-    const real ratio = likeliest_ratio(&on, within, count - 9);
-    const real gain = likelihood_of(&on, ratio, within, count - 9, &white) - none;
+    const real gain = most_likely(&on, within, count - 9, &white) - none;
     return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, apart, white) : 0;
 }
 
