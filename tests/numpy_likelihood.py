@@ -444,9 +444,7 @@ def correlated(
     return scatter + share * excess_variance * in_time, correlation, residuals
 
 
-def likely_distortion(
-    residuals: Residuals, segments: Sequence[Floats], ellipsoid: Ellipsoid, slow: float
-) -> float:
+def likely_distortion(residuals: Residuals, segments: Sequence[Floats], ellipsoid: Ellipsoid, slow: float) -> float:
     """Standard deviation of a distortion that is likely where slow noise gains so many bits; 0 where there is none."""
     directions = foot_directions(np.concatenate(segments), ellipsoid)
     sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
@@ -516,7 +514,7 @@ class _Sphere:
         return at_each
 
     def likely(self, residuals: Floats, *, apart: int, slow: float) -> float:
-        """Standard deviation of a distortion that is about as likely as slow noise, which gains so many bits; else 0."""
+        """Standard deviation of a distortion that is about as likely as slow noise, of so many bits; else 0."""
         if len(self.seen) < FEWEST_CELLS:
             return 0.0
         means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
@@ -527,7 +525,9 @@ class _Sphere:
         cross, pairs = self._visits(residuals, apart)
         left = self._left_over()
         variance = float(np.sum(self.counts * means**2 - white) / np.sum(self.counts * left))
-        agreement = float(np.sum(cross / self.counts)) - AGREEMENT * variance * float(np.sum(pairs * left / self.counts))
+        agreement = float(np.sum(cross / self.counts)) - AGREEMENT * variance * float(
+            np.sum(pairs * left / self.counts)
+        )
         return math.sqrt(variance) if variance > 0.0 and agreement > 0.0 else 0.0
 
     def _likelihood(self, residuals: Floats, means: Floats, ratio: float) -> tuple[float, float]:
