@@ -365,6 +365,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
     if (on.n < FEWEST_CELLS) return 0;
     for (int k = 0; k < on.n; k++) {
         within -= on.counts[k] * on.means[k] * on.means[k];
+        fl_jacobian(surface, on.middles[k], on.jacobian[k]);
         for (int l = 0; l < on.n; l++) on.kernel[k * on.n + l] = alike(on.middles[k], on.middles[l]);
     }
     const real none = likelihood_of(&on, 0, within, count - 9, &white);
