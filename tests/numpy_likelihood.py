@@ -77,6 +77,15 @@ SMOOTH: Final = np.deg2rad(30.0)
 PROVEN: Final = 3.0
 """The same for a distortion that belongs to directions: what is not there would cost the claim much."""
 
+FEWEST_CELLS: Final = 20
+"""Cells with readings in which a distortion is looked for that visits do not prove."""
+
+DISTORTIONS: Final = 0.0625 * 4.0 ** np.arange(8)
+"""Its variance over that of white noise."""
+
+PLAIN, AS_LIKELY, AGREEMENT = 15.0, 0.6, 0.4
+"""Bits over white noise, share of those of slow noise, and of what it says different visits agree on."""
+
 MOST_FREEDOM: Final = 1.3
 """Correction for the nine fitted parameters, at most: with few independent readings the sum is too rough."""
 
@@ -108,11 +117,16 @@ class NumpyLikelihood:
         correlation = None
         covariance = estimate.covariance
         if not estimate.plain and len(readings) >= FEW:
-            scatter, correlation, residuals = correlated(segments_of(readings), len(readings), ellipsoid)
+            segments, moments, has_parts = segments_of(readings), moments_of(readings), len(readings.parts) > 0
+            scatter, correlation, residuals = correlated(segments, len(readings), ellipsoid)
             covariance = estimate.widened(scatter, correlation)
             if not (correlation.is_white or estimate.support.unobserved):
-                has_parts = len(readings.parts) > 0
-                step, slow, explained = estimate.slowed(residuals, moments_of(readings), ellipsoid, has_parts=has_parts)
+                step, slow, explained, gain = estimate.slowed(residuals, moments, ellipsoid, has_parts=has_parts)
+                likely = 0.0 if correlation.direction else likely_distortion(residuals, segments, ellipsoid, gain)
+                if likely > 0.0:
+                    scatter, correlation, residuals = correlated(segments, len(readings), ellipsoid, likely)
+                    covariance = estimate.widened(scatter, correlation)
+                    step, slow, explained, _ = estimate.slowed(residuals, moments, ellipsoid, has_parts=has_parts)
                 covariance = raised(covariance, explained)
                 if math.sqrt(estimate.variance) < LARGE * float(ellipsoid.shape.trace()) / 3.0:
                     covariance += slow - explained
@@ -300,8 +314,8 @@ class _Posterior:
 
     def slowed(
         self, residuals: Residuals, moments: Floats, ellipsoid: Ellipsoid, *, has_parts: bool
-    ) -> tuple[Floats, Floats, Floats]:
-        """Step (9,) and covariance (9, 9) of generalised least squares with slow noise, and that without the step."""
+    ) -> tuple[Floats, Floats, Floats, float]:
+        """What `averaged` gives, of generalised least squares with slow noise."""
         rows = np.column_stack([residuals.jacobian, residuals.distances])
         series = Series.of(rows, moments, residuals.segments, has_parts=has_parts)
         white = np.einsum("ni,n,nj->ij", series.rows, series.counts, series.rows)
@@ -393,8 +407,13 @@ def foot_directions(readings: Floats, ellipsoid: Ellipsoid) -> Floats:
     return directions_of(readings - magnitude.distances(readings, ellipsoid)[:, np.newaxis] * normals, ellipsoid)
 
 
-def correlated(segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> tuple[Floats, Correlation, Residuals]:
-    """Scatter (9, 9) of Σ J s over all readings, how residuals are correlated, and these, of stretches of readings."""
+def correlated(
+    segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid, known: float = 0.0
+) -> tuple[Floats, Correlation, Residuals]:
+    """Scatter (9, 9) of Σ J s over all readings, how residuals are correlated, and these, of stretches of readings.
+
+    `known`: standard deviation of a distortion that is likely, or 0.
+    """
     lengths = np.array([len(segment) for segment in segments])
     readings = segments[0] if len(segments) == 1 else np.concatenate(segments)
     directions = foot_directions(readings, ellipsoid)
@@ -409,7 +428,7 @@ def correlated(segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> 
     autocovariance = residuals.autocovariance()
     time = time_of(autocovariance)
     sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
-    direction = sphere.distortion(residuals.distances, apart=3 * len(autocovariance), time=time)
+    direction = known or sphere.distortion(residuals.distances, apart=3 * len(autocovariance), time=time)
     scatter: Floats = np.zeros((9, 9))
     if direction > 0.0:
         scatter = scatter + share**2 * sphere.scatter(direction)
@@ -423,6 +442,13 @@ def correlated(segments: Sequence[Floats], count: int, ellipsoid: Ellipsoid) -> 
     excess_variance = 1.0 + share * (residuals.excess_variance(in_time) - 1.0)
     correlation = Correlation(lag_one, time, direction, excess_variance)
     return scatter + share * excess_variance * in_time, correlation, residuals
+
+
+def likely_distortion(residuals: Residuals, segments: Sequence[Floats], ellipsoid: Ellipsoid, slow: float) -> float:
+    """Standard deviation of a distortion that is likely where slow noise gains so many bits; 0 where there is none."""
+    directions = foot_directions(np.concatenate(segments), ellipsoid)
+    sphere = _Sphere(directions, _principal_axes(directions), ellipsoid)
+    return sphere.likely(residuals.distances, apart=3 * len(residuals.autocovariance()), slow=slow)
 
 
 class _Sphere:
@@ -461,16 +487,9 @@ class _Sphere:
     def distortion(self, residuals: Floats, *, apart: int, time: float) -> float:
         """Standard deviation of what residuals of one direction have in common at different times; 0 where unproven.
 
-        Visits to a cell are stretches of readings there, separated by more than `apart` readings. Products of
-        the sums of different visits have no part in the noise of either.
+        Products of the sums of different visits have no part in the noise of either.
         """
-        order = np.argsort(self.cells, kind="stable")
-        cells = self.cells[order]
-        begins = np.concatenate([[True], (cells[1:] != cells[:-1]) | (np.diff(order) > apart)])
-        visit = np.cumsum(begins) - 1
-        at = cells[begins]
-        cross = self._between_visits(at, np.asarray(np.bincount(visit, weights=residuals[order]), float))
-        pairs = self._between_visits(at, 1.0 * np.bincount(visit))
+        cross, pairs = self._visits(residuals, apart)
         shared_variance = float(np.sum(cross / self.counts))
         noise = float(np.mean(residuals**2)) * time * np.sqrt(2.0 * float(np.sum(pairs / self.counts**2)))
         if shared_variance <= PROVEN * noise:
@@ -493,6 +512,46 @@ class _Sphere:
         everywhere[self.seen] = prior @ np.linalg.solve(prior + np.diag(noise), means)
         at_each: Floats = everywhere[self.cells]
         return at_each
+
+    def likely(self, residuals: Floats, *, apart: int, slow: float) -> float:
+        """Standard deviation of a distortion that is about as likely as slow noise, of so many bits; else 0."""
+        if len(self.seen) < FEWEST_CELLS:
+            return 0.0
+        means = np.bincount(self.cells, weights=residuals, minlength=len(CELLS))[self.seen] / self.counts
+        none, _ = self._likelihood(residuals, means, 0.0)
+        most, white = max(self._likelihood(residuals, means, ratio) for ratio in DISTORTIONS)
+        if most - none <= max(PLAIN, AS_LIKELY * slow):
+            return 0.0
+        cross, pairs = self._visits(residuals, apart)
+        left = self._left_over()
+        variance = float(np.sum(self.counts * means**2 - white) / np.sum(self.counts * left))
+        agreement = float(np.sum(cross / self.counts)) - AGREEMENT * variance * float(
+            np.sum(pairs * left / self.counts)
+        )
+        return math.sqrt(variance) if variance > 0.0 and agreement > 0.0 else 0.0
+
+    def _likelihood(self, residuals: Floats, means: Floats, ratio: float) -> tuple[float, float]:
+        """Restricted likelihood, to the base 2, of a distortion beside white noise, and the variance of that noise."""
+        inverse = np.linalg.inv(ratio * _alike(self._middles, self._middles) + np.diag(1.0 / self.counts))
+        normal, gradient = self.jacobian.T @ inverse @ self.jacobian, self.jacobian.T @ inverse @ means
+        rest = float(np.sum(residuals**2) - np.sum(self.counts * means**2) + means @ inverse @ means)
+        rest -= float(gradient @ np.linalg.solve(normal, gradient))
+        freedom = len(residuals) - 9.0
+        logarithm = float(np.linalg.slogdet(normal)[1] - np.linalg.slogdet(inverse)[1]) / math.log(2.0)
+        return -(logarithm + freedom * math.log2(rest / freedom)) / 2.0, rest / freedom
+
+    def _visits(self, residuals: Floats, apart: int) -> tuple[Floats, Floats]:
+        """(seen,) products of the sums of different visits to each cell, of residuals and of readings.
+
+        Visits are stretches of readings there, separated by more than `apart` readings.
+        """
+        order = np.argsort(self.cells, kind="stable")
+        cells = self.cells[order]
+        begins = np.concatenate([[True], (cells[1:] != cells[:-1]) | (np.diff(order) > apart)])
+        visit = np.cumsum(begins) - 1
+        at = cells[begins]
+        cross = self._between_visits(at, np.asarray(np.bincount(visit, weights=residuals[order]), float))
+        return cross, self._between_visits(at, 1.0 * np.bincount(visit))
 
     def _between_visits(self, cells: NDArray[np.intp], sums: Floats) -> Floats:
         """(seen,) Σ over pairs of different visits to a cell of the products of their sums."""

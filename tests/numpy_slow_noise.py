@@ -166,8 +166,10 @@ def scatter_of(series: Series, ratio: float, memory: float, *, is_vector: bool) 
 
 def averaged(
     series: Series, bent: Floats, onto: Floats, prior_matrix: Floats, prior_gradient: Floats
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, float]:
     """Step (9,) and covariance (9, 9), averaged over models, and the covariance under the likeliest without the step.
+
+    Also the bits of likelihood that the likeliest gains over white noise.
 
     `onto` takes information to what is observed.
     """
@@ -189,4 +191,5 @@ def averaged(
     ratio, memory = (np.concatenate([getattr(one, name) for one in models]) for name in ("ratio", "memory"))
     scatter = variance[best] * scatter_of(series, ratio[best], memory[best], is_vector=bool(of_vectors[best]))
     scatter = onto @ scatter @ onto.T / variance[0] ** 2 + prior_matrix
-    return step, covariance, covariances[0] @ scatter @ covariances[0]
+    gain = float(likelihood[best] - likelihood[0])
+    return step, covariance, covariances[0] @ scatter @ covariances[0], gain

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.testing as npt
 import pytest
+from benchmarks import adversary
 from benchmarks.claims import by_hand, remembering
 from benchmarks.datasets import bound, dataset, parameter_error
 from tests.trials import daily
@@ -125,7 +127,7 @@ def test_white_noise_is_no_distortion(motion: str, n: int, trials: Choose) -> No
     claim = trials(500, 20)
     fields = (tumble(seed=seed, motion=motion, n=n, noise=0.3).samples.field for seed in claim.seeds)
     found = [Auto().estimate(Readings.of(field)).correlation for field in fields]
-    assert not [correlation for correlation in found if correlation and correlation.direction > 0.0]
+    assert sum(correlation is not None and correlation.direction > 0.0 for correlation in found) <= 0.002 * claim.count
 
 
 def test_the_direction_of_a_distortion_is_told_from_its_time() -> None:
@@ -135,6 +137,27 @@ def test_the_direction_of_a_distortion_is_told_from_its_time() -> None:
     assert len(sizes) == 5
     assert min(sizes) > 0.0
     assert float(np.median(sizes)) == pytest.approx(0.5, rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("effect", "is_structure"),
+    [
+        (adversary.Effect(axes=partial(adversary.warped, rms=0.3)), True),
+        (adversary.Effect(body=partial(adversary.remembering, sigma=0.25, time_s=1.0)), False),
+    ],
+    ids=["structure", "slow noise"],
+)
+def test_structure_in_fifteen_seconds_is_told_from_slow_noise(
+    effect: adversary.Effect, trials: Choose, *, is_structure: bool
+) -> None:
+    """Few visits to a direction are farther apart than the memory of such noise."""
+    found, claim = [], trials(200, 5)
+    for seed in claim.seeds:
+        path = adversary.PATHS["short tumble"](adversary.stream(seed, "path"))
+        sensor = adversary.sensor(adversary.stream(seed, "sensor"))
+        correlation = Auto().estimate(Readings.of(adversary.recorded(seed, sensor, effect, path))).correlation
+        found.append(correlation is not None and correlation.direction > 0.0)
+    assert np.mean(found) >= 1.0 - 0.1 * claim.widening if is_structure else not any(found)
 
 
 @pytest.mark.nightly

@@ -73,9 +73,15 @@ static real square_of(const fl_residuals *residuals)
     return sum;
 }
 
-/* Scatter of Σ J s over all readings, and what was found of it. */
-static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const fl_fit *fit, const fl_room *room,
-                       real scatter[81], flinders_record *record)
+/* Whether some readings are others again. */
+static int has_copies(const flinders_record *record)
+{
+    return record->distinct > 0 && record->distinct < record->rows;
+}
+
+/* Scatter of Σ J s over all readings, and what was found of it; `known` as for `fl_distortion`. */
+static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const fl_fit *fit, real known,
+                       const fl_room *room, real scatter[81], flinders_record *record)
 {
     fl_blocks blocks;
     real autocovariance[FL_LAGS], white[81], in_time[81];
@@ -87,9 +93,8 @@ static void scatter_of(const fl_kernels *kernels, fl_residuals *residuals, const
     if (fl_sqrt(square_of(residuals) / n) < FL_FINEST * fit->surface.radius) return;
     int lags = fl_autocovariance(residuals, autocovariance);
     record->correlation_time = fl_time_of(autocovariance, lags);
-    const int has_copies = record->distinct > 0 && record->distinct < record->rows;
-    record->distortion = fl_distortion(residuals, &fit->surface, has_copies, 3 * (size_t)lags, record->correlation_time,
-                                       room, scatter);
+    record->distortion = fl_distortion(residuals, &fit->surface, has_copies(record), 3 * (size_t)lags,
+                                       record->correlation_time, known, room, scatter);
     if (record->distortion > 0) {
         for (int i = 0; i < 81; i++) scatter[i] *= share * share;
         lags = fl_autocovariance(residuals, autocovariance);
@@ -159,9 +164,16 @@ static int are_large(const fl_fit *fit)
     return fit->posterior.variance > largest * largest;
 }
 
+/* Whether slow noise can be looked for; the fit's model of it, and what the two leave of the fit. */
+static int is_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, fl_fit *fit,
+                         const fl_room *room, real step[9], real weighed[81], real explained[81])
+{
+    return !fit->unseen && !fl_slow_noise(kernels, view, residuals, fit, room, &fit->slow, step, weighed, explained);
+}
+
 /* The covariance of a record, with what correlated residuals add to it. Where slow noise is found, the fit is moved to
  * where that makes it most likely, unless residuals are large; what residuals scatter more than slow noise explains is
- * added. */
+ * added. Structure over direction that is about as likely is claimed as well. */
 void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, const fl_room *room,
                    flinders_record *record)
 {
@@ -172,11 +184,20 @@ void fl_covariance(const fl_kernels *kernels, const fl_view *view, fl_fit *fit, 
     record->noise_lasts = FL_NOT_A_NUMBER;
     if (fit->used < FEW) return;
     gather_stretches(kernels, view, fit, room, &residuals);
-    scatter_of(kernels, &residuals, fit, room, scatter, record);
+    scatter_of(kernels, &residuals, fit, 0, room, scatter, record);
     if (record->is_white) return;
+    int is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
+    real known = 0;
+    if (is_slow && record->distortion == 0)
+        known = fl_likely_distortion(&residuals, &fit->surface, has_copies(record), 3 * (size_t)record->lags,
+                                     fit->slow.gain, room);
+    if (known > 0) {
+        gather_stretches(kernels, view, fit, room, &residuals);
+        scatter_of(kernels, &residuals, fit, known, room, scatter, record);
+        is_slow = is_slow_noise(kernels, view, &residuals, fit, room, step, weighed, explained);
+    }
     scattered(fit, scatter, record->covariance);
-    if (fit->unseen || fl_slow_noise(kernels, view, &residuals, fit, room, &fit->slow, step, weighed, explained))
-        return;
+    if (!is_slow) return;
     record->noise_lasts = fit->slow.lasts;
     fl_raise(record->covariance, explained, 9, 0);
     if (are_large(fit)) return;

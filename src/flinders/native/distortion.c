@@ -1,10 +1,14 @@
 /* A smooth distortion that belongs to the direction: what residuals of one place have in common at different times. */
 #include "residuals.h"
 
-enum { CELLS = 100 };
+enum { CELLS = 100, FEWEST_CELLS = 20, RATIOS = 8 };
 
 #define SMOOTH (FL_PI / 6)
 #define PROVEN ((real)3)
+#define LEAST_RATIO ((real)0.0625) /* of the variances, distortion over white noise; a quarter of the next */
+#define PLAIN ((real)15)           /* bits of likelihood that a distortion has to gain over white noise */
+#define AGREEMENT ((real)0.4)      /* of different visits, over that expected of a likely distortion: less contradicts it */
+#define AS_LIKELY ((real)0.6)      /* of what slow noise gains: of 2,160 recordings of noise alone none has more than 0.51 */
 
 /* Cells of the sphere that hold a reading. */
 typedef struct {
@@ -235,32 +239,48 @@ static void take_off(fl_residuals *residuals, const sphere *on, real direction, 
     for (size_t i = 0; i < residuals->n; i++) residuals->distances[i] -= smooth[on->place[residuals->cells[i]]];
 }
 
-/* Standard deviation of the distortion, 0 where unproven; its scatter of the gradient, and residuals without it. */
+/* Σ d² of the residuals that count, and how many they are. */
+static real square_of(const fl_residuals *residuals, real *count)
+{
+    real square = 0;
+    *count = 0;
+    for (size_t i = 0; i < residuals->n; i++)
+        if (counts_once(residuals, i)) square += residuals->distances[i] * residuals->distances[i], *count += 1;
+    return square;
+}
+
+/* Standard deviation of a distortion of this kernel that different visits to a cell agree on; 0 where it is unproven. */
+static real agreed(const fl_residuals *residuals, const fl_surface *surface, sphere *on, size_t apart, real noise)
+{
+    real cross[CELLS], pairs[CELLS], variance[CELLS], found = 0, weight = 0, expected = 0;
+    between_visits(residuals, on, apart, cross, pairs);
+    for (int k = 0; k < on->n; k++) {
+        found += cross[k] / on->counts[k];
+        weight += pairs[k] / (on->counts[k] * on->counts[k]);
+    }
+    if (!(found > PROVEN * noise * fl_sqrt(2 * weight))) return 0;
+    fill_kernel(residuals, surface, on);
+    left_over(on, variance);
+    for (int k = 0; k < on->n; k++) expected += pairs[k] * variance[k] / on->counts[k];
+    return expected > 0 ? fl_sqrt(found / expected) : 0;
+}
+
+/* Standard deviation of the distortion, 0 where unproven; its scatter of the gradient, and residuals without it.
+ *
+ * `known`: the deviation, where `fl_likely_distortion` has found one, or 0. */
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real time,
-                   const fl_room *room, real scatter[81])
+                   real known, const fl_room *room, real scatter[81])
 {
     sphere on;
-    real cross[CELLS], pairs[CELLS], variance[CELLS], found = 0, weight = 0, square = 0, count = 0, expected = 0;
-    real all[CELLS] = {0}, counted[CELLS][9], spread[CELLS][9];
+    real count, all[CELLS] = {0}, counted[CELLS][9], spread[CELLS][9];
     on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
     if (has_copies) weigh_once(residuals, room);
     count_cells(residuals, surface, &on);
-    between_visits(residuals, &on, apart, cross, pairs);
-    for (int k = 0; k < on.n; k++) {
-        found += cross[k] / on.counts[k];
-        weight += pairs[k] / (on.counts[k] * on.counts[k]);
-    }
-    for (size_t i = 0; i < residuals->n; i++) {
-        if (counts_once(residuals, i)) square += residuals->distances[i] * residuals->distances[i], count += 1;
-        all[on.place[residuals->cells[i]]] += 1;
-    }
-    const real noise = square / count * time;
-    if (!(found > PROVEN * noise * fl_sqrt(2 * weight))) return 0;
-    fill_kernel(residuals, surface, &on);
-    left_over(&on, variance);
-    for (int k = 0; k < on.n; k++) expected += pairs[k] * variance[k] / on.counts[k];
-    if (!(expected > 0)) return 0;
-    const real direction = fl_sqrt(found / expected);
+    const real square = square_of(residuals, &count), noise = square / count * time;
+    const real direction = known > 0 ? known : agreed(residuals, surface, &on, apart, noise);
+    if (!(direction > 0)) return 0;
+    if (known > 0) fill_kernel(residuals, surface, &on);
+    for (size_t i = 0; i < residuals->n; i++) all[on.place[residuals->cells[i]]] += 1;
     for (int k = 0; k < on.n; k++)
         for (int i = 0; i < 9; i++) counted[k][i] = all[k] * on.jacobian[k][i];
     fl_multiply(on.kernel, counted[0], on.n, on.n, 9, spread[0]);
@@ -269,6 +289,88 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_c
             for (int j = 0; j < 9; j++) scatter[9 * i + j] += direction * direction * counted[k][i] * spread[k][j];
     take_off(residuals, &on, direction, noise);
     return direction;
+}
+
+/* Restricted likelihood of a distortion beside white noise, its logarithm to the base 2, but for a constant; and the
+ * variance of the white noise.
+ *
+ * `ratio`: of the variances, distortion over white noise; `within`: squares about the means of the cells. */
+static real likelihood_of(const sphere *on, real ratio, real within, real freedom, real *variance)
+{
+    real columns[10][CELLS], products[100] = {0}, log_determinant = 0;
+    const int n = on->n;
+    for (int k = 0; k < n; k++) {
+        for (int l = 0; l < n; l++) on->matrix[k * n + l] = ratio * on->kernel[k * n + l];
+        on->matrix[k * n + k] += 1 / on->counts[k];
+        for (int i = 0; i < 9; i++) columns[i][k] = on->jacobian[k][i];
+        columns[9][k] = on->means[k];
+    }
+    if (fl_cholesky(on->matrix, n)) return -FL_HUGE;
+    for (int i = 0; i < 10; i++) fl_forward(on->matrix, n, columns[i]);
+    for (int i = 0; i < 10; i++)
+        for (int j = 0; j <= i; j++)
+            for (int k = 0; k < n; k++) products[10 * i + j] += columns[i][k] * columns[j][k];
+    products[99] += within;
+    if (fl_cholesky(products, 10)) return -FL_HUGE;
+    for (int k = 0; k < n; k++) log_determinant += 2 * fl_log2(on->matrix[k * n + k]);
+    for (int i = 0; i < 9; i++) log_determinant += 2 * fl_log2(products[11 * i]);
+    *variance = products[99] * products[99] / freedom;
+    return -(log_determinant + freedom * fl_log2(*variance)) / 2;
+}
+
+/* `likelihood_of` at the likeliest of some ratios, and the variance of the white noise there. */
+static real most_likely(const sphere *on, real within, real freedom, real *variance)
+{
+    real most = -FL_HUGE, here;
+    for (int k = 0; k < RATIOS; k++) {
+        const real one = likelihood_of(on, LEAST_RATIO * fl_pow(4, (real)k), within, freedom, &here);
+        if (!(one > most)) break;
+        most = one, *variance = here;
+    }
+    return most;
+}
+
+/* Standard deviation of a distortion that makes all of the means of the cells but white noise; 0 where different visits
+ * to a cell agree far less than it says. */
+static real of_means(const fl_residuals *residuals, const fl_surface *surface, sphere *on, size_t apart, real white)
+{
+    real cross[CELLS], pairs[CELLS], variance[CELLS], made = 0, expected = 0, found = 0, agreeing = 0;
+    between_visits(residuals, on, apart, cross, pairs);
+    fill_kernel(residuals, surface, on);
+    left_over(on, variance);
+    for (int k = 0; k < on->n; k++) {
+        made += on->counts[k] * on->means[k] * on->means[k] - white;
+        expected += on->counts[k] * variance[k];
+        found += cross[k] / on->counts[k];
+        agreeing += pairs[k] * variance[k] / on->counts[k];
+    }
+    if (!(made > 0 && expected > 0)) return 0;
+    return found > AGREEMENT * agreeing * made / expected ? fl_sqrt(made / expected) : 0;
+}
+
+/* Standard deviation of a distortion that is about as likely as slow noise, and far likelier than white noise alone;
+ * else 0. It needs less than `agreed`, which hardly tells the two apart where few visits are farther apart than the memory
+ * that slow noise would have.
+ *
+ * `slow`: bits of likelihood that slow noise gains over white noise. */
+real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real slow,
+                          const fl_room *room)
+{
+    sphere on;
+    real count, white;
+    on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
+    if (has_copies) weigh_once(residuals, room);
+    count_cells(residuals, surface, &on);
+    real within = square_of(residuals, &count);
+    if (on.n < FEWEST_CELLS) return 0;
+    for (int k = 0; k < on.n; k++) {
+        within -= on.counts[k] * on.means[k] * on.means[k];
+        fl_jacobian(surface, on.middles[k], on.jacobian[k]);
+        for (int l = 0; l < on.n; l++) on.kernel[k * on.n + l] = alike(on.middles[k], on.middles[l]);
+    }
+    const real none = likelihood_of(&on, 0, within, count - 9, &white);
+    const real gain = most_likely(&on, within, count - 9, &white) - none;
+    return gain > PLAIN && gain > AS_LIKELY * slow ? of_means(residuals, surface, &on, apart, white) : 0;
 }
 
 /* Covariance of two residuals of one direction at different times. */

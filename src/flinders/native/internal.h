@@ -185,6 +185,7 @@ typedef struct {
     int is_vector; /* 1 of the vector, 0 of the strength of the field */
     real ratio;    /* variance of the disturbance over that of the noise of a reading; 0: none */
     real memory;   /* of the recording */
+    real gain;     /* bits of likelihood beyond that of white noise */
     real lasts;    /* probability that its memory is longer than a third of the recording */
 } fl_slow;
 

@@ -41,7 +41,9 @@ void fl_scatter_in_time(const fl_kernels *kernels, const fl_residuals *residuals
 real fl_creep(fl_blocks *blocks, const real scatter[81]);
 void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals);
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real time,
-                   const fl_room *room, real scatter[81]);
+                   real known, const fl_room *room, real scatter[81]);
+real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real slow,
+                          const fl_room *room);
 real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,

@@ -382,6 +382,7 @@ int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_resid
     for (int k = 0; k < n; k++) slow->lasts += models[k].memory > span / 3 ? weights[k] : 0;
     solved(&fit->posterior, prior_gradient, &white, steps[best], each);
     unweighted(&series, fit, &white, models + best, each, without);
+    slow->gain = models[best].likelihood - white.likelihood;
     slow->is_vector = models[best].is_vector, slow->ratio = models[best].ratio, slow->memory = models[best].memory / span;
     return 0;
 }
