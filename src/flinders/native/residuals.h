@@ -42,7 +42,7 @@ real fl_creep(fl_blocks *blocks, const real scatter[81]);
 void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals);
 real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real time,
                    const fl_room *room, real scatter[81]);
-real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface);
+real fl_common_variance(const fl_residuals *residuals);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
                   const fl_room *room, fl_slow *slow, real step[9], real covariance[81], real without[81]);
