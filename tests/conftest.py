@@ -25,12 +25,11 @@ GOLDEN = ROOT / "tests" / "golden" / "files"
 # A worker takes a file at a time. These take longest, and one that is begun last keeps the others waiting. Tests that
 # wait for a browser or a port stand between tests that compute, so that no core is idle.
 LONGEST = (
-    "test_page", "test_cli", "test_disturbances", "test_standalone", "test_fleet", "test_together", "test_serial",
-    "test_native_memory", "test_page_lines", "test_simulated", "test_text_reader", "test_page_engine",
-    "test_live_program", "test_disturbance_findings", "test_auto_aids", "test_report_page", "test_firmware",
-    "test_foreign_files", "test_states", "test_two_axis", "test_fleet_dates", "test_replay", "test_native",
-    "test_live_server", "test_fleet_report", "test_readers", "test_ros", "test_send_mavlink", "test_record",
-    "test_feeds",
+    "test_page", "test_cli", "test_standalone", "test_fleet", "test_text_reader", "test_live_program",
+    "test_report_command", "test_recorder", "test_disturbances", "test_page_engine", "test_together", "test_record",
+    "test_foreign_files", "test_ros", "test_send_mavlink", "test_report", "test_fleet_dates", "test_readers",
+    "test_feeds", "test_disturbance_findings", "test_page_lines", "test_fleet_drift", "test_heading_command",
+    "test_live_server", "test_firmware", "test_aided", "test_several_magnetometers", "test_real_recordings",
 )  # fmt: skip
 ON_CI = bool(os.environ.get("CI"))
 

@@ -345,6 +345,7 @@ def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return folder / made[0], folder / made[1]
 
 
+@pytest.mark.tools
 def test_wheel_and_source_archive_carry_the_engine(archives: tuple[Path, Path]) -> None:
     wheel, source = archives
     assert re.fullmatch(r"flinders-[\w.]+-py3-none-(?!any)\w+\.whl", wheel.name)
@@ -360,6 +361,7 @@ def test_wheel_and_source_archive_carry_the_engine(archives: tuple[Path, Path]) 
     assert not any(hatch_build.COMPILED.as_posix() in name for name in files)
 
 
+@pytest.mark.tools
 def test_wheel_and_source_archive_carry_the_bundle(archives: tuple[Path, Path]) -> None:
     with zipfile.ZipFile(archives[0]) as wheel:
         files = wheel.namelist()

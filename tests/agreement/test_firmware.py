@@ -329,6 +329,7 @@ def test_the_example_takes_what_flinders_sends_and_keeps_it(example: Path, tmp_p
 # boards
 
 
+@pytest.mark.tools
 @pytest.mark.skipif(bool(firmware.missing_tools()), reason=f"{firmware.missing_tools()} not installed")
 class TestBoards:
     """Cortex-M, compiled with warnings as errors and run in QEMU."""

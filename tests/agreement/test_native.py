@@ -318,6 +318,7 @@ def test_avx2_is_used_where_the_processor_has_it() -> None:
     assert engine().kernels(1) == 1
 
 
+@pytest.mark.tools
 def test_the_float_build_gives_four_digits(tmp_path: Path) -> None:
     """Offset and shape to a ten thousandth of the radius, as flinders.h says; and no warning of the compiler."""
     native = ctypes.CDLL(str(build.library(tmp_path, options=["-Werror", "-O0", "-DFLINDERS_FLOAT"])))

@@ -78,6 +78,7 @@ def ran(*command: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.tools
 @pytest.mark.parametrize("real", [None, nightly("-DFLINDERS_FLOAT")], ids=["double", "float"])
 def test_no_memory_error_and_nothing_undefined(tmp_path: Path, trials: Choose, real: str | None) -> None:
     """A few calls are sooner made than an optimising compiler is done."""

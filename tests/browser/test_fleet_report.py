@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 parquet = pytest.importorskip("pyarrow.parquet")
+pytestmark = pytest.mark.tools
 
 
 @pytest.fixture(scope="module")

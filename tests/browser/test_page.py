@@ -107,6 +107,7 @@ def test_the_verdict_and_the_numbers_are_those_of_the_command_line(
     expect(page.locator("#parameters tbody tr").first).to_contain_text(shown)
 
 
+@pytest.mark.tools
 def test_every_export_shows_what_the_server_gives(visitor: Visitor) -> None:
     page = done(visitor.page())
     page.keyboard.press("f")
@@ -167,6 +168,7 @@ def brush(page: Page, first: float, last: float) -> None:
     page.mouse.up()
 
 
+@pytest.mark.tools
 def test_a_stretch_is_left_out_by_dragging_and_comes_back_by_undo(visitor: Visitor) -> None:
     page = done(visitor.page())
     brush(page, 0.4, 0.6)
@@ -236,6 +238,7 @@ def test_a_stretch_that_is_none_is_refused_with_words(visitor: Visitor) -> None:
     assert state(page, "excluded") == []
 
 
+@pytest.mark.tools
 def test_what_stood_beside_the_sensor_is_left_out_by_a_button(visitor: Visitor, tumble: Path) -> None:
     page = done(visitor.page())
     head, *rows = tumble.read_text(encoding="utf-8").splitlines()
@@ -251,6 +254,7 @@ def test_what_stood_beside_the_sensor_is_left_out_by_a_button(visitor: Visitor, 
     expect(button).to_be_visible()
 
 
+@pytest.mark.tools
 def test_the_dip_is_set_from_a_place(visitor: Visitor) -> None:
     page = done(visitor.page())
     page.get_by_role("button", name="Set dip from place").click()
@@ -265,6 +269,7 @@ def test_the_dip_is_set_from_a_place(visitor: Visitor) -> None:
 # one state
 
 
+@pytest.mark.tools
 def test_a_reload_keeps_everything(visitor: Visitor) -> None:
     page = done(visitor.page())
     page.locator("#target").fill("2.5")
@@ -290,6 +295,7 @@ def test_a_reload_keeps_everything(visitor: Visitor) -> None:
     until(page, "flinders.store.state.goal === 'heading' && !flinders.store.state.excluded.length")
 
 
+@pytest.mark.tools
 def test_two_tabs_see_the_same(visitor: Visitor) -> None:
     """With all that moves."""
     context = visitor.context(reduced_motion="no-preference", draws=True)
@@ -308,6 +314,7 @@ def test_two_tabs_see_the_same(visitor: Visitor) -> None:
     assert views[0] == views[1]
 
 
+@pytest.mark.tools
 def test_a_target_that_cannot_be_meant_goes_back_to_what_holds(visitor: Visitor) -> None:
     page = done(visitor.page())
     field, notices = page.locator("#target"), page.locator("#notices li")
@@ -446,6 +453,7 @@ def test_a_hostile_name_is_text(visitor: Visitor, tumble: Path) -> None:
     visitor.forgive(422)
 
 
+@pytest.mark.tools
 def test_what_is_no_log_is_refused_with_words_and_changes_nothing(visitor: Visitor) -> None:
     page = done(visitor.page())
     notice = page.locator("#notices [data-severity=error]")
@@ -459,6 +467,7 @@ def test_what_is_no_log_is_refused_with_words_and_changes_nothing(visitor: Visit
     visitor.forgive(422)
 
 
+@pytest.mark.tools
 def test_an_earlier_calibration_dropped_on_the_finish_panel_is_compared_and_renewed(
     visitor: Visitor, program: Program, tmp_path: Path
 ) -> None:
@@ -569,6 +578,7 @@ SAY_LONG = """words => {
 }"""
 
 
+@pytest.mark.tools
 @pytest.mark.parametrize("width", daily([360, 1280]))
 def test_a_word_of_two_hundred_letters_breaks_no_layout(visitor: Visitor, width: int) -> None:
     page = done(visitor.page(viewport={"width": width, "height": 740}))
@@ -586,6 +596,7 @@ def test_a_word_of_two_hundred_letters_breaks_no_layout(visitor: Visitor, width:
         assert page.locator("#advice-words").evaluate("one => one.scrollHeight - one.clientHeight") <= 1
 
 
+@pytest.mark.tools
 def test_a_desk_shows_the_board_without_scrolling(visitor: Visitor) -> None:
     page = done(visitor.page())
     for width, height in ((1280, 800), (1920, 1080), (3840, 2160)):
@@ -641,6 +652,7 @@ BOTH = {"strength": 2, "projections": 6, "residuals": 1}
 """Marks of a reading: raw and corrected over time and in three squares, and its residual."""
 
 
+@pytest.mark.tools
 @pytest.mark.parametrize("chart", daily(["strength", "projections", "residuals", "scene"], 3))
 def test_a_reading_under_the_pointer_is_marked_in_every_view(visitor: Visitor, chart: str) -> None:
     page = done(visitor.page(draws=chart == "scene"))
@@ -685,6 +697,7 @@ def tabbed(page: Page, most: int = 80) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.tools
 def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(visitor: Visitor) -> None:
     page = done(visitor.page(draws=True))
     places = tabbed(page)
@@ -710,6 +723,7 @@ def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(visitor:
     assert [place["role"] for place in places].count("application") == 2, " | ".join(names)
 
 
+@pytest.mark.tools
 def test_help_opens_by_its_key_tells_all_keys_and_gives_the_focus_back(visitor: Visitor) -> None:
     page = done(visitor.page())
     page.locator("#theme").focus()
@@ -746,6 +760,7 @@ def test_shortcuts_act_and_can_be_switched_off(visitor: Visitor) -> None:
     assert state(page, "target_deg") == 1
 
 
+@pytest.mark.tools
 def test_axe_finds_nothing_serious(visitor: Visitor, axe: str) -> None:
     page = done(visitor.page(draws=True))
     for theme in ("dark", "light"):
@@ -791,6 +806,7 @@ def test_what_watches_over_these_tests_notices_strangers_and_complaints(browser:
 # the line
 
 
+@pytest.mark.tools
 def test_a_program_that_ends_is_noticed_and_comes_back_with_everything(
     browser: Browser, tumble: Path, tmp_path: Path
 ) -> None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from flinders.core.calibration_file import Fitted
 
+pytestmark = pytest.mark.tools
+
 LIMITED = 3
 LOGS = [
     pytest.param(

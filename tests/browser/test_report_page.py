@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser, Page
 
+pytestmark = pytest.mark.tools
+
 A4 = {"width": 794, "height": 1123}
 
 

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser, Page
 
-pytestmark = pytest.mark.skipif(os.name == "nt", reason="the board is a pseudo-terminal")
+pytestmark = [
+    pytest.mark.tools,
+    pytest.mark.skipif(os.name == "nt", reason="the board is a pseudo-terminal"),
+]
 
 TUMBLE = simulate.tumble(seed=3, noise=0.3)
 COUNTS_PER_DPS = 16  # of MotionCal

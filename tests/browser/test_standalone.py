@@ -148,6 +148,7 @@ def test_a_log_that_is_dropped_gets_a_verdict_and_a_file_that_flinders_reads(vis
     expect(page.locator("#notices")).to_contain_text("x.json: it is no calibration file")
 
 
+@pytest.mark.tools
 def test_what_the_page_cannot_read_is_refused_with_advice(visitor: Visitor) -> None:
     page = visitor.page()
     page.locator("#log-file").set_input_files(
@@ -165,6 +166,7 @@ def test_what_the_page_cannot_read_is_refused_with_advice(visitor: Visitor) -> N
     expect(page.locator("#source-name")).to_have_text("pasted text")
 
 
+@pytest.mark.tools
 def test_an_engine_that_does_not_come_is_said(visitor: Visitor) -> None:
     context = visitor.context()
     context.route("**/flinders.wasm", lambda route: route.fulfill(status=404))
@@ -191,6 +193,7 @@ READ_EACH: Final = """async (shapes) => {
 }"""
 
 
+@pytest.mark.tools
 def test_every_shape_of_lines_is_read_from_a_port(visitor: Visitor, context: BrowserContext) -> None:
     page = visitor.page(context)
     page.locator("#baud").select_option("9600")
@@ -202,6 +205,7 @@ def test_every_shape_of_lines_is_read_from_a_port(visitor: Visitor, context: Bro
     assert page.evaluate("board.baud") == 9600
 
 
+@pytest.mark.tools
 def test_a_board_is_lost_comes_back_and_outlives_a_reload(visitor: Visitor, context: BrowserContext) -> None:
     page = visitor.page(context)
     lines = [f"Raw:0,0,0,0,0,0,{x:.0f},{y:.0f},{z:.0f}\r\n" for x, y, z in 10 * TUMBLE.field]
@@ -238,6 +242,7 @@ def test_a_board_is_lost_comes_back_and_outlives_a_reload(visitor: Visitor, cont
     expect(page.locator("#start")).to_be_visible()
 
 
+@pytest.mark.tools
 def test_a_phone_that_asks_its_own_sensor(visitor: Visitor, axe: str) -> None:
     context = visitor.context(**PHONE)
     context.add_init_script("""
@@ -265,6 +270,7 @@ def test_a_phone_that_asks_its_own_sensor(visitor: Visitor, axe: str) -> None:
     expect(page.locator("#advice-words")).to_contain_text("allow")
 
 
+@pytest.mark.tools
 def test_the_simulation_by_keyboard_and_without_a_network(browser: Browser, folder: Path) -> None:
     with Site(folder, "/") as site:
         visitor = Visitor(browser, site)

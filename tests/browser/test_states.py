@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from playwright.sync_api import Browser
 
+pytestmark = pytest.mark.tools
+
 EVERY_RUN: Final = ("wrong",)
 
 

@@ -1,7 +1,7 @@
 """The program: commands made of dataclasses of options, one table of exit codes, no traceback for bad input.
 
-Each command has a dataclass whose fields are its arguments, options and groups of options, and is imported when it is
-called.
+Each command is imported when it is called, and has a dataclass whose fields are its arguments, options and groups of
+options.
 
 >>> class Show(Group):
 ...     path: str = argument("PATH")
@@ -31,8 +31,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias, TypeVar, dataclass_transform
 
 import click
+from click.shell_completion import CompletionItem
 
-from flinders.cli._completion import BY_METAVAR, files
 from flinders.cli._output import Output, Outputs, in_options, print_fit, print_json, say
 from flinders.cli._signals import ENDING, INTERRUPTED, handled, interrupt
 from flinders.core.files import reason
@@ -62,30 +62,6 @@ EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused":
 
 FIT_KEYS: Final = ("verdict", "method", "calibration", "heading_error_deg", "noise", "coverage", "findings")
 """What every result of ``calibrate --json`` has."""
-
-
-Options = TypeVar("Options", bound="Group")
-Field: TypeAlias = Any
-"""A field of a group: what declares an option, and the value of that for a type checker."""
-
-RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
-    "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
-)  # fmt: skip
-"""Headings of a command's help, in their order, below the options that are used most."""
-
-FEW: Final = 8
-"""So many options of a command need no headings."""
-
-RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
-    "apply": {"--hold": "--fix"},
-    "calibrate": {"--together": "--joint"},
-    "check": {"--hold": "--fix"},
-    "drift": {"--most": "--limit"},
-    "heading": {"--hold": "--fix"},
-    "swing": {"--rest": "--stationary"},
-    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
-}
-"""Options by command that had another spelling in the last release, which still works for this one."""
 
 
 def show_versions(context: click.Context, _option: click.Parameter, is_asked: bool) -> None:
@@ -247,6 +223,30 @@ def _silence_stdout() -> None:
 
 
 # ------------------------------------------------------------------------------------------------- options of a command
+
+
+Options = TypeVar("Options", bound="Group")
+Field: TypeAlias = Any
+"""A field of a group: what declares an option, and the value of that for a type checker."""
+
+RECORDING, SITE, AIDING, METHOD, OUTPUT = HEADINGS = (
+    "Recording", "Site", "Aiding sensors and disturbances", "Method", "Output",
+)  # fmt: skip
+"""Headings of a command's help, in their order, below the options that are used most."""
+
+FEW: Final = 8
+"""So many options of a command need no headings."""
+
+RENAMED: Final[Mapping[str, Mapping[str, str]]] = {
+    "apply": {"--hold": "--fix"},
+    "calibrate": {"--together": "--joint"},
+    "check": {"--hold": "--fix"},
+    "drift": {"--most": "--limit"},
+    "heading": {"--hold": "--fix"},
+    "swing": {"--rest": "--stationary"},
+    "three-axis": {"--held": "--stationary", "--limit": "--saturation"},
+}
+"""Options by command that had another spelling in the last release, which still works for this one."""
 
 
 class Option(click.Option):
@@ -418,7 +418,7 @@ def flag(name: str, words: str, **attributes: Any) -> Field:
 
 def argument(metavar: str, *, required: bool = True, nargs: int = 1) -> Field:
     """A field that is an argument, shown as `metavar`: the name of a file."""
-    attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": files}
+    attributes = {"metavar": metavar, "required": required, "nargs": nargs, "shell_complete": complete_files}
     return field(metadata={"kind": click.Argument, "names": (), "attributes": attributes})
 
 
@@ -501,3 +501,45 @@ def numbers_of(text: str) -> list[float]:
     except ValueError:
         return []
     return numbers if all(map(math.isfinite, numbers)) else []
+
+
+# ------------------------------------------------------------------------------------------- what a shell completes
+
+
+Completion: TypeAlias = list[CompletionItem]
+"""What a shell completes a word to."""
+
+
+def complete_files(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Let the shell complete names of files."""
+    return [CompletionItem(begun, type="file")]
+
+
+def complete_targets(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of targets.
+
+    >>> [item.value for item in complete_targets(None, None, "px")]
+    ['px4', 'px4-shell']
+    """
+    from flinders.targets import registry
+
+    return _matching(registry(), begun)
+
+
+def complete_methods(_context: click.Context | None, _option: click.Parameter | None, begun: str) -> Completion:
+    """Names of methods."""
+    from flinders.estimators import METHODS
+
+    return _matching(("auto", *METHODS), begun)
+
+
+def _matching(names: Iterable[str], begun: str) -> Completion:
+    """Items of the names that begin so."""
+    return [CompletionItem(name) for name in names if name.startswith(begun)]
+
+
+BY_METAVAR: Final = {
+    **dict.fromkeys(("FILE", "CALIBRATION", "LOG", "TRUTH", "SESSION"), complete_files),
+    "TARGET": complete_targets,
+}
+"""Completion of options by what their value is called in the help."""
