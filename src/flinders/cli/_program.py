@@ -16,13 +16,16 @@ a.csv x,y,z True
 
 from __future__ import annotations
 
+import _thread
 import atexit
 import contextlib
 import gc
 import io
 import math
 import os
+import signal
 import sys
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields
@@ -34,17 +37,16 @@ import click
 from click.shell_completion import CompletionItem
 
 from flinders.cli._output import Output, Outputs, in_options, print_fit, print_json, say
-from flinders.cli._signals import ENDING, INTERRUPTED, handled, interrupt
 from flinders.core.files import reason
 from flinders.errors import FitError, FlindersError, OutputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from types import ModuleType
+    from types import FrameType, ModuleType
 
     from flinders.findings import Verdict
 
-GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL = 0, 2, 3, 4, 5, 6, 70
+GOOD, USAGE, LIMITED, REFUSED, UNREADABLE, UNWRITABLE, INTERNAL, INTERRUPTED = 0, 2, 3, 4, 5, 6, 70, 130
 
 EXIT_CODES: Final = {
     GOOD: "good",
@@ -56,6 +58,9 @@ EXIT_CODES: Final = {
     INTERNAL: "internal error: please report it",
     INTERRUPTED: "interrupted",
 }
+
+ENDING: Final = ("SIGINT", "SIGTERM", "SIGHUP")
+"""Ctrl-C, and what else ends a program from outside: kill, timeout, a closed terminal."""
 
 EXITS: Final[dict[Verdict, int]] = {"good": GOOD, "limited": LIMITED, "refused": REFUSED}
 """How a command ends by its verdict."""
@@ -196,6 +201,62 @@ def _report_fault(error: Exception) -> int:
         say(details)
     say(f"This is a fault in Flinders, not in your recording. Please report it with {where}")
     return INTERNAL
+
+
+@contextlib.contextmanager
+def handled(handler: Callable[[int, FrameType | None], object], *names: str) -> Iterator[None]:
+    """Have signals handled by a function, those that this system has and does not ignore; only in the main thread."""
+    here = threading.current_thread() is threading.main_thread()
+    numbers = [getattr(signal, name) for name in names if here and hasattr(signal, name)]
+    awaited = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores one
+    before = {number: signal.signal(number, handler) for number in awaited}
+    try:
+        yield
+    finally:
+        for number, handler_before in before.items():
+            signal.signal(number, handler_before)
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`, as soon as no module is imported, which would make another fault of it.
+
+    Python before 3.12 raises a `RuntimeError` while a class is made, NumPy an `ImportError` while it is loaded.
+    """
+    if not _is_importing(frame):
+        signal.default_int_handler(number, None)
+    again = threading.Timer(0.01, _send, [number])
+    again.daemon = True
+    again.start()
+
+
+def _send(number: int) -> None:
+    """Send a signal to the main thread, which may wait for input."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:
+        _thread.interrupt_main(signal.Signals(number))
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Whether a call is one of those that import a module."""
+    while frame is not None and frame.f_globals.get("__name__") != "importlib._bootstrap":
+        frame = frame.f_back
+    return frame is not None
+
+
+@contextlib.contextmanager
+def stopping(*, patient: bool) -> Iterator[Callable[[], bool]]:
+    """Take Ctrl-C, and what ends a program from outside, as a wish."""
+    asked = False
+
+    def ask(number: int, _: object) -> None:
+        nonlocal asked
+        if asked and not patient:
+            signal.default_int_handler(number, None)
+        asked = True
+
+    with handled(ask, *ENDING):
+        yield lambda: asked
 
 
 def _let_imports_be() -> None:

@@ -20,7 +20,6 @@ from flinders.core.units import EARTH_UT
 from flinders.diagnostics import axis_swap, systematic, unmoved
 from flinders.errors import Unmoved
 from flinders.estimators import auto, level, outliers
-from flinders.estimators import data as readings
 from flinders.findings import CATALOGUE, CAUSES, OF_ONE_MAGNETOMETER, fit, limit_of
 from flinders.findings.row import OF_A_TUMBLE, TUMBLE_STATED
 from flinders.fitting import advice, calibrate, result, shrinkage, verdict
@@ -103,8 +102,7 @@ NUMBERS: Final = {
     "UNMOVED_ROUNDING": unmoved.ROUNDING,
     **{name: getattr(auto, name) for name in ("TRIMS", "TRIMMED", "FEWEST_LEFT")},
     "UPRIGHT": float(level.UPRIGHT),
-    **{name: getattr(readings, name) for name in ("WINDOW", "MARGIN")},
-    **{name: getattr(outliers, name) for name in ("TOGETHER", "LISTED")},
+    **{name: getattr(outliers, name) for name in ("WINDOW", "MARGIN", "TOGETHER", "LISTED")},
     **{
         name: getattr(unmoved, name)
         for name in (
