@@ -60,6 +60,14 @@ def test_the_quadric_is_zero_on_the_surface_and_one_radius_further_three(ellipso
         npt.assert_allclose(ellipsoid.as_quadric() @ monomials, value, atol=1e-8)
 
 
+@given(ellipsoids(), st.floats(-15, -1))
+def test_semi_axes_are_eigenvalues_of_the_shape_however_alike(ellipsoid: Ellipsoid, power: float) -> None:
+    alike = np.eye(3) + 10.0**power * ellipsoid.shape / ellipsoid.radius
+    for shape in (ellipsoid.shape, alike, np.eye(3)):
+        values = np.linalg.eigvalsh(shape)
+        npt.assert_allclose(Ellipsoid(np.zeros(3), shape).semi_axes, values, rtol=0.0, atol=1e-14 * values[2])
+
+
 @given(ellipsoids(), arrays(np.float64, 3, elements=st.floats(-100, 100)), st.floats(0.01, 100))
 def test_an_ellipsoid_moves_and_scales_with_its_frame(ellipsoid: Ellipsoid, origin: Floats, scale: float) -> None:
     moved = ellipsoid.in_frame(origin, scale)

@@ -101,7 +101,7 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
 
     Parameters
     ----------
-    records : (...) of `flinders.native.engine.RECORD`
+    records : (U,) of `flinders.native.engine.RECORD`, or one
     unit : str
         Of the readings, ``uT`` or ``counts``.
     weakest : float, µT
@@ -109,13 +109,14 @@ def was_turned(records: Records, unit: str, *, weakest: float = EARTH_UT[0]) -> 
 
     Returns
     -------
-    (...) bool
+    (U,) bool, or one
         False where the summary has to be asked: `unmoved_deg`, rails, a level turn.
     """
-    variances, size = records["principal_variances"], np.sqrt(np.add.reduce(records["mean"] ** 2, axis=-1))
+    (thinnest, _, widest), (x, y, z) = records["principal_variances"].T, records["mean"].T
+    size = np.sqrt(x * x + y * y + z * z)
     level = np.minimum(np.maximum(size, weakest), EARTH_UT[1]) if unit == MICROTESLA else size
-    is_wide = variances[..., 2] > (NARROW_BALL * level) ** 2
-    is_thick = variances[..., 0] > FLATTEST**2 * variances[..., 2]
+    is_wide = widest > (NARROW_BALL * level) ** 2
+    is_thick = thinnest > FLATTEST**2 * widest
     turned: NDArray[np.bool_] = is_wide & is_thick & (records["rails"] == 0)
     return turned
 

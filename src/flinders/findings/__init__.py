@@ -26,6 +26,7 @@ from flinders.findings.row import Quantity as Quantity
 from flinders.findings.row import Record as Record
 from flinders.findings.row import Severity as Severity  # noqa: TC001 - for others
 from flinders.findings.row import Verdict as Verdict
+from flinders.findings.row import apply_rules as apply_rules
 from flinders.findings.row import by_severity as by_severity
 from flinders.findings.row import first_causes as first_causes
 

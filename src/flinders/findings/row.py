@@ -34,7 +34,7 @@ import numpy as np  # noqa: F401 - for the example above
 from flinders.errors import figures
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 Severity = Literal["note", "limits", "refuses"]
 Verdict = Literal["good", "limited", "refused"]
@@ -212,10 +212,7 @@ class CatalogueRow:
         record : mapping
             Quantities of the rule by name, and what the sentence takes.
         """
-        severity = None if self.rule is None else self.rule.severity(record)
-        if self.rule is None or severity is None:
-            return None
-        return self.stating(severity, *self.rule.stated(record), record)
+        return next(apply_rules((self,), record), None)
 
     @property
     def severities(self) -> str:
@@ -231,6 +228,14 @@ class CatalogueRow:
     def stating(self, severity: Severity, number: float, limit: float, words: Mapping[str, Any]) -> Finding:
         """State a finding that code has decided on."""
         return Finding(self.code, severity, float(number), float(limit), self.said.format_map(_Stated(words)))
+
+
+def apply_rules(rows: Iterable[CatalogueRow], record: Mapping[str, Any]) -> Iterator[Finding]:
+    """Findings of those rows whose rules hold for a record."""
+    for row in rows:
+        severity = row.rule and row.rule.severity(record)
+        if row.rule and severity:
+            yield row.stating(severity, *row.rule.stated(record), record)
 
 
 class Quantity(float):

@@ -127,12 +127,11 @@ def _are_near(parameters: Floats, covariances: Floats, sizes: Floats) -> NDArray
 
 def _is_near(estimate: Estimate) -> bool:
     """The same of one estimate, in plain numbers: most end here."""
-    size = float(estimate.ellipsoid.shape.trace()) / 3.0
-    least, variances = (OFFSETS[-1] * size) ** 2, estimate.covariance.diagonal()[:3].tolist()
-    centre = estimate.ellipsoid.centre.tolist()
-    if not float(estimate.covariance.trace()) < (UNKNOWN * size) ** 2:
-        return False
-    return all(abs(b) < FARTHEST * math.sqrt(v + least) for b, v in zip(centre, variances, strict=True))
+    size = sum(estimate.ellipsoid.shape.diagonal().tolist()) / 3.0
+    variances, least = estimate.covariance.diagonal().tolist(), (OFFSETS[-1] * size) ** 2
+    offsets = zip(estimate.ellipsoid.centre.tolist(), variances, strict=False)
+    is_known = sum(variances) < (UNKNOWN * size) ** 2
+    return is_known and all(abs(b) < FARTHEST * math.sqrt(v + least) for b, v in offsets)
 
 
 def _odds(departures: Floats, spreads: Floats) -> Floats:

@@ -22,7 +22,7 @@ from flinders.core.compensation import beyond_words
 from flinders.core.disturbance import known, motor
 from flinders.core.units import COUNTS, EARTH_UT, MICROTESLA, label
 from flinders.errors import counted, figures
-from flinders.findings import CATALOGUE, Finding, Record, by_severity, fit, limit_of
+from flinders.findings import CATALOGUE, Finding, Record, apply_rules, by_severity, fit, limit_of
 from flinders.fitting.advice import attitudes, movement, remedy
 from flinders.geometry.plane import order_of
 from flinders.summary.summary import flat_below
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from flinders.core.disturbance import Disturbance
     from flinders.diagnostics.repeatability import Repeats
     from flinders.estimators.regressors import DisturbanceEstimate
-    from flinders.findings import CatalogueRow, Condition
+    from flinders.findings import Condition
     from flinders.fitting.result import Fit
     from flinders.geometry.ellipsoid import Ellipsoid
     from flinders.summary.quality import Rail
@@ -91,9 +91,9 @@ def judge(result: Fit, statistics: Statistics) -> tuple[Finding, ...]:
     flat = CATALOGUE["one-plane"].finding(record)
     supported: Iterable[Finding] = (
         (  # what follows from a surface that nothing supports is no finding
-            *_applied(fit.ROWS, record),
+            *apply_rules(fit.ROWS, record),
             *_of_aiding(result),
-            *_applied((CATALOGUE["alternating"], CATALOGUE["outliers"]), record),
+            *apply_rules((CATALOGUE["alternating"], CATALOGUE["outliers"]), record),
             *of_disturbances(result),
             *of_calibration(result),
         )
@@ -123,14 +123,6 @@ def conditions(fit: Fit, findings: Sequence[Finding]) -> tuple[Condition, ...]:
         ("constant-iron", bool(fit.disturbances)),
     )
     return tuple(code for code, is_ended in open_ones if not is_ended)
-
-
-def _applied(rows: Iterable[CatalogueRow], record: Mapping[str, object]) -> Iterator[Finding]:
-    """Apply rules to a record."""
-    for row in rows:
-        finding = row.finding(record)
-        if finding is not None:
-            yield finding
 
 
 def fit_record(fit: Fit, statistics: Statistics) -> Record:
@@ -377,7 +369,7 @@ def contradiction(repeats: Repeats, target_deg: float, unit: str) -> Iterator[Fi
     """Whether recordings of one sensor contradict each other."""
     words = {"contradiction": lambda: _contradiction(repeats, target_deg, unit)}
     record = Record({"target_deg": target_deg, **_apart(repeats, target_deg)}, **words)
-    yield from _applied((CATALOGUE["recordings-differ"],), record)
+    yield from apply_rules((CATALOGUE["recordings-differ"],), record)
 
 
 def _contradiction(repeats: Repeats | None, target_deg: float, unit: str) -> str:
@@ -451,7 +443,7 @@ WORDS: Final[dict[str, Callable[[Fit], str]]] = {
 
 def of_recording(health: Statistics) -> Iterator[Finding]:
     """What a recording says about itself."""
-    yield from _applied(RECORDING_ROWS, _recording_record(health))
+    yield from apply_rules(RECORDING_ROWS, _recording_record(health))
 
 
 def _at_rail(rail: Rail) -> str:
@@ -495,7 +487,7 @@ class Corrected(Protocol):
 
 def of_calibration(corrected: Corrected) -> Iterator[Finding]:
     """Say what the calibration alone tells, whatever it was made from."""
-    yield from _applied(CALIBRATION_ROWS, calibration_record(corrected))
+    yield from apply_rules(CALIBRATION_ROWS, calibration_record(corrected))
 
 
 def calibration_record(corrected: Corrected) -> Record:
@@ -534,7 +526,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
     ]
     for estimate in fit.disturbances:
         if estimate.disturbance is None:
-            yield from _applied((CATALOGUE["disturbance-constant"],), _constant_record(estimate))
+            yield from apply_rules((CATALOGUE["disturbance-constant"],), _constant_record(estimate))
             continue
         record = _disturbance_record(estimate, estimate.disturbance, UNSAID * fit.target_deg)
         record |= Record({"target_deg": fit.target_deg, "left_at_most_deg": min(estimate.left_deg, 180.0)})
@@ -545,7 +537,7 @@ def of_disturbances(fit: Fit) -> Iterator[Finding]:
             "without": _without(fit),
         }
         first = ("disturbance", "disturbance-uncertain", "disturbance-collinear-attitude")
-        yield from _applied((CATALOGUE[code] for code in (*first, *OF_A_COLUMN)), record)
+        yield from apply_rules((CATALOGUE[code] for code in (*first, *OF_A_COLUMN)), record)
 
 
 OF_A_COLUMN: Final = tuple(f"disturbance-{of}" for of in ("monotone", "lag", "nonlinear", "range", "reference"))
@@ -640,7 +632,7 @@ def of_alike(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     record = Record(
         {"most_alike": max((one.collinearity for one in estimates), default=0.0)}, alike=lambda: ", ".join(names)
     )
-    yield from _applied((row,), record)
+    yield from apply_rules((row,), record)
 
 
 def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
@@ -651,7 +643,7 @@ def of_noisy(estimates: Sequence[DisturbanceEstimate]) -> Iterator[Finding]:
     shares = [one.attenuation for one in noisy]
     names = ", ".join(one.name for one in noisy)
     is_one = len(noisy) == 1
-    yield from _applied(
+    yield from apply_rules(
         (row,),
         Record(
             {"most_attenuation": max(shares, default=0.0)},
@@ -674,7 +666,7 @@ def _share(least: float, most: float) -> str:
 def of_column(estimate: DisturbanceEstimate) -> Iterator[Finding]:
     """Whether what was logged of a disturbance is fit to be modelled, of a sensor on a bench."""
     if estimate.disturbance is not None:
-        yield from _applied(
+        yield from apply_rules(
             (CATALOGUE[code] for code in OF_A_COLUMN), _disturbance_record(estimate, estimate.disturbance)
         )
 
@@ -694,4 +686,4 @@ def of_extrapolation(correction: Calibration, beyond: Mapping[str, float]) -> It
     for disturbance in correction.disturbances:
         share = beyond.get(disturbance.name, 0.0)
         words = {"beyond_words": lambda disturbance=disturbance, share=share: beyond_words(disturbance, share)}
-        yield from _applied((CATALOGUE["disturbance-beyond"],), Record({"beyond": share}, **words))
+        yield from apply_rules((CATALOGUE["disturbance-beyond"],), Record({"beyond": share}, **words))

@@ -3,8 +3,6 @@
 
 enum { LOOKED_AT = 512 };
 
-#define EMPTY UINT64_MAX
-
 /* Median of a list, which is put into another order. */
 real fl_median(real *values, size_t n)
 {
@@ -47,20 +45,11 @@ size_t fl_slots_for(size_t rows)
     return slots;
 }
 
-/* The slot of a key in a table that is never full, free or its own. */
-size_t fl_slot(uint64_t *keys, size_t slots, uint64_t key)
-{
-    uint64_t mixed = key * UINT64_C(0x9E3779B97F4A7C15);
-    size_t slot = (size_t)(mixed >> 40) & (slots - 1);
-    while (keys[slot] != EMPTY && keys[slot] != key) slot = (slot + 1) & (slots - 1);
-    return slot;
-}
-
 /* Add readings to a cell; 1 if it was empty. */
 static int add_cell(const fl_room *room, size_t table, size_t slots, uint64_t key, const real sums[4])
 {
     const size_t slot = table + fl_slot(room->keys + table, slots, key);
-    const int is_new = room->keys[slot] == EMPTY;
+    const int is_new = room->keys[slot] == FL_EMPTY;
     real *cell = room->cells + 4 * slot;
     room->keys[slot] = key;
     for (int i = 0; i < 4; i++) cell[i] = is_new ? sums[i] : cell[i] + sums[i];
@@ -73,7 +62,7 @@ static size_t coarsen(const fl_room *room, size_t slots)
     size_t cells = 0;
     memset(room->keys + FL_TABLE, 0xFF, slots * sizeof *room->keys);
     for (size_t slot = 0; slot < slots; slot++) {
-        if (room->keys[slot] == EMPTY) continue;
+        if (room->keys[slot] == FL_EMPTY) continue;
         uint64_t key = 0;
         for (int shift = 42; shift >= 0; shift -= 21) {
             const int64_t index = (int64_t)(room->keys[slot] >> shift & 0x1FFFFF);
@@ -144,7 +133,7 @@ static size_t directions(const fl_surface *surface, real within, const fl_room *
     real half[3];
     fl_sym3_values(surface->shape, half);
     for (size_t slot = 0; slot < room->slots; slot++) {
-        if (room->keys[slot] == EMPTY) continue;
+        if (room->keys[slot] == FL_EMPTY) continue;
         const real *cell = room->cells + 4 * slot, each = 1 / cell[0];
         real local[3], y[3];
         for (int axis = 0; axis < 3; axis++) local[axis] = cell[1 + axis] * each - surface->centre[axis];

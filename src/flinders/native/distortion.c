@@ -91,7 +91,7 @@ void fl_sort_by_direction(const fl_kernels *kernels, fl_residuals *residuals)
 }
 
 /* Count readings and residuals by direction: the middle of the readings of each cell. */
-static void count_cells(const fl_residuals *residuals, const fl_surface *surface, sphere *on)
+static void count_cells(const fl_residuals *residuals, sphere *on)
 {
     real counts[CELLS] = {0}, sums[CELLS] = {0}, middles[CELLS][3] = {{0}};
     for (size_t i = 0; i < residuals->n; i++) {
@@ -107,7 +107,6 @@ static void count_cells(const fl_residuals *residuals, const fl_surface *surface
         on->place[cell] = on->n;
         on->counts[on->n] = counts[cell], on->means[on->n] = sums[cell] / counts[cell];
         for (int axis = 0; axis < 3; axis++) on->middles[on->n][axis] = length > 0 ? m[axis] / length : 0;
-        fl_jacobian(surface, on->middles[on->n], on->jacobian[on->n]);
         on->n++;
     }
 }
@@ -143,12 +142,13 @@ static void centres_of_cells(const fl_residuals *residuals, real centres[CELLS][
     fl_multiply(cells[0], residuals->axes[0], CELLS, 3, 3, centres[0]);
 }
 
-/* Covariance of a smooth function, less what an ellipsoid fitted all around absorbs. */
+/* Jacobian of each cell, and covariance of a smooth function, less what an ellipsoid fitted all around absorbs. */
 static void fill_kernel(const fl_residuals *residuals, const fl_surface *surface, sphere *on)
 {
     real centres[CELLS][3], everywhere[CELLS][9], normal[81] = {0}, inverse[81], absorb[CELLS][9], half[CELLS][9];
     real across[CELLS][9], both[81] = {0};
     centres_of_cells(residuals, centres);
+    for (int k = 0; k < on->n; k++) fl_jacobian(surface, on->middles[k], on->jacobian[k]);
     for (int c = 0; c < CELLS; c++) {
         fl_jacobian(surface, centres[c], everywhere[c]);
         for (int i = 0; i < 9; i++)
@@ -275,7 +275,7 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_c
     real count, all[CELLS] = {0}, counted[CELLS][9], spread[CELLS][9];
     on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
     if (has_copies) weigh_once(residuals, room);
-    count_cells(residuals, surface, &on);
+    count_cells(residuals, &on);
     const real square = square_of(residuals, &count), noise = square / count * time;
     const real direction = known > 0 ? known : agreed(residuals, surface, &on, apart, noise);
     if (!(direction > 0)) return 0;
@@ -360,7 +360,7 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
     real count, white;
     on.kernel = room->matrices, on.matrix = room->matrices + CELLS * CELLS;
     if (has_copies) weigh_once(residuals, room);
-    count_cells(residuals, surface, &on);
+    count_cells(residuals, &on);
     real within = square_of(residuals, &count);
     if (on.n < FEWEST_CELLS) return 0;
     for (int k = 0; k < on.n; k++) {
@@ -374,11 +374,11 @@ real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, in
 }
 
 /* Covariance of two residuals of one direction at different times. */
-real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface)
+real fl_common_variance(const fl_residuals *residuals)
 {
     sphere on;
     real autocovariance[FL_LAGS], cross[CELLS], pairs[CELLS], found = 0, weight = 0;
-    count_cells(residuals, surface, &on);
+    count_cells(residuals, &on);
     between_visits(residuals, &on, 3 * (size_t)fl_autocovariance(residuals, autocovariance), cross, pairs);
     for (int k = 0; k < on.n; k++) found += cross[k] / on.counts[k], weight += pairs[k] / on.counts[k];
     return weight > 0 ? found / weight : 0;

@@ -135,8 +135,15 @@ void fl_multiply(const real *a, const real *b, int n, int m, int k, real *out);
 void fl_sym3_inverse(const real shape[6], real inverse[6]);
 real fl_sym3_det(const real shape[6]);
 void fl_sym3_values(const real shape[6], real values[3]);
-void fl_sym3_apply(const real shape[6], const real x[3], real out[3]);
 real fl_select(real *values, size_t n, size_t k);
+
+/* Product of a symmetric 3 × 3 matrix with a vector. */
+static inline void fl_sym3_apply(const real s[6], const real x[3], real out[3])
+{
+    out[0] = s[0] * x[0] + s[3] * x[1] + s[4] * x[2];
+    out[1] = s[3] * x[0] + s[1] * x[1] + s[5] * x[2];
+    out[2] = s[4] * x[0] + s[5] * x[1] + s[2] * x[2];
+}
 
 /* start.c */
 int fl_surface_of(const real centre[3], const real shape[6], fl_surface *surface);

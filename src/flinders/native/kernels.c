@@ -461,19 +461,17 @@ static void lagged(const real *rows, size_t stride, size_t n, int width, const i
         for (int b = 0; b < width; b++) product[width * a + b] += sums[a][b];
 }
 
-/* How many sectors of half a band begin before directions at so large x of a radius; those at y >= 0 begin there. */
-static inline void pass_sectors(const real *begins, int n, const real x[FL_BLOCK], const real y[FL_BLOCK],
-                                const real radius[FL_BLOCK], real passed[FL_BLOCK])
+/* How many borders between the sectors of half a band directions at so large x of a radius are to the left of. */
+static inline void pass_sectors(const real *begins, int n, const real x[FL_BLOCK], const real radius[FL_BLOCK],
+                                real passed[FL_BLOCK])
 {
     memset(passed, 0, FL_BLOCK * sizeof(real));
     for (int k = 0; k < n; k++)
-        for (int i = 0; i < FL_BLOCK; i++) {
-            const real begin = radius[i] * begins[k];
-            passed[i] += (x[i] < begin) | ((x[i] == begin) & (y[i] >= 0)) ? 1 : 0;
-        }
+        for (int i = 0; i < FL_BLOCK; i++) passed[i] += x[i] < radius[i] * begins[k] ? 1 : 0;
 }
 
-/* Which of a hundred equal cells of the sphere directions fall into. */
+/* Which of a hundred equal cells of the sphere directions fall into. Where y >= 0 a direction on a border is beyond it:
+ * there x and radius are turned round, and borders counted that are still to come. */
 static void cells(const real *x, const real *y, const real *z, size_t n, uint32_t *out)
 {
     real block[3][FL_BLOCK] = {{0}}, radius[FL_BLOCK], of_15[FL_BLOCK], of_34[FL_BLOCK], bands[FL_BLOCK];
@@ -483,17 +481,19 @@ static void cells(const real *x, const real *y, const real *z, size_t n, uint32_
         memcpy(block[1], y + begin, m * sizeof(real));
         memcpy(block[2], z + begin, m * sizeof(real));
         for (int i = 0; i < FL_BLOCK; i++) {
-            radius[i] = fl_sqrt(block[0][i] * block[0][i] + block[1][i] * block[1][i]);
+            const real side = block[1][i] >= 0 ? -1 : 1;
+            radius[i] = side * fl_sqrt(block[0][i] * block[0][i] + block[1][i] * block[1][i]);
+            block[0][i] *= side;
             bands[i] = 0;
             for (int edge = 0; edge < 5; edge++) bands[i] += fl_band_edges[edge] > block[2][i] ? 1 : 0;
         }
-        pass_sectors(fl_sectors_15, 7, block[0], block[1], radius, of_15);
-        pass_sectors(fl_sectors_34, 17, block[0], block[1], radius, of_34);
+        pass_sectors(fl_sectors_15, 7, block[0], radius, of_15);
+        pass_sectors(fl_sectors_34, 17, block[0], radius, of_34);
         for (size_t i = 0; i < m; i++) {
             const int band = (int)bands[i], sectors = fl_bands[band];
             const int passed = (int)(sectors == 34 ? of_34[i] : of_15[i]);
-            const int sector = block[1][i] >= 0 ? passed : sectors - 1 - passed;
-            out[begin + i] = (uint32_t)(fl_band_starts[band] + (sectors > 1 && radius[i] > 0 ? sector : 0));
+            const int sector = (block[1][i] >= 0 ? sectors / 2 : sectors - 1) - passed;
+            out[begin + i] = (uint32_t)(fl_band_starts[band] + (sectors > 1 && radius[i] != 0 ? sector : 0));
         }
     }
 }

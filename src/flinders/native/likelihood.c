@@ -273,6 +273,26 @@ static fl_view compact(const fl_view *view, real *copy)
     return some;
 }
 
+/* Add readings less a point, and their squares, to sums of four readings side by side. */
+static void add_about(const fl_view *view, const real point[3], real sums[LANES], real squares[LANES])
+{
+    real about[LANES];
+    size_t row = 0;
+    for (int lane = 0; lane < LANES; lane++) about[lane] = point[lane % 3];
+    for (; !view->rejected && row + LANES / 3 <= view->rows; row += LANES / 3)
+        for (int lane = 0; lane < LANES; lane++) {
+            const real off = view->field[3 * row + lane] - about[lane];
+            sums[lane] += off, squares[lane] += off * off;
+        }
+    for (size_t lane = 0; row < view->rows; row++) {
+        if (view->rejected && view->rejected[row]) continue;
+        for (int axis = 0; axis < 3; axis++, lane = (lane + 1) % LANES) {
+            const real off = view->field[3 * row + axis] - point[axis];
+            sums[lane] += off, squares[lane] += off * off;
+        }
+    }
+}
+
 /* Prepare the part of the readings that the fit is iterated on; tells whether it is not all of them. */
 static int prepare(const fl_kernels *kernels, const fl_view *view, const flinders_options *options,
                    const fl_surface *start, real *copy, problem *task, int *is_part)
@@ -287,13 +307,7 @@ static int prepare(const fl_kernels *kernels, const fl_view *view, const flinder
     task->kernels = kernels, task->options = options, task->some = compact(&some, copy);
     task->count = fl_view_count(&task->some);
     if (!task->count) return 1;
-    for (size_t row = 0, lane = 0; row < task->some.rows; row++) {
-        if (task->some.rejected && task->some.rejected[row]) continue;
-        for (int axis = 0; axis < 3; axis++, lane = (lane + 1) % LANES) {
-            const real off = task->some.field[3 * row + axis] - start->centre[axis];
-            sums[lane] += off, squares[lane] += off * off;
-        }
-    }
+    add_about(&task->some, start->centre, sums, squares);
     for (int axis = 0; axis < 3; axis++) {
         real sum = 0, square = 0;
         for (int lane = axis; lane < LANES; lane += 3) sum += sums[lane], square += squares[lane];

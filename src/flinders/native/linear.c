@@ -295,14 +295,6 @@ void fl_sym3_values(const real s[6], real values[3])
     values[1] = 3 * mean - values[2] - values[0];
 }
 
-/* Product of a symmetric 3 × 3 matrix with a vector. */
-void fl_sym3_apply(const real s[6], const real x[3], real out[3])
-{
-    out[0] = s[0] * x[0] + s[3] * x[1] + s[4] * x[2];
-    out[1] = s[3] * x[0] + s[1] * x[1] + s[5] * x[2];
-    out[2] = s[4] * x[0] + s[5] * x[1] + s[2] * x[2];
-}
-
 /* Put those of n numbers that are below a pivot, or not above it, in front; counts them. No branch depends on them. */
 static size_t partition(real *values, size_t n, real pivot, int with_equal)
 {

@@ -63,9 +63,9 @@ static int explains(const fl_kernels *kernels, const fl_view *view, const fl_sur
     fl_residuals left;
     fl_gather_axes(kernels, view, surface, room, &left);
     fl_sort_by_direction(kernels, &left);
-    const real before = fl_common_variance(&left, surface);
+    const real before = fl_common_variance(&left);
     kernels->take_off(left.rows + FL_LAGS_OF_AXES, left.stride, left.n, WIDTH, solution, left.distances);
-    return fl_common_variance(&left, surface) < (1 - EXPLAINED) * before;
+    return fl_common_variance(&left) < (1 - EXPLAINED) * before;
 }
 
 /* Write what was found of axes that are not linear into a record, unless a distortion is of another kind. */

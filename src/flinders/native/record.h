@@ -4,6 +4,8 @@
 
 #include "internal.h"
 
+#define FL_EMPTY UINT64_MAX /* key of a slot that is free */
+
 enum { FL_NO_RUN = 12, FL_SLOTS = 16384, FL_TABLE = 8192, FL_CELLS = 4096,
        FL_STRETCHES = 12, FL_STRETCH = FL_LOOKED / FL_STRETCHES };
 
@@ -39,6 +41,15 @@ typedef struct {
     real side;               /* of a cell */
 } fl_room;
 
+/* The slot of a key in a table that is never full, free or its own. */
+static inline size_t fl_slot(const uint64_t *keys, size_t slots, uint64_t key)
+{
+    uint64_t mixed = key * UINT64_C(0x9E3779B97F4A7C15);
+    size_t slot = (size_t)(mixed >> 40) & (slots - 1);
+    while (keys[slot] != FL_EMPTY && keys[slot] != key) slot = (slot + 1) & (slots - 1);
+    return slot;
+}
+
 /* fit.c: with little memory, and no statistics asked for, a room without `keys` and `some` will do; `scratch` may then be
  * the first half of `order`, and `distances` the second. */
 void fl_clear_record(flinders_record *record);
@@ -68,7 +79,6 @@ void fl_axes(const fl_kernels *kernels, const fl_view *view, const fl_fit *fit, 
 void fl_forget_outliers(fl_view *view, flinders_record *record);
 real fl_cell_side(const real *field, size_t rows);
 void fl_cloud(const fl_kernels *kernels, const real *field, size_t rows, fl_room *room);
-size_t fl_slot(uint64_t *keys, size_t slots, uint64_t key);
 size_t fl_slots_for(size_t rows);
 real fl_median(real *values, size_t n);
 void fl_coverage(const fl_kernels *kernels, const fl_surface *surface, real within, const fl_room *room,

@@ -44,7 +44,7 @@ real fl_distortion(fl_residuals *residuals, const fl_surface *surface, int has_c
                    real known, const fl_room *room, real scatter[81]);
 real fl_likely_distortion(fl_residuals *residuals, const fl_surface *surface, int has_copies, size_t apart, real slow,
                           const fl_room *room);
-real fl_common_variance(const fl_residuals *residuals, const fl_surface *surface);
+real fl_common_variance(const fl_residuals *residuals);
 void fl_raise(real *scatter, const real *white, int n, real share);
 int fl_slow_noise(const fl_kernels *kernels, const fl_view *view, const fl_residuals *residuals, const fl_fit *fit,
                   const fl_room *room, fl_slow *slow, real step[9], real covariance[81], real without[81]);

@@ -198,9 +198,10 @@ int fl_asks_for_robust(const fl_kernels *kernels, const fl_view *view, const fl_
     for (size_t i = 0; i < n; i++) {
         const real s = room->distances[i] * room->distances[i];
         farthest = room->distances[i] > farthest ? room->distances[i] : farthest;
-        square += s / (real)n;
-        fourth += s * s / (real)n;
+        square += s;
+        fourth += s * s;
     }
+    square /= (real)n, fourth /= (real)n;
     const real sigma = typical(room->distances, n), error = fl_sqrt(24 / (real)n);
     if (n < ENOUGH_TO_JUDGE) return farthest > 20 * sigma;
     const real heavy = ((real)1.2 + 3 / fl_sqrt((real)n)) * sigma;
